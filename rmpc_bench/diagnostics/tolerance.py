@@ -26,6 +26,7 @@ from jaxtyping import Float
 from rmpc_bench.diagnostics.stability import LinearPair, LoopGains
 from rmpc_bench.numerics.gaussian_divergence import covariance_part, mean_part
 from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, LinearPlant
 
 
@@ -116,12 +117,13 @@ def divergence_over_time(
 
 def _side(plant: LinearPlant, Q: Array, R_v: Array, P0: Array, n_steps: int) -> _Side:
     """Covariances before the measurement and gains of the prediction, for every run and k."""
-    P, K = [P0], []
+    roots, K = [root_of(P0)], []
     for _ in range(n_steps):
-        steps = [filter_step(A, C, q, R_v, V) for A, C, q, V in zip(plant.A, plant.C, Q, P[-1], strict=True)]
+        steps = [filter_step(A, C, q, R_v, F) for A, C, q, F in zip(plant.A, plant.C, Q, roots[-1], strict=True)]
         K.append(np.stack([step.K for step in steps]))
-        P.append(np.stack([step.P_next for step in steps]))
-    return _Side(plant, plant.E @ Q @ plant.E.mT, R_v, np.stack(P[:-1], axis=1), np.stack(K, axis=1))
+        roots.append(np.stack([step.root_next for step in steps]))
+    P = covariance_of(np.stack(roots[:-1], axis=1))
+    return _Side(plant, plant.E @ Q @ plant.E.mT, R_v, P, np.stack(K, axis=1))
 
 
 def _covariance(side: _Side, J: Array, k: int) -> Float[Array, "runs nz nz"]:

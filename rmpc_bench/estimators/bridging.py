@@ -16,7 +16,9 @@ from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, over_time
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import at_sample, congruence, mv, symmetrise
+from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.riccati import predicted_root
+from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, Estimate
 
 
@@ -28,8 +30,8 @@ class BridgingState(NamedTuple):
     """Innovation of the last correction."""
     own: Bool[Array, " runs"]
     """Whether a measurement of the run has been missing, so that it has gains of its own."""
-    P: Float[Array, "runs nx nx"]
-    """Covariances of x_pred - x of these runs; not used for others."""
+    root: Float[Array, "runs nx nx"]
+    """Roots of the covariances of x_pred - x of these runs; not used for others."""
     shift: Float[Array, "runs nx"]
     """K e of these runs."""
 
@@ -38,7 +40,7 @@ class Step(NamedTuple):
     """A correction of the runs with gains of their own."""
 
     L: Float[Array, "own nx ny"]
-    P: Float[Array, "own nx nx"]
+    root: Float[Array, "own nx nx"]
     S: Float[Array, "own ny ny"]
 
 
@@ -67,7 +69,7 @@ class BridgingFilter(GainScheduleFilter):
 
         Parameters
         ----------
-        schedule : with the series `P_pred` of the recursion without an inflated covariance
+        schedule : with the roots of the recursion without an inflated covariance
         models : the model at k = 0..N
         use_y0, growth : as in the design of the schedule
         """
@@ -87,23 +89,23 @@ class BridgingFilter(GainScheduleFilter):
         own = state.own | missing.any(axis=1)
         after, estimate = super().correct(k, FilterState(state.x_pred, state.e), y)
         if not own.any():
-            return BridgingState(*after, own, state.P, state.shift), estimate
+            return BridgingState(*after, own, state.root, state.shift), estimate
         rows = np.flatnonzero(own)
-        common = at_sample(self.extra["P_pred"], k)
-        P_pred = np.where(state.own[rows, None, None], state.P[rows], common)
-        step = self._step(k, P_pred, missing[rows])
+        assert self.root is not None
+        root = np.where(state.own[rows, None, None], state.root[rows], at_sample(self.root, k))
+        step = self._step(k, root, missing[rows])
         e = np.where(missing[rows], 0.0, after.e[rows])
         x_hat = estimate.x_hat.copy()
         x_hat[rows] = state.x_pred[rows] + (mv(step.L, e) if self._corrects else 0.0)
-        P = _with_rows(self.P, k, rows, step.P if self._corrects else P_pred, len(y))
+        P = _with_rows(self.P, k, rows, covariance_of(step.root if self._corrects else root), len(y))
         S = _with_rows(self.S, k, rows, step.S, len(y))
         F = at_sample(self.F, k)
-        P_next, shift = state.P.copy(), state.shift.copy()
-        P_next[rows] = symmetrise(self.growth * congruence(F, step.P) + at_sample(self.Q_w, k))
+        root_next, shift = state.root.copy(), state.shift.copy()
+        root_next[rows] = predicted_root(F, at_sample(self.Q_w, k), step.root, self.growth)
         shift[rows] = mv(F, mv(step.L, e))
         info = {**estimate.info, "S": S}
         return (
-            BridgingState(*after, own, P_next, shift),
+            BridgingState(*after, own, root_next, shift),
             estimate._replace(x_hat=x_hat, P=P, info=info),
         )
 
@@ -117,20 +119,18 @@ class BridgingFilter(GainScheduleFilter):
         x_pred[state.own] += state.shift[state.own]
         return state._replace(x_pred=x_pred)
 
-    def _step(self, k: int, P_pred: Float[Array, "own nx nx"], missing: Bool[Array, "own ny"]) -> Step:
-        """Correct with the outputs that are there; P in Joseph form."""
+    def _step(self, k: int, root: Float[Array, "own nx nx"], missing: Bool[Array, "own ny"]) -> Step:
+        """Correct with the outputs that are there."""
         C, R_v = at_sample(self.C, k), at_sample(self.R_v, k)
-        S = symmetrise(congruence(C, P_pred) + R_v)
+        S = covariance_of(C @ root) + R_v
         if k == 0 and not self.use_y0:
-            return Step(np.zeros((len(P_pred), C.shape[1], C.shape[0])), P_pred, S)
+            return Step(np.zeros((len(root), C.shape[1], C.shape[0])), root, S)
         there = ~missing
         # A missing output becomes one that does not depend on the state.
         C_run = np.where(missing[:, :, None], 0.0, C)
         R_run = np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(len(C)))
-        CP = np.einsum("rij,rjk->rik", C_run, P_pred)
-        L = np.linalg.solve(congruence(C_run, P_pred) + R_run, CP).swapaxes(1, 2)
-        rest = np.eye(C.shape[1]) - np.einsum("rij,rjk->rik", L, C_run)
-        return Step(L, symmetrise(congruence(rest, P_pred) + congruence(L, R_run)), S)
+        found = corrected(C_run, root_of(R_run), root)
+        return Step(found.gain, found.root, S)
 
 
 def _with_rows(schedule: Array | None, k: int, rows: Int[Array, " own"], own: Array, n_runs: int) -> Array:

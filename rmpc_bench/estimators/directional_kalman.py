@@ -104,7 +104,7 @@ def design(
         singular.
     """
     wider = DirectionalModel(model, q, _columns(model, direction))
-    schedule = riccati_schedule(wider, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+    schedule = riccati_schedule(wider, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0)
     return BridgingFilter.of(schedule, [wider.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
 
 

@@ -44,6 +44,7 @@ from rmpc_bench.numerics.noise_pair import NoisePair
 from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
 from rmpc_bench.numerics.robust_literal import Channel, is_covariance
 from rmpc_bench.numerics.robust_step import ParameterRules, RobustBounds, RobustStep
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive
 
 
@@ -134,25 +135,25 @@ def _recursion(
     """Run the recursion of Table 2; X ends when (47) fails."""
     steps: list[RobustBounds] = []
     tracked = rules.state or any(_has_state_uncertainty(now) for now in systems)
-    P, X = [P0], [P0] if tracked else []
+    roots, X = [root_of(P0)], [P0] if tracked else []
     last, robust_step, noises = None, None, None
     for k, now in enumerate(systems):
         try:
             if robust_step is None or noises is None or now is not last:
                 last, robust_step = now, _robust_step(now, rules)
                 noises = robust_step.first_noises()
-            step = robust_step.step(P[k], X[k] if len(X) > k else None, noises)
+            step = robust_step.step(roots[k], X[k] if len(X) > k else None, noises)
         except ZeroDivisionError:
             raise DesignError(f"must be > 0: the uncertainty has an effect at k = {k}", "eps") from None
         steps.append(step)
         noises = step.noises
-        P.append(step.P_next)
+        roots.append(step.root_next)
         if step.X_next is not None:
             X.append(step.X_next)
         _refuse_overflow(k + 1, step.P_next, "the error")
         if rules.state:
             _refuse_overflow(k + 1, X[k + 1], "the state")
-    return steps, P[:-1], X[: len(systems)]
+    return steps, list(covariance_of(np.array(roots[:-1]))), X[: len(systems)]
 
 
 def _robust_step(now: DesignSystem, rules: ParameterRules) -> RobustStep:

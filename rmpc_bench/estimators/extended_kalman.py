@@ -1,13 +1,15 @@
-"""Extended Kalman filter that linearises the design model by central differences over its own uncertainty.
+"""Extended Kalman filter: it linearises the design model at the estimate.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v);  white, independent.
-        x_pred = f(x_hat, u), P_pred = J P J' + Q_w, the correction with the Jacobian of h at x_pred, P in Joseph form.
-        Column i of J is [f(x + h_i) - f(x - h_i)] / (2 h_i) with h_i = spread sqrt(P_ii).
-Source  The textbook filter (Simon 2006, 13.2); differences over the standard deviation as in the filters of Norgaard,
-        Poulsen and Ravn (Automatica 36, 2000) without their terms of second order.
-Assumed The default `spread: 1`.  With dry friction the derivative of a body at rest with respect to its velocity is 0:
-        linearised with a tiny step, a resting load never moves; with a step of one standard deviation it can.
-Limit   A linear model: `kalman`.  spread -> 0: the Jacobian by infinitesimal differences.
+        x_pred = f(x_hat, u), P_pred = J P J' + Q_w with the Jacobian J of f at x_hat; the correction has that of h at
+        x_pred.  A linear f or h has its own matrix.
+        With the key `spread` column i of J is [f(x + h_i) - f(x - h_i)] / (2 h_i), h_i = spread sqrt(P_ii).
+Source  The textbook filter (Simon 2006, 13.2).  `spread: 1` is the filter of Norgaard, Poulsen and Ravn (Automatica 36,
+        2000) without the terms of second order.
+Assumed The Jacobian is that of central differences with ten correct digits (numerics/moment_transform.py).  With dry
+        friction the derivative of a body at rest with respect to its velocity is 0: a resting load never moves; with
+        `spread: 1` it can.
+Limit   A linear model: `kalman`.
 Cost    2 n + 1 evaluations of f per run and step, and of h where the output is not linear.
 Fails   As estimators/gaussian_filter.py.
 """
@@ -27,7 +29,7 @@ def design(
     *,
     x0: Float[Array, " nx"],
     P0: Float[Array, "nx nx"],
-    spread: Positive = 1.0,
+    spread: Positive | None = None,
     use_y0: bool = True,
 ) -> GaussianFilter:
     """Extended Kalman filter of a nonlinear design model.
@@ -38,7 +40,7 @@ def design(
     n_steps : number of control periods N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
-    spread : step of the differences in standard deviations of the state
+    spread : step of the differences in standard deviations of the state; without it, the Jacobian itself
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

@@ -56,6 +56,6 @@ def design(
         If an innovation covariance is singular or P_pred exceeds 1e100.
     """
     growth = alpha**2
-    schedule = riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0, growth)
+    schedule = riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0, growth)
     models = [model.at(k) for k in range(n_steps + 1)]
     return BridgingFilter.of(schedule, models, use_y0=use_y0, growth=growth)

@@ -23,11 +23,11 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
-from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
-from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
-from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step
-from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
+from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step, root_weight, sum_root
+from rmpc_bench.numerics.riccati import error_radius, filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, CompiledFilter, DesignError, Estimate, Estimator, GainSchedule, Model, Status
 
 OK = np.int8(Status.OK)
@@ -60,6 +60,7 @@ class GainScheduleFilter(Estimator):
     sets : sets of the noises on which M or P is based, None for those of the model
     uncertainty_scale : factor of the uncertainty that the design guards against, None if it guards against none
     S : (1 or samples, ny, ny) covariance of the innovation, None if the design reports none
+    root : (samples, nx, nx) roots of the covariance P_pred of the recursion, None if it has none
     """
 
     x0: Float[Array, " nx"]
@@ -77,6 +78,7 @@ class GainScheduleFilter(Estimator):
     sets: NoiseSets | None = None
     uncertainty_scale: float | None = None
     S: Float[Array, "kS ny ny"] | None = None
+    root: Float[Array, "k nx nx"] | None = None
 
     has_compiled_form = True
 
@@ -209,7 +211,7 @@ def riccati_schedule(
     use_y0: bool = True,
     growth: float = 1.0,
 ) -> GainScheduleFilter:
-    """Run a Riccati recursion whose prediction covariance is replaced by ``inflate(k, P_pred)`` before it is used.
+    """Run a Riccati recursion of roots; that of the prediction is replaced by ``inflate(k, root)`` before it is used.
 
     Parameters
     ----------
@@ -217,7 +219,7 @@ def riccati_schedule(
     n_steps : N; gains are computed for k = 0..N
     x0 : (nx,) prediction of x(0)
     P0 : (nx, nx) covariance of its error
-    inflate : maps (k, P_pred) to the covariance V that replaces P_pred, and its multiplier theta
+    inflate : maps k and a root of P_pred to that of the covariance V that replaces P_pred, and its multiplier theta
     form : `filter` uses y(k) for x_hat(k); `predictor` does not, and its P is V
     use_y0 : whether to use y(0)
     growth : factor of A P A' in the covariance of the prediction
@@ -229,28 +231,30 @@ def riccati_schedule(
         are correlated.
     """
     models = uncorrelated(model, n_steps)
-    P_pred, V, P, K, L, theta = [P0], [], [], [], [], []
+    roots, V, P, K, L, theta = [root_of(P0)], [], [], [], [], []
     for k, now in enumerate(models):
         try:
-            inflation = inflate(k, P_pred[-1])
+            inflation = inflate(k, roots[-1])
             counts = k > 0 or use_y0
             take = filter_step if counts else unmeasured_step
-            step = take(now.A, now.C, now.Q_w, now.R_v, inflation.V, growth)
+            step = take(now.A, now.C, now.Q_w, now.R_v, inflation.root, growth)
         except np.linalg.LinAlgError:
-            refuse_overflow(P_pred)
+            refuse_overflow(covariance_of(np.array(roots)))
             raise singular_innovation(k) from None
-        V.append(inflation.V)
+        V.append(inflation.root)
         theta.append(inflation.theta)
-        P.append(step.P)
+        P.append(step.root)
         L.append(step.L)
         K.append(step.K)
-        P_pred.append(step.P_next)
+        roots.append(step.root_next)
+    P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    extra = {"P_pred": np.array(P_pred[:-1]), "V": np.array(V), "theta": np.array(theta)}
-    S = [symmetrise(now.C.dot(each).dot(now.C.T) + now.R_v) for now, each in zip(models, V, strict=True)]
-    predictor = predictor_schedule(models, x0, K, V, extra=extra)
-    predictor = replace(predictor, sets=stochastic_sets(model), S=over_time(S))
-    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
+    of_V = covariance_of(np.array(V))
+    extra = {"P_pred": P_pred[:-1], "V": of_V, "theta": np.array(theta)}
+    S = [covariance_of(now.C.dot(each)) + now.R_v for now, each in zip(models, V, strict=True)]
+    predictor = predictor_schedule(models, x0, K, list(of_V), extra=extra)
+    predictor = replace(predictor, sets=stochastic_sets(model), S=over_time(S), root=np.array(roots[:-1]))
+    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=covariance_of(np.array(P)))
 
 
 def mixed_schedule(
@@ -282,25 +286,27 @@ def mixed_schedule(
         If the innovation has no noise at some step, a matrix exceeds 1e100, or the noises of the model are correlated.
     """
     models, counted = uncorrelated(model, n_steps), 0.0 if P0 is None else 1.0
-    P_pred, M_pred, steps, p, q = [np.zeros_like(M0) if P0 is None else P0], [M0], list[MixedStep](), [], 1.0
+    P_roots, M_roots = [root_of(np.zeros_like(M0) if P0 is None else P0)], [root_of(M0)]
+    steps, p, q = list[MixedStep](), [], 1.0
     for k, now in enumerate(models):
-        prior = Prior(now.C, P_pred[-1], M_pred[-1], counted * now.R_v, sets.measurement(k))
+        prior = Prior(now.C, P_roots[-1], M_roots[-1], counted * root_of(now.R_v), root_of(sets.measurement(k)))
         try:
             step = mixed_step(prior, rule, q) if k > 0 or use_y0 else prior.kept()
         except np.linalg.LinAlgError:
-            refuse_overflow(P_pred)
-            refuse_overflow(M_pred, "set")
+            refuse_overflow(covariance_of(np.array(P_roots)))
+            refuse_overflow(covariance_of(np.array(M_roots)), "set")
             raise singular_innovation(k) from None
-        moved, noise = symmetrise(now.A.dot(step.M).dot(now.A.T)), sets.process(k)
-        P_pred.append(symmetrise(now.A.dot(step.P).dot(now.A.T) + counted * now.Q_w))  # (17)
-        M_pred.append(sum_shape(moved, noise))  # (18)
-        p.append(weight(moved, noise))  # (23)
+        moved, noise = now.A.dot(step.M_root), root_of(sets.process(k))
+        p.append(root_weight(moved, noise))  # (23)
+        P_roots.append(predicted_root(now.A, counted * now.Q_w, step.P_root))  # (17)
+        M_roots.append(sum_root(moved, noise, p[-1]))  # (18)
         q = step.q
         steps.append(step)
+    P_pred, M_pred = covariance_of(np.array(P_roots)), covariance_of(np.array(M_roots))
     refuse_overflow(P_pred)
     refuse_overflow(M_pred, "set")
-    covariance = {} if P0 is None else {"P_pred": np.array(P_pred[:-1])}
-    extra = {**covariance, "M_pred": np.array(M_pred[:-1]), "p": np.array(p), "q": np.array([each.q for each in steps])}
+    covariance = {} if P0 is None else {"P_pred": P_pred[:-1]}
+    extra = {**covariance, "M_pred": M_pred[:-1], "p": np.array(p), "q": np.array([each.q for each in steps])}
     K, P = [now.A.dot(step.L) for now, step in zip(models, steps, strict=True)], [step.P for step in steps]
     predictor = predictor_schedule(models, x0, K, P, extra=extra)
     return replace(
@@ -325,7 +331,7 @@ def singular_innovation(k: int) -> DesignError:
     return DesignError(f"the covariance of the innovation is singular at k = {k}: the model needs measurement noise")
 
 
-def refuse_overflow(P_pred: Sequence[Array], noun: str = "covariance") -> None:
+def refuse_overflow(P_pred: Sequence[Array] | Array, noun: str = "covariance") -> None:
     """Raise a DesignError if a matrix is not finite or exceeds the range in which gains can be computed."""
     # False for NaN.
     fits = (np.abs(np.array(P_pred)) < LARGEST).all(axis=(1, 2))

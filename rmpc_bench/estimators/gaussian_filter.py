@@ -2,13 +2,14 @@
 
 Model   As models/flow.py, with additive noise.  The moments of f(x) and h(x) come from a rule of
         numerics/moment_transform.py:  x_pred = mean of f,  P_pred = covariance of f + Q_w;  before the correction the
-        points are placed anew:  S = covariance of h + R_v,  L = cross-covariance of x and h times S^-1.  With a linear
-        output the correction is that of the Kalman filter and needs no points.
+        points are placed anew:  S = covariance of h + R_v,  L = cross-covariance of x and h times S^-1.  Where the
+        model or its output is linear, its matrix is used and no points are needed.  Covariances are kept as roots.
         A missing measurement (NaN) is left out of the correction; without any, the filter predicts only.
         Where the flow has more states than the design model, the estimate has those of the design model, and all are in
         the info `x_all`.
-Fails   A run gets status `singular` when its covariance has had a negative eigenvalue twice; the positive part is used
-        until then.  A point where the model is not defined makes the run `diverged`.
+Fails   A run gets status `singular` when its covariance has had a negative eigenvalue twice (unscented-kalman with
+        beta < 0 or kappa < 0); the positive part is used until then.  A point where the model is not defined makes the
+        run `diverged`.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rmpc_bench.models.flow import Flow, flow_of
-from rmpc_bench.numerics.correction import Corrected, cross_correction, joseph_correction
-from rmpc_bench.numerics.linalg import congruence, symmetrise
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.moment_transform import MomentRule
+from rmpc_bench.numerics.riccati import predicted_root
+from rmpc_bench.numerics.square_root import covariance_of, joint, lower_root, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, SINGULAR = np.int8(Status.OK), np.int8(Status.SINGULAR)
@@ -33,10 +35,10 @@ OVERHEAD = 5e-6
 
 
 class GaussianState(NamedTuple):
-    """State of the filter between steps; before a correction x and P are those of the prediction."""
+    """State of the filter between steps; before a correction x and the root of P are those of the prediction."""
 
     x: Float[Array, "runs n"]
-    P: Float[Array, "runs n n"]
+    root: Float[Array, "runs n n"]
     indefinite: Int[Array, " runs"]
     """How often the covariance of the run was indefinite."""
 
@@ -45,11 +47,10 @@ class Innovation(NamedTuple):
     """Measurement against its prediction; the entries of a missing measurement have no effect."""
 
     e: Float[Array, "runs ny"]
-    S: Float[Array, "runs ny ny"]
-    C: Float[Array, "runs ny n"] | None
-    """Output matrix of every run; None where the rule gives none."""
-    cross: Float[Array, "runs n ny"] | None
-    R_v: Float[Array, "runs ny ny"]
+    image: Float[Array, "runs ny r"]
+    """Rows of the joint root of the output without noise and the state that belong to the output."""
+    source: Float[Array, "runs n r"]
+    """Rows that belong to the state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,21 +98,21 @@ class GaussianFilter(Estimator):
 
     def init(self, n_runs: int) -> GaussianState:
         """Start every run at ``x0``."""
-        P = np.tile(self.P_start, (n_runs, 1, 1))
-        return GaussianState(np.tile(self.x_start, (n_runs, 1)), P, np.zeros(n_runs, dtype=int))
+        root = np.tile(root_of(self.P_start), (n_runs, 1, 1))
+        return GaussianState(np.tile(self.x_start, (n_runs, 1)), root, np.zeros(n_runs, dtype=int))
 
     def correct(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> tuple[GaussianState, Estimate]:
         """Use what was measured of y(k)."""
         given, count = self._innovation(k, state, y)
-        after = Corrected(state.x, state.P)
+        after, R_v = state._replace(indefinite=count), self.flow.R_v_at(k)
         if k > 0 or self.use_y0:
-            after = _corrected(after, given, np.isnan(y))
-        info = {"e": given.e, "S": given.S}
+            after = _corrected(after, given, R_v, np.isnan(y))
+        info = {"e": given.e, "S": covariance_of(given.image) + R_v}
         if len(self.x_start) > self.nx:
             info["x_all"] = after.x
         status = np.where(count >= INDEFINITE_TWICE, SINGULAR, OK).astype(np.int8)
         nx = self.nx
-        return GaussianState(*after, count), Estimate(after.x[:, :nx], after.P[:, :nx, :nx], None, status, info)
+        return after, Estimate(after.x[:, :nx], covariance_of(after.root[:, :nx]), None, status, info)
 
     def predict(self, k: int, state: GaussianState, u: Float[Array, "runs nu"]) -> GaussianState:
         """Predict k+1 by the moments of f."""
@@ -120,42 +121,38 @@ class GaussianFilter(Estimator):
             runs, points, n = x.shape
             return self.flow.advance(k, x.reshape(-1, n), np.repeat(u, points, axis=0)).reshape(runs, points, n)
 
-        found = self.rule.moments(f, state.x, state.P)
-        P = symmetrise(found.covariance + self.flow.Q_w_at(k))
-        return GaussianState(found.mean, P, state.indefinite + found.indefinite)
+        A, Q_w = self.flow.A_at(k), self.flow.Q_w_at(k)
+        if A is not None:
+            return state._replace(x=self.flow.advance(k, state.x, u), root=predicted_root(A, Q_w, state.root))
+        found = self.rule.moments(f, state.x, state.root)
+        return GaussianState(found.mean, lower_root(found.image, root_of(Q_w)), state.indefinite + found.indefinite)
 
     def _innovation(
         self, k: int, state: GaussianState, y: Float[Array, "runs ny"]
     ) -> tuple[Innovation, Int[Array, " runs"]]:
         """Compare y(k) with its prediction; also how often the covariance was indefinite."""
-        C, R_v = self.flow.C_at(k), self.flow.R_v_at(k)
-        R = np.broadcast_to(R_v, (len(y), *R_v.shape))
+        C = self.flow.C_at(k)
         if C is not None:
-            e, S = y - self.flow.measure(k, state.x), congruence(C, state.P) + R_v
-            return Innovation(e, symmetrise(S), np.broadcast_to(C, (len(y), *C.shape)), None, R), state.indefinite
+            return Innovation(y - self.flow.measure(k, state.x), C @ state.root, state.root), state.indefinite
 
         def h(x: Array) -> Array:
             runs, points, n = x.shape
             return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
 
-        found = self.rule.moments(h, state.x, state.P)
-        given = Innovation(y - found.mean, symmetrise(found.covariance + R_v), found.J, found.cross, R)
-        return given, state.indefinite + found.indefinite
+        found = self.rule.moments(h, state.x, state.root)
+        return Innovation(y - found.mean, found.image, found.source), state.indefinite + found.indefinite
 
 
-def _corrected(before: Corrected, given: Innovation, missing: Array) -> Corrected:
+def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Array) -> GaussianState:
     """Correct with the outputs that are there: a missing one becomes one that does not depend on the state."""
-    e, S, C, cross, R_v = given
+    e, image, source = given
+    R_root = root_of(R_v)
     if missing.any():
         e, there = np.where(missing, 0.0, e), ~missing
-        both = there[:, :, None] & there[:, None, :]
-        S, R_v = (np.where(both, each, np.eye(e.shape[1])) for each in (S, R_v))
-        C = None if C is None else np.where(missing[:, :, None], 0.0, C)
-        cross = None if cross is None else np.where(missing[:, None, :], 0.0, cross)
-    if C is not None:
-        return joseph_correction(*before, e, C, R_v)
-    assert cross is not None
-    return cross_correction(*before, e, S, cross)
+        R_root = root_of(np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(e.shape[1])))
+        image = np.where(missing[:, :, None], 0.0, image)
+    found = joint(image, R_root, source)
+    return before._replace(x=before.x + mv(found.gain, e), root=found.root)
 
 
 def gaussian_filter(

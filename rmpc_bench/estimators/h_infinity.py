@@ -35,8 +35,9 @@ from rmpc_bench.estimators.gain_schedule import (
     uncorrelated,
 )
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_matrix, nearly_equal, psd_sqrt, symmetrise
-from rmpc_bench.numerics.riccati import FilterStep, filter_step, unmeasured_step
+from rmpc_bench.numerics.linalg import as_matrix, nearly_equal
+from rmpc_bench.numerics.riccati import FilterStep, filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
 Fraction: TypeAlias = Annotated[float, Gt(0), Lt(1)]
@@ -55,7 +56,8 @@ class Period(NamedTuple):
     """1 - theta lambda_max(weight P weight') for the P of the condition; positive where the condition holds."""
     largest: float
     """lambda_max(weight P weight')."""
-    P_next: Float[Array, "nx nx"]
+    root_next: Float[Array, "nx nx"]
+    """Root of P_pred(k+1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,35 +80,34 @@ class Recursion:
     use_y0: bool
 
     def run(self, theta: float) -> tuple[list[Period], list[Array]]:
-        """Return the periods up to the first one that violates the condition, and P_pred of all of them."""
-        periods, P_pred, constant = list[Period](), [self.P0], all(each is self.models[0] for each in self.models)
+        """Return the periods up to the first one that violates the condition, and the roots of P_pred of all."""
+        periods, roots, constant = list[Period](), [root_of(self.P0)], all(each is self.models[0] for each in self.models)
         for k, now in enumerate(self.models):
             # The recursion of a constant model stays where it has become steady.
-            if constant and k > 1 and _is_steady(P_pred):
+            if constant and k > 1 and _is_steady(*map(covariance_of, roots[-2:])):
                 left = len(self.models) - k
-                periods, P_pred = periods + periods[-1:] * left, P_pred + P_pred[-1:] * left
+                periods, roots = periods + periods[-1:] * left, roots + roots[-1:] * left
                 break
-            period = self._period(now, P_pred[-1], theta, measured=k > 0 or self.use_y0)
+            period = self._period(now, roots[-1], theta, measured=k > 0 or self.use_y0)
             periods.append(period)
             if not period.margin > 0.0:
                 break
-            P_pred.append(period.P_next)
-        return periods, P_pred[: len(periods)]
+            roots.append(period.root_next)
+        return periods, roots[: len(periods)]
 
-    def _period(self, now: LinearModel, P_pred: Array, theta: float, *, measured: bool) -> Period:
+    def _period(self, now: LinearModel, root: Array, theta: float, *, measured: bool) -> Period:
         take = filter_step if measured else unmeasured_step
-        kalman = take(now.A, now.C, now.Q_w, now.R_v, P_pred)
-        chosen = P_pred if self.form == "predictor" else kalman.P
-        largest = float(np.linalg.eigvalsh(symmetrise(self.weight.dot(chosen).dot(self.weight.T)))[-1])
+        kalman = take(now.A, now.C, now.Q_w, now.R_v, root)
+        chosen = root if self.form == "predictor" else kalman.root
+        largest = float(np.linalg.norm(self.weight.dot(chosen), 2) ** 2)
         margin = 1.0 - theta * largest
         if not margin > 0.0:
-            return Period(kalman.L, kalman.K, margin, largest, P_pred)
+            return Period(kalman.L, kalman.K, margin, largest, root)
         inflated = inflated_by_weight(chosen, self.weight, theta)
         if self.form == "predictor":
             step: FilterStep = take(now.A, now.C, now.Q_w, now.R_v, inflated)
-            return Period(np.zeros_like(step.L), step.K, margin, largest, step.P_next)
-        P_next = symmetrise(now.A.dot(inflated).dot(now.A.T) + now.Q_w)
-        return Period(kalman.L, kalman.K, margin, largest, P_next)
+            return Period(np.zeros_like(step.L), step.K, margin, largest, step.root_next)
+        return Period(kalman.L, kalman.K, margin, largest, predicted_root(now.A, now.Q_w, inflated))
 
     def theta_max(self) -> float:
         """Return the largest theta, to eight digits, for which all conditions hold; infinite if there is no bound.
@@ -147,17 +148,16 @@ def _bound(content: tuple[object, ...], recursion: Recursion) -> float:
     return _bounds[content]
 
 
-def _is_steady(P_pred: Sequence[Array]) -> bool:
+def _is_steady(before: Array, now: Array) -> bool:
     """Whether the last change is of the size of rounding."""
-    return bool(nearly_equal(P_pred[-2], P_pred[-1], _STEADY))
+    return bool(nearly_equal(before, now, _STEADY))
 
 
-def inflated_by_weight(P: Float[Array, "nx nx"], weight: Float[Array, "nx nx"], theta: float) -> Float[Array, "nx nx"]:
-    """Return (P^-1 - theta weight' weight)^-1, also for a singular P: F (I - theta (weight F)'(weight F))^-1 F'."""
-    F = psd_sqrt(P)
-    Z = weight.dot(F)
-    inflated: Array = F.dot(np.linalg.solve(np.eye(len(P)) - theta * symmetrise(Z.T.dot(Z)), F.T))
-    return symmetrise(inflated)
+def inflated_by_weight(F: Float[Array, "nx r"], weight: Float[Array, "nx nx"], theta: float) -> Float[Array, "nx r"]:
+    """Return the root of (P^-1 - theta weight' weight)^-1 = F (I - theta (weight F)'(weight F))^-1 F' from one of P."""
+    _, sizes, W = np.linalg.svd(weight.dot(F))
+    inflated: Array = F.dot((W.T / np.sqrt(1.0 - theta * sizes * sizes)).dot(W))
+    return inflated
 
 
 def design(
@@ -200,14 +200,15 @@ def design(
     except ValueError as error:
         raise DesignError(str(error), "weight") from None
     chosen, remarks = _theta(recursion, theta, gamma, fraction)
-    periods, P_pred = recursion.run(chosen)
+    periods, roots = recursion.run(chosen)
     if not periods[-1].margin > 0.0:
         raise _violated(recursion, chosen, len(periods) - 1, "gamma" if theta is None else "theta")
+    P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    extra = {"P_pred": np.array(P_pred), "margin": np.array([each.margin for each in periods])}
+    extra = {"P_pred": P_pred, "margin": np.array([each.margin for each in periods])}
     extra["theta"] = np.full(len(periods), chosen)
     K = [each.K for each in periods]
-    schedule = replace(predictor_schedule(models, x0, K, P_pred, extra=extra, remarks=remarks), P=None)
+    schedule = replace(predictor_schedule(models, x0, K, list(P_pred), extra=extra, remarks=remarks), P=None)
     return schedule if form == "predictor" else replace(schedule, L=np.array([each.L for each in periods]))
 
 

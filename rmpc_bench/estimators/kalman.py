@@ -26,19 +26,20 @@ from rmpc_bench.estimators.bridging import BridgingFilter
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.correction import joseph_correction
 from rmpc_bench.numerics.kl_ball import Inflation
-from rmpc_bench.numerics.linalg import congruence, mv, symmetrise
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.riccati import predicted_root
+from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 
 
 class RelinearisedState(NamedTuple):
-    """State of the filter between steps; before a correction x_hat and P are those of the prediction."""
+    """State of the filter between steps; before a correction x_hat and the root of P are those of the prediction."""
 
     x_hat: Float[Array, "runs nx"]
-    P: Float[Array, "runs nx nx"]
+    root: Float[Array, "runs nx nx"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,36 +69,34 @@ class RelinearisedFilter(Estimator):
 
     def init(self, n_runs: int) -> RelinearisedState:
         """Start every run at ``x0``."""
-        return RelinearisedState(np.tile(self.x0, (n_runs, 1)), np.tile(self.P0, (n_runs, 1, 1)))
+        return RelinearisedState(np.tile(self.x0, (n_runs, 1)), np.tile(root_of(self.P0), (n_runs, 1, 1)))
 
     def correct(
         self, k: int, state: RelinearisedState, y: Float[Array, "runs ny"]
     ) -> tuple[RelinearisedState, Estimate]:
-        """Use y(k) with the gain of the run; P in Joseph form."""
-        C, R_v, (x_pred, P_pred) = self.model.C, self.model.R_v_at(k), state
+        """Use y(k) with the gain of the run."""
+        C, (x_pred, root) = self.model.C, state
         e = y - mv(C, x_pred)
         after = state
         if k > 0 or self.use_y0:
-            CP = np.einsum("ij,rjk->rik", C, P_pred)
-            L = np.linalg.solve(np.einsum("rij,kj->rik", CP, C) + R_v, CP).swapaxes(1, 2)
-            rest = np.eye(self.model.nx) - np.einsum("rij,jk->rik", L, C)
-            P = symmetrise(congruence(rest, P_pred) + congruence(L, np.broadcast_to(R_v, (len(y), *R_v.shape))))
-            after = RelinearisedState(x_pred + mv(L, e), P)
+            found = corrected(C, root_of(self.model.R_v_at(k)), root)
+            after = RelinearisedState(x_pred + mv(found.gain, e), found.root)
         # True for NaN, which the closed loop detects itself.
         sound = ~(np.abs(after.x_hat) > self.model.largest).any(axis=1)
-        return after, Estimate(after.x_hat, after.P, None, np.where(sound, OK, DIVERGED), {"e": e})
+        P = covariance_of(after.root)
+        return after, Estimate(after.x_hat, P, None, np.where(sound, OK, DIVERGED), {"e": e})
 
     def predict(self, k: int, state: RelinearisedState, u: Float[Array, "runs nu"]) -> RelinearisedState:
         """Predict k+1 with the model at x_hat(k)."""
         A, B = self.model.at_state(state.x_hat)
-        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(congruence(A, state.P) + self.model.Q_w))
+        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), predicted_root(A, self.model.Q_w, state.root))
 
 
 class TrajectoryState(NamedTuple):
-    """State of the filter between steps; before a correction x_hat and P are those of the prediction."""
+    """State of the filter between steps; before a correction x_hat and the root of P are those of the prediction."""
 
     x_hat: Float[Array, "runs nx"]
-    P: Float[Array, "runs nx nx"]
+    root: Float[Array, "runs nx nx"]
     u: Float[Array, "runs nu"]
     """Input at which the output is linearised, the last one that was applied."""
 
@@ -116,19 +115,19 @@ class TrajectoryFilter(RelinearisedFilter):
         return TrajectoryState(*super().init(n_runs), np.zeros((n_runs, self.model.nu)))
 
     def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
-        """Use y(k) with the output linearised at the prediction of the run; P in Joseph form."""
-        R_v = np.broadcast_to(self.model.R_v_at(k), (len(y), *self.model.R_v.shape))
+        """Use y(k) with the output linearised at the prediction of the run."""
         e, after = y - self.model.measure(state.x_hat), state
         if k > 0 or self.use_y0:
             C = self.model.around(k, state.x_hat, state.u).C
-            after = TrajectoryState(*joseph_correction(state.x_hat, state.P, e, C, R_v), state.u)
-        return after, Estimate(after.x_hat, after.P, None, np.full(len(y), OK), {"e": e})
+            found = corrected(C, root_of(self.model.R_v_at(k)), state.root)
+            after = TrajectoryState(state.x_hat + mv(found.gain, e), found.root, state.u)
+        return after, Estimate(after.x_hat, covariance_of(after.root), None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Predict k+1 with the nonlinear model; P with its linearisation at x_hat(k) and u(k)."""
         A = self.model.around(k, state.x_hat, u).A
-        P = symmetrise(congruence(A, state.P) + self.model.Q_w)
-        return TrajectoryState(self.model.advance(k, state.x_hat, u), P, u)
+        root = predicted_root(A, self.model.Q_w, state.root)
+        return TrajectoryState(self.model.advance(k, state.x_hat, u), root, u)
 
 
 def design(
@@ -164,7 +163,7 @@ def design(
     if isinstance(model, StateDependentModel):
         return _relinearised(model, n_steps, x0, P0, form, noise, use_y0)
     design_model, P0 = with_noise_kind(model, P0, M0, noise)
-    schedule = riccati_schedule(design_model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+    schedule = riccati_schedule(design_model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0)
     return BridgingFilter.of(schedule, [design_model.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
 
 

@@ -126,7 +126,7 @@ def design(
     with_mean = DisturbedModel(design_model, entry)
     start = with_mean.start(x0, P0, np.zeros_like(P0))
     schedule = riccati_schedule(
-        with_mean, n_steps, start["x0"], start["P0"], lambda k, P_pred: Inflation(P_pred, 0.0), use_y0=use_y0
+        with_mean, n_steps, start["x0"], start["P0"], lambda k, root: Inflation(root, 0.0), use_y0=use_y0
     )
     full = BridgingFilter.of(schedule, [with_mean.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
     return DisturbanceFilter(full, stochastic_sets(design_model))

@@ -21,6 +21,7 @@ from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_sc
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 # The pencil gives an eigenvalue on the unit circle with an error of about the square root of the rounding unit.
@@ -57,16 +58,17 @@ def design(
     if gain == "steady":
         K, P = _steady(models, given)
         return predictor_schedule(models, x0, [K] * len(models), [P] * len(models))
-    gains, P_pred = [], [P0]
+    gains, roots = [], [root_of(P0)]
     last, M, J = None, np.zeros(()), np.zeros(())
     for now in models:
         if now is not last:
             last, (M, J) = now, _joint(now, given)
-        step = predictor_step(M, J, P_pred[-1])
+        step = predictor_step(M, J, roots[-1])
         gains.append(step.K)
-        P_pred.append(step.P_next)
+        roots.append(step.root_next)
+    P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    return predictor_schedule(models, x0, gains, P_pred[:-1])
+    return predictor_schedule(models, x0, gains, list(P_pred[:-1]))
 
 
 def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:
@@ -103,7 +105,7 @@ def _steady(models: list[LinearModel], R: Array | None) -> tuple[Array, Array]:
         P = symmetrise(solve_discrete_are(M[:nx].T, M[nx:].T, J[:nx, :nx], J[nx:, nx:], s=J[:nx, nx:]))
     except (np.linalg.LinAlgError, ValueError):
         raise _no_steady_gain("") from None
-    K = predictor_step(M, J, P).K
+    K = predictor_step(M, J, root_of(P)).K
     radius = float(np.abs(np.linalg.eigvals(M[:nx] - K.dot(M[nx:]))).max())
     if not radius < STABLE:
         raise _no_steady_gain(f": the spectral radius of A - K C is {radius:.9g}")

@@ -28,7 +28,8 @@ from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
-from rmpc_bench.numerics.riccati import error_covariance, predictor_gain, predictor_step
+from rmpc_bench.numerics.riccati import predictor_step
+from rmpc_bench.numerics.square_root import Conditional, corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
 
@@ -106,21 +107,23 @@ def design(
     mean, variance = (law or EntryLaw(low=-1.0, high=1.0)).moments
     systems = design_systems(model, n_steps)
     mean_system = None
-    models, P, K, X, corrections = [], [P0], [], [], list[Correction]()
+    models, roots, K, X, corrections = [], [root_of(P0)], [], [], list[Conditional]()
     mu, cov = x0, P0
     for k, now in enumerate(systems):
         if mean_system is None or now is not mean_system.system:
             mean_system = MeanSystem(now, mean, variance)
         second = cov + np.outer(mu, mu)
         J = mean_system.noise(second)
-        step = predictor_step(mean_system.M, J, P[-1])
+        step = predictor_step(mean_system.M, J, roots[-1])
+        nx = len(mu)
         if form == "filter":
-            corrections.append(correction(mean_system.M, J, P[-1]))
+            # The noise of y(k) contains the deviation of F(k) from its mean times x(k).  It is uncorrelated with the
+            # error x_pred(k) - x(k), because F(k) is independent of both and its deviation has mean 0.
+            corrections.append(corrected(mean_system.M[nx:], root_of(J[nx:, nx:]), roots[-1]))
         models.append(mean_system.model)
         X.append(second)
         K.append(step.K)
-        P.append(step.P_next)
-        nx = len(mu)
+        roots.append(step.root_next)
         mu = mean_system.model.A.dot(mu) + mean_system.model.f0
         cov = symmetrise(mean_system.model.A.dot(cov).dot(mean_system.model.A.T) + J[:nx, :nx])
         # Negated, so that NaN counts as an overflow.
@@ -129,44 +132,12 @@ def design(
                 f"the second moment of the state grows beyond {LARGEST:g} at k = {k + 1}: the system is not stable in "
                 "the mean square; choose a smaller variance or fewer steps"
             )
-    predictor = predictor_schedule(models, x0, K, P[:-1], extra={"X": np.array(X)})
+    P = covariance_of(np.array(roots[:-1]))
+    predictor = predictor_schedule(models, x0, K, list(P), extra={"X": np.array(X)})
     if form == "predictor":
         return predictor
-    extra = {**predictor.extra, "P_pred": np.array(P[:-1])}
-    gains, covariances = np.array([each.L for each in corrections]), np.array([each.P for each in corrections])
-    return replace(predictor, L=gains, P=covariances, extra=extra)
-
-
-class Correction(NamedTuple):
-    """Gain of x_hat = x_pred + L e, and the covariance of x_hat - x."""
-
-    L: Float[Array, "nx ny"]
-    P: Float[Array, "nx nx"]
-
-
-def correction(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P_pred: Float[Array, "nx nx"]) -> Correction:
-    """Return the best correction by y(k); P in Joseph form.
-
-    Parameters
-    ----------
-    M : A over C of the mean system
-    J : covariance of the total noise in [x(k+1); y(k)]
-    P_pred : covariance of x_pred - x
-
-    Notes
-    -----
-    The noise of y(k) contains the deviation of F(k) from its mean times x(k).  It is uncorrelated with the error
-    x_pred(k) - x(k), because F(k) is independent of x(k) and x_pred(k) and its deviation has mean 0.
-    """
-    nx = len(P_pred)
-    C, R = M[nx:], J[nx:, nx:]
-    cross = P_pred.dot(C.T)
-    L = predictor_gain(cross, symmetrise(C.dot(cross) + R))
-    identity = np.eye(nx)
-    T = np.hstack([identity, -L])
-    noise = np.zeros_like(J)
-    noise[nx:, nx:] = R
-    return Correction(L, error_covariance(T, np.vstack([identity, C]), noise, P_pred))
+    gains, of_x_hat = (np.array([getattr(each, name) for each in corrections]) for name in ("gain", "root"))
+    return replace(predictor, L=gains, P=covariance_of(of_x_hat), extra={**predictor.extra, "P_pred": P})
 
 
 class MeanSystem:

@@ -44,8 +44,9 @@ from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
+from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
-from rmpc_bench.numerics.window_posterior import range_root
+from rmpc_bench.numerics.window_posterior import range_of_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
 STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}
@@ -67,9 +68,9 @@ class HorizonState(NamedTuple):
     """B u + f0 between these samples."""
     y: Float[Array, "runs measured ny"]
     """Measurements without the constant part; NaN where one is missing."""
-    P_pred: Float[Array, "runs points nx nx"]
-    """Covariances of the predictions without bounds."""
-    P_next: Float[Array, "runs nx nx"]
+    roots: Float[Array, "runs points nx nx"]
+    """Roots of the covariances of the predictions without bounds."""
+    root_next: Float[Array, "runs nx nx"]
     """The next of them, of a run with matrices of its own."""
     own: Bool[Array, " runs"]
     """Whether the run has matrices of its own, since a measurement has been missing."""
@@ -130,7 +131,7 @@ class MovingHorizon(Estimator):
     def init(self, n_runs: int) -> HorizonState:
         """Start every run at ``x0``."""
         ny, nx = self.model.C.shape[1:]
-        x0, P0 = np.tile(self.x0, (n_runs, 1)), np.tile(self._covariances[0], (n_runs, 1, 1))
+        x0, P0 = np.tile(self.x0, (n_runs, 1)), np.tile(self._roots[0], (n_runs, 1, 1))
         none = np.zeros((n_runs, 0, nx)), np.zeros((n_runs, 0, ny))
         return HorizonState(x0, x0[:, None].copy(), *none, P0[:, None].copy(), P0, np.zeros(n_runs, dtype=bool))
 
@@ -142,8 +143,8 @@ class MovingHorizon(Estimator):
         fit = self._fit(k, self.programs[k], state)
         P: Array = at_sample(self._P, k)
         if own.any():
-            fit, P, P_next = self._of_own_runs(k, state, fit)
-            state = state._replace(P_next=P_next)
+            fit, P, root_next = self._of_own_runs(k, state, fit)
+            state = state._replace(root_next=root_next)
         status = np.array([STATUS[each] for each in fit.status], dtype=np.int8)
         e = y - mv(at_sample(self.model.C, k), state.x_pred[:, -1])
         info = {"e": e, "solved": fit.solved.astype(float)}
@@ -154,14 +155,14 @@ class MovingHorizon(Estimator):
         c = mv(at_sample(self.model.B, k), u) + at_sample(self.model.f0, k)
         x_pred = mv(at_sample(self.model.A, k), state.x_hat) + c
         # After the last sample of the experiment no covariance is known or needed.
-        common = self._covariances[min(k + 1, len(self._covariances) - 1)]
-        P_pred = np.where(state.own[:, None, None], state.P_next, common)
+        common = self._roots[min(k + 1, len(self._roots) - 1)]
+        root = np.where(state.own[:, None, None], state.root_next, common)
         begin = max(state.c.shape[1] + 1 - self.window, 0)
         after = state._replace(
             x_pred=_appended(state.x_pred, x_pred, begin),
             c=_appended(state.c, c, begin),
             y=state.y[:, begin:],
-            P_pred=_appended(state.P_pred, P_pred, begin),
+            roots=_appended(state.roots, root, begin),
         )
         return after._replace(own=after.own & ~self._settled(k + 1, after)) if after.own.any() else after
 
@@ -170,7 +171,7 @@ class MovingHorizon(Estimator):
         near = ~np.isnan(state.y).any(axis=(1, 2))
         for sample, place in ((k - state.c.shape[1], 0), (min(k, len(self._covariances) - 1), -1)):
             common = self._covariances[sample]
-            near &= nearly_equal(state.P_pred[:, place], common, SETTLED)
+            near &= nearly_equal(covariance_of(state.roots[:, place]), common, SETTLED)
         return np.asarray(near)
 
     @property
@@ -185,6 +186,12 @@ class MovingHorizon(Estimator):
         P_pred: Array = self.kalman.extra["P_pred"]
         return P_pred
 
+    @property
+    def _roots(self) -> Float[Array, "k nx nx"]:
+        """Roots of these covariances."""
+        assert self.kalman.root is not None
+        return self.kalman.root
+
     def _fit(self, k: int, program: WindowProgram, state: HorizonState) -> WindowFit:
         """Fit the windows that end at k, by predictions and innovations of a filter that starts with them."""
         (runs, points, ny), nx, x = state.y.shape, state.x_hat.shape[1], state.x_pred[:, 0]
@@ -196,30 +203,30 @@ class MovingHorizon(Estimator):
         return program.fit(x_bar[:, -1], e.reshape(runs, points * ny), self.bounds.base(x_bar, e))
 
     def _of_own_runs(self, k: int, state: HorizonState, fit: WindowFit) -> tuple[WindowFit, Array, Array]:
-        """Fit the windows of runs with missing measurements; return all fits, P and the next P_pred."""
-        P, P_next = np.tile(at_sample(self._P, k), (len(state.y), 1, 1)), state.P_next.copy()
+        """Fit the windows of runs with missing measurements; return all fits, P and the next root."""
+        P, root_next = np.tile(at_sample(self._P, k), (len(state.y), 1, 1)), state.root_next.copy()
         x, solved, status = fit.x.copy(), fit.solved.copy(), list(fit.status)
         A, C, Q_w, R_v = (at_sample(getattr(self.model, name), k) for name in ("A", "C", "Q_w", "R_v"))
         for i in np.flatnonzero(state.own):
             measured = ~np.isnan(state.y[i])
             alone = HorizonState(*(each[i : i + 1] for each in state))
-            one = self._fit(k, self._program(k, state.P_pred[i, 0], measured), alone)
+            one = self._fit(k, self._program(k, state.roots[i, 0], measured), alone)
             x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
             there = measured[-1]
             counts = k > 0 or self.use_y0
             both = there[:, None] & there
             R_run = np.where(both, R_v, np.eye(len(R_v)))
             step = (filter_step if counts else unmeasured_step)(
-                A, np.where(there[:, None], C, 0.0), Q_w, R_run, state.P_pred[i, -1]
+                A, np.where(there[:, None], C, 0.0), Q_w, R_run, state.roots[i, -1]
             )
-            P[i], P_next[i] = step.P, step.P_next
-        return WindowFit(x, solved, status), P, P_next
+            P[i], root_next[i] = step.P, step.root_next
+        return WindowFit(x, solved, status), P, root_next
 
-    def _program(self, k: int, P_bar: Array, measured: Bool[Array, "points ny"]) -> WindowProgram:
+    def _program(self, k: int, root: Array, measured: Bool[Array, "points ny"]) -> WindowProgram:
         """Prepare the problem of the window that ends at k."""
         first = k + 1 - len(measured)
         measured = measured & (self.use_y0 | (np.arange(first, k + 1) > 0))[:, None]
-        *_, law = self.bounds.laws(self.model.stages(first, k), range_root(P_bar), measured)
+        *_, law = self.bounds.laws(self.model.stages(first, k), range_of_root(root), measured)
         return WindowProgram.of(law, self.bounds.interval(measured))
 
     def _programs(self) -> Iterator[WindowProgram]:
@@ -228,7 +235,7 @@ class MovingHorizon(Estimator):
         program, made_for, last = None, 0, min(N, n - 1)
         every, constant = np.ones((last + 1, ny), dtype=bool), len(self.model.A) == len(self.model.C) == 1
         every[0] = self.use_y0
-        growing = self.bounds.laws(self.model.stages(0, last), range_root(self._covariances[0]), every)
+        growing = self.bounds.laws(self.model.stages(0, last), range_of_root(self._roots[0]), every)
         for k in range(n):
             first = max(k - N, 0)
             P_bar, before = self._covariances[first], self._covariances[made_for]
@@ -239,7 +246,7 @@ class MovingHorizon(Estimator):
                     if first == 0:
                         program = WindowProgram.of(next(growing), self.bounds.interval(every[: k + 1]))
                     else:
-                        program = self._program(k, P_bar, np.ones((N + 1, ny), dtype=bool))
+                        program = self._program(k, self._roots[first], np.ones((N + 1, ny), dtype=bool))
                 except np.linalg.LinAlgError:
                     raise singular_innovation(k) from None
                 if constant and len(program.L) <= SHORT:
@@ -288,7 +295,7 @@ def design(
     """
     if isinstance(model, StateDependentModel):
         raise DesignError("does not support a model that depends on the state; use kalman", "kind")
-    kalman = riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), use_y0=use_y0)
+    kalman = riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), use_y0=use_y0)
     # Without bounds of w its coordinates do not matter, and a model may have other process noise.
     series = model_series(model, n_steps, in_states=w is None or not isinstance(model, UncertainModel))
     return MovingHorizon(series, kalman, window, window_bounds(model, series, n_steps, w=w, v=v, x=x), use_y0)

@@ -24,7 +24,8 @@ from rmpc_bench.estimators.gain_schedule import Form
 from rmpc_bench.models.disturbed_uncertain import DisturbedUncertain, augmented_system
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
-from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, Status
 
 OK = np.int8(Status.OK)
@@ -34,8 +35,8 @@ class OracleState(NamedTuple):
     """State of the estimator between steps."""
 
     x_pred: Float[Array, "runs nx"]
-    P: Float[Array, "runs nx nx"]
-    """Covariance of x_pred - x."""
+    root: Float[Array, "runs nx nx"]
+    """Root of the covariance of x_pred - x."""
     e: Float[Array, "runs ny"]
     K: Float[Array, "runs nx ny"]
     F_x: Float[Array, "runs samples rx sx"]
@@ -69,7 +70,7 @@ class Oracle(Estimator):
         nx, ny = self.system.size("nx"), self.system.size("ny")
         return OracleState(
             np.tile(self.x0, (n_runs, 1)),
-            np.tile(self.P0, (n_runs, 1, 1)),
+            np.tile(root_of(self.P0), (n_runs, 1, 1)),
             np.zeros((n_runs, ny)),
             np.zeros((n_runs, nx, ny)),
             *delta,
@@ -77,7 +78,7 @@ class Oracle(Estimator):
 
     def correct(self, k: int, state: OracleState, y: Float[Array, "runs ny"]) -> tuple[OracleState, Estimate]:
         """Compute the gain of every run and use y(k); the estimate of a predictor is x_pred(k)."""
-        m, x_pred, P = self.system.at(k), state.x_pred, state.P
+        m, x_pred, root = self.system.at(k), state.x_pred, state.root
         A, C = _sum(m.A, m.H_A, state.F_x[:, k], m.G_x), _sum(m.C, m.H_C, state.F_x[:, k], m.G_x)
         B = np.concatenate(
             [_sum(m.Bw, m.H_Bw, state.F_w[:, k], m.G_w), _sum(m.Bv, m.H_Bv, state.F_v[:, k], m.G_v)], axis=2
@@ -89,22 +90,19 @@ class Oracle(Estimator):
         missing = np.isnan(y)
         # An output that is missing becomes one that depends on nothing.
         C, D = (np.where(missing[:, :, None], 0.0, each) for each in (C, D))
-        R = _abc(D, joint, D)
-        Y = _abc(C, P, C) + R + np.einsum("ri,ij->rij", missing.astype(float), np.eye(y.shape[1]))
-        K = _gain(_abc(A, P, C) + _abc(B, joint, D), Y)
-        rest, noise = A - _ab(K, C), B - _ab(K, D)
-        # Joseph form, which keeps P positive semidefinite under rounding.
-        P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)
+        own = missing[:, :, None] * np.eye(y.shape[1])
+        noise = root_of(joint)
+        Y = np.concatenate([C @ root, D @ noise, own], axis=2)
+        ahead = conditional(Y, np.concatenate([A @ root, B @ noise, np.zeros((*A.shape[:2], y.shape[1]))], axis=2))
         e = y - mv(C, x_pred) - np.einsum("rij,j->ri", D, mean)
         moved = mv(A, x_pred) + np.einsum("rij,j->ri", B, mean)
         used = np.where(missing, 0.0, e)
-        after = state._replace(x_pred=moved, P=symmetrise(P_next), e=used, K=K)
-        x_hat, P_hat = x_pred, P
+        after = state._replace(x_pred=moved, root=ahead.root, e=used, K=ahead.gain)
+        x_hat, of_x_hat = x_pred, root
         if self.form == "filter":
-            L = _gain(np.einsum("rij,rkj->rik", P, C), Y)
-            kept = np.eye(len(m.A)) - _ab(L, C)
-            x_hat, P_hat = x_pred + mv(L, used), _abc(kept, P, kept) + _abc(L, R, L)
-        return after, Estimate(x_hat, P_hat, None, np.full(len(y), OK), {"e": e})
+            found = corrected(C, Y[:, :, root.shape[2] :], root)
+            x_hat, of_x_hat = x_pred + mv(found.gain, used), found.root
+        return after, Estimate(x_hat, covariance_of(of_x_hat), None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
         """Predict k+1."""
@@ -116,25 +114,6 @@ def _sum(M: Array, H: Array, F: Array, G: Array) -> Float[Array, "runs n m"]:
     """Return M + H F G for the F of every run."""
     total: Array = M + np.einsum("ij,rjk,kl->ril", H, F, G)
     return total
-
-
-def _ab(A: Array, B: Array) -> Array:
-    product: Array = np.einsum("rij,rjk->rik", A, B)
-    return product
-
-
-def _abc(A: Array, P: Array, C: Array) -> Array:
-    """Return A P C' for every run; P may be shared."""
-    left = np.einsum("rij,jk->rik" if P.ndim == 2 else "rij,rjk->rik", A, P)
-    product: Array = np.einsum("rik,rlk->ril", left, C)
-    return product
-
-
-def _gain(N: Float[Array, "runs nx ny"], Y: Float[Array, "runs ny ny"]) -> Float[Array, "runs nx ny"]:
-    """Return N Y^+ for every run."""
-    if Y.shape[1] == 1:
-        return np.divide(N, Y, out=np.zeros_like(N), where=Y > 0.0)
-    return _ab(N, np.linalg.pinv(symmetrise(Y), hermitian=True))
 
 
 def design(

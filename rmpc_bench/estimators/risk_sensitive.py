@@ -19,6 +19,7 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
 # Relative change of theta per step that counts as rounding, which grows with c.
@@ -76,9 +77,9 @@ def design(
         chosen = steady_theta(model, P0, right_side(theta_from.c, theta_from.kl), tau)
     assert chosen is not None
 
-    def inflate_at(k: int, P_pred: Array) -> Inflation:
+    def inflate_at(k: int, root: Array) -> Inflation:
         try:
-            return Inflation(inflate(P_pred, chosen, tau), chosen)  # (18), first line, or (19)
+            return inflate(root, chosen, tau)  # (18), first line, or (19)
         except ValueError as error:
             raise DesignError(
                 f"V is undefined from step k = {k} on: {error} (theta = {chosen:.9g}); "
@@ -96,10 +97,10 @@ def steady_theta(model: Model, P0: Float[Array, "nx nx"], c: float, tau: float =
     DesignError
         If theta has not converged after 100,000 steps.
     """
-    now, P_pred, last, quiet = model.at(0), P0, 0.0, 0
+    now, root, last, quiet = model.at(0), root_of(P0), 0.0, 0
     for _ in range(_MAX_STEPS):
-        V, theta = inflate_to_radius(P_pred, c, tau)  # (13), (16)
-        P_pred = filter_step(now.A, now.C, now.Q_w, now.R_v, V).P_next  # (14), (15)
+        V_root, theta = inflate_to_radius(root, c, tau)  # (13), (16)
+        root = filter_step(now.A, now.C, now.Q_w, now.R_v, V_root).root_next  # (14), (15)
         quiet = quiet + 1 if abs(theta - last) <= _STEADY * max(1.0, c) * theta else 0
         # A single small change may be an extremum of theta over k.
         if quiet == 10:

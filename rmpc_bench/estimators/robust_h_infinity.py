@@ -37,6 +37,7 @@ from rmpc_bench.numerics.robust_bounded_real import (
     Uncertain,
     bounded_real_step,
 )
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
 
@@ -79,14 +80,14 @@ def design(
     limits = Limits(alpha, theta, _of_size("weight", weight, nx), eps)
     uncertain = any(_has_uncertainty(now) for now in systems)
     start = Bounds(
-        _bound("S1", S1, (2.0 if uncertain else 1.0) * P0),
+        root_of(_bound("S1", S1, (2.0 if uncertain else 1.0) * P0)),
         _bound("S2", S2, 2.0 * P0 + np.outer(x0, x0)) if uncertain else None,
     )
     if uncertain:
         _refuse(systems, start)
     steps = list(_steps(systems, start, limits))
     bounds = [start, *(step.after for step in steps)]
-    P = [each.P for each in bounds]
+    P = list(covariance_of(np.array([each.root for each in bounds])))
     refuse_overflow(P, "bound")
     predictor = predictor_schedule(
         [now.nominal for now in systems],

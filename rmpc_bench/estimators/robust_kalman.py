@@ -52,6 +52,6 @@ def design(
         n_steps,
         x0,
         P0,
-        lambda k, P_pred: inflate_to_radius(P_pred, bound, tau),  # (13), (16)
+        lambda k, root: inflate_to_radius(root, bound, tau),  # (13), (16)
         form,
     )

@@ -29,8 +29,9 @@ from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predic
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
 from rmpc_bench.numerics.kl_ball import LARGEST
-from rmpc_bench.numerics.linalg import as_covariance, congruence, mv, symmetrise
-from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise
+from rmpc_bench.numerics.riccati import filter_step, predicted_root
+from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative, Positive, Status
 
 OK = np.int8(Status.OK)
@@ -52,7 +53,8 @@ class SearchState(NamedTuple):
 
     x_hat: Float[Array, "runs nx"]
     """Latest estimate; before the first measurement the prediction."""
-    P: Float[Array, "runs nx nx"]
+    root: Float[Array, "runs nx nx"]
+    """Root of P."""
     known: Float[Array, "runs nx"]
     """B u and the constant part of the step from that estimate."""
 
@@ -90,18 +92,16 @@ class SayedSearch(Estimator):
     def init(self, n_runs: int) -> SearchState:
         """Start every run at ``x0``."""
         x_hat = np.tile(self.x0, (n_runs, 1))
-        return SearchState(x_hat, np.tile(self.P0, (n_runs, 1, 1)), np.zeros_like(x_hat))
+        return SearchState(x_hat, np.tile(root_of(self.P0), (n_runs, 1, 1)), np.zeros_like(x_hat))
 
     def correct(self, k: int, state: SearchState, y: Float[Array, "runs ny"]) -> tuple[SearchState, Estimate]:
-        """Choose lam with y(k), predict from the sample before, and use y(k); P in Joseph form."""
+        """Choose lam with y(k), predict from the sample before, and use y(k)."""
         now = self.systems[k].nominal
-        x_pred, P_pred, R, lam = self._predicted(k, state, y)
+        x_pred, root, R, lam = self._predicted(k, state, y)
         e = y - now.d0 - mv(now.C, x_pred)
-        CP = np.einsum("ij,rjk->rik", now.C, P_pred)
-        L = np.linalg.solve(np.einsum("rij,kj->rik", CP, now.C) + R, CP).mT
-        rest = np.eye(now.nx) - np.einsum("rij,jk->rik", L, now.C)
-        P = symmetrise(congruence(rest, P_pred) + congruence(L, R))
-        after = SearchState(x_pred + mv(L, e), P, state.known)
+        found = corrected(now.C, root_of(R), root)
+        after = SearchState(x_pred + mv(found.gain, e), found.root, state.known)
+        P = covariance_of(after.root)
         return after, Estimate(after.x_hat, P, None, np.full(len(y), OK), {"e": e, "lam": lam[:, None]})
 
     def predict(self, k: int, state: SearchState, u: Float[Array, "runs nu"]) -> SearchState:
@@ -110,17 +110,18 @@ class SayedSearch(Estimator):
         return state._replace(known=mv(now.B, u) + now.f0)
 
     def _predicted(self, k: int, state: SearchState, y: Array) -> tuple[Array, Array, Array, Array]:
-        """Return x_pred, P_pred, the R to use and lam at k."""
+        """Return x_pred, the root of P_pred, the R to use and lam at k."""
         R, lam = np.broadcast_to(self.R[k], (len(y), *self.R[k].shape)), np.zeros(len(y))
         if k == 0:
-            return state.x_hat, state.P, R, lam
+            return state.x_hat, state.root, R, lam
         before, now, step = self.systems[k - 1].nominal, self.systems[k].nominal, self.steps[k - 1]
         nominal = mv(before.A, state.x_hat) + state.known
         if step is None:
-            return nominal, symmetrise(congruence(before.A, state.P) + before.Q_w), R, lam
-        mu = step.multiplier(state.x_hat, state.P, y - now.d0 - mv(now.C, nominal))
-        F, P_pred, R = step.advance(mu, state.P)
-        return mv(F, state.x_hat) + state.known, P_pred, R, 1.0 / mu
+            return nominal, predicted_root(before.A, before.Q_w, state.root), R, lam
+        P = covariance_of(state.root)
+        mu = step.multiplier(state.x_hat, P, y - now.d0 - mv(now.C, nominal))
+        F, P_pred, R = step.advance(mu, P)
+        return mv(F, state.x_hat) + state.known, root_of(P_pred), R, 1.0 / mu
 
 
 def design(
@@ -164,33 +165,34 @@ def design(
             raise DesignError("a search uses y(k+1) for the step to k+1; choose filter, or another lam", "form")
         return _searching(systems, noise, x0, P0)
     given = None if isinstance(lam, str) else lam
-    P_pred, P, L, K, F, used = [P0], [], [], [], [], []
+    roots, P, L, K, F, used = [root_of(P0)], [], [], [], [], []
     last: tuple[DesignSystem, DesignSystem] | None = None
     R_hat = noise[0]
     for k, now in enumerate(systems):
         try:
-            step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hat, P_pred[-1])
+            step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hat, roots[-1])
         except np.linalg.LinAlgError:
-            refuse_overflow(P_pred)
+            refuse_overflow(covariance_of(np.array(roots)))
             raise DesignError(f"the covariance of the innovation is singular at k = {k}: set R", "R") from None
         after = min(k + 1, n_steps)
         if last is None or now is not last[0] or systems[after] is not last[1]:
             last = now, systems[after]
             chosen = _multiplier(now, systems[after].m.C, noise[after], alpha, given)
         R_hat = noise[after] - chosen.surplus
-        transition, P_next = _predict(now, chosen, step.P)
-        P.append(step.P)
+        transition, root_next = _predict(now, chosen, step.root)
+        P.append(step.root)
         L.append(step.L)
         F.append(transition)
         K.append(transition.dot(step.L))
         used.append(chosen.lam)
-        P_pred.append(P_next)
+        roots.append(root_next)
+    P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
     models = [now.nominal for now in systems]
-    extra = {"P_pred": np.array(P_pred[:-1]), "lam": np.array(used)}
-    predictor = predictor_schedule(models, x0, K, P_pred[:-1], F=F, extra=extra)
+    extra = {"P_pred": P_pred[:-1], "lam": np.array(used)}
+    predictor = predictor_schedule(models, x0, K, list(P_pred[:-1]), F=F, extra=extra)
     predictor = replace(predictor, uncertainty_scale=1.0)
-    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
+    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=covariance_of(np.array(P)))
 
 
 def _given(R: Matrix | None, ny: int) -> Array | None:
@@ -256,14 +258,15 @@ def _searching(
     return SayedSearch(systems, steps, R, x0, P0)
 
 
-def _predict(now: DesignSystem, chosen: Multiplier, P: Array) -> tuple[Array, Array]:
-    """Return the transition matrix and P_pred of k+1 from P(k), Steps 2 and 3."""
+def _predict(now: DesignSystem, chosen: Multiplier, root: Array) -> tuple[Array, Array]:
+    """Return the transition matrix and the root of P_pred of k+1 from that of P(k), Steps 2 and 3."""
     A, G = now.m.A, now.m.G_x
     F = A
     if chosen.lam:
-        P = _shrunk(P, G, chosen.lam)
-        F = A - chosen.lam * A.dot(P).dot(G.T).dot(G)
-    return F, symmetrise(A.dot(P).dot(A.T) + chosen.noise)
+        # (P^-1 + lam G'G)^-1 is P after a measurement of G x with noise of covariance I / lam.
+        root = corrected(G, np.eye(len(G)) / chosen.lam**0.5, root).root
+        F = A - chosen.lam * A.dot(root).dot(G.dot(root).T).dot(G)
+    return F, predicted_root(A, chosen.noise, root)
 
 
 _SINGULAR = "the covariance of the measurement noise is singular, but lam needs its inverse: set R of this filter"

@@ -17,6 +17,7 @@ from rmpc_bench.estimators.gain_schedule import (
 from rmpc_bench.models.noise_sets import stochastic_sets
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.types import Array, DesignError, Model
 
 
@@ -46,7 +47,7 @@ def stationary_filter(
         raise DesignError("stationary gains need a design model that does not depend on k; use kalman")
     now = uncorrelated(model, 0)[0]
     try:
-        step = filter_step(now.A, now.C, now.Q_w, now.R_v, P_pred)
+        step = filter_step(now.A, now.C, now.Q_w, now.R_v, root_of(P_pred))
     except np.linalg.LinAlgError:
         raise singular_innovation(0) from None
     S = symmetrise(now.C @ P_pred @ now.C.T + now.R_v)

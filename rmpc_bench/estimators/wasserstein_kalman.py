@@ -53,7 +53,8 @@ class WassersteinStep(NamedTuple):
     """One period of the covariances."""
 
     L: Float[Array, "nx ny"]
-    P: Float[Array, "nx nx"]
+    root: Float[Array, "nx nx"]
+    """Root of P."""
     V: Float[Array, "nx nx"]
     S: Float[Array, "ny ny"]
     """Least favourable covariance of the innovation."""

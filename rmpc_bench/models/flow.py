@@ -50,6 +50,10 @@ class Flow:
         """Covariance of the measurement noise at k."""
         raise NotImplementedError("R_v_at")
 
+    def A_at(self, k: int) -> Float[Array, "n n"] | None:
+        """Transition matrix from k to k+1 of a linear model; None for a nonlinear one."""
+        return None
+
     def C_at(self, k: int) -> Float[Array, "ny n"] | None:
         """Output matrix at k of a linear output; None for a nonlinear one."""
         return None
@@ -94,6 +98,11 @@ class LinearFlow(Flow):
         """Covariance of the measurement noise at k."""
         covariance: Array = self.model.at(k).R_v
         return covariance
+
+    def A_at(self, k: int) -> Float[Array, "n n"] | None:
+        """Transition matrix at k."""
+        A: Array = self.model.at(k).A
+        return A
 
     def C_at(self, k: int) -> Float[Array, "ny n"] | None:
         """Output matrix at k."""
@@ -164,6 +173,10 @@ class PlantFlow(Flow):
     def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise."""
         return self.R_v
+
+    def A_at(self, k: int) -> Float[Array, "n n"] | None:
+        """Transition matrix of a plant with matrices."""
+        return self.dynamics.A if isinstance(self.dynamics, LinearDynamics) else None
 
     def C_at(self, k: int) -> Float[Array, "ny n"] | None:
         """Output matrix of a plant with matrices, and of one whose states are all measured."""

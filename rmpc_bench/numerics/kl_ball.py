@@ -30,6 +30,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
+from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array
 
 Tau: TypeAlias = Annotated[float, Ge(0), Le(1)]
@@ -42,10 +43,15 @@ LARGEST = 1e100
 
 
 class Inflation(NamedTuple):
-    """The least favourable covariance and its multiplier."""
+    """A root of the least favourable covariance V, and its multiplier."""
 
-    V: Float[Array, "n n"]
+    root: Float[Array, "n r"]
     theta: float
+
+    @property
+    def V(self) -> Float[Array, "n n"]:
+        """The covariance."""
+        return covariance_of(self.root)
 
 
 def right_side(c: float, kl: Interpretation) -> float:
@@ -121,7 +127,7 @@ def _log_stretch(m: float, g: float, x_max: float, tau: float) -> float:
     return -math.log1p(-q) / a if q < 0.5 else -math.log((1.0 - m) + m * math.exp(-a * g)) / a
 
 
-def inflate(P: Float[Array, "n n"], theta: float, tau: float = 0.0) -> Float[Array, "n n"]:
+def inflate(F: Float[Array, "n r"], theta: float, tau: float = 0.0) -> Inflation:
     """V = F (I - theta (1 - tau) F'F)^(-1/(1 - tau)) F', (13), (19), by eigenvalues: a singular P is no obstacle.
 
     Raises
@@ -129,43 +135,48 @@ def inflate(P: Float[Array, "n n"], theta: float, tau: float = 0.0) -> Float[Arr
     ValueError
         If theta * (1 - tau) * lambda_max(P) >= 1, where V is undefined, or V is too large for its gains.
     """
-    lam, U = np.linalg.eigh(P)
-    lam = np.maximum(lam, 0.0)
+    lam, W = _spectrum(F)
     x, a = theta * lam, 1.0 - tau
-    if a * x[-1] >= 1.0:
+    if a * x[0] >= 1.0:
         factor = "theta*lambda_max(P)" if tau == 0.0 else "theta*(1 - tau)*lambda_max(P)"
-        raise ValueError(f"{factor} = {a * x[-1]:.6g} is not below 1")
+        raise ValueError(f"{factor} = {a * x[0]:.6g} is not below 1")
     if tau == 0.0:
-        return _rebuild(U, lam / (1.0 - x))
+        return Inflation(_stretched(F, W, 1.0 / (1.0 - x)), theta)
     log_s = -np.log1p(-a * x) / a if tau < 1.0 else x
-    if lam[-1] > 0.0 and log_s[-1] + math.log(lam[-1]) > math.log(LARGEST):
-        raise ValueError(f"V overflows (theta*lambda_max(P) = {x[-1]:.6g})")
-    return _rebuild(U, lam * np.exp(log_s))
+    if lam[0] > 0.0 and log_s[0] + math.log(lam[0]) > math.log(LARGEST):
+        raise ValueError(f"V overflows (theta*lambda_max(P) = {x[0]:.6g})")
+    return Inflation(_stretched(F, W, np.exp(log_s)), theta)
 
 
-def inflate_to_radius(P: Float[Array, "n n"], c: float, tau: float = 0.0) -> Inflation:
+def inflate_to_radius(F: Float[Array, "n r"], c: float, tau: float = 0.0) -> Inflation:
     """Solve (16) for theta and return V of (13), or theirs for another tau; P = 0 gives V = 0 with theta = 0.
 
     Parameters
     ----------
-    P : (n, n) positive semidefinite matrix, singular allowed; its lower triangle is read
+    F : (n, r) root of P, which may be singular
     c : right side of (16), > 0 (dimensionless)
     tau : member of the family, 0 to 1
     """
-    lam, U = np.linalg.eigh(P)
-    largest = lam.item(-1)
+    lam, W = _spectrum(F)
+    largest = lam.item(0)
     if largest <= 0.0:
-        return Inflation(np.zeros_like(P), 0.0)
-    values = lam.tolist()
-    mu = [value / largest if value > 0.0 else 0.0 for value in values]
+        return Inflation(np.zeros_like(F), 0.0)
+    mu = [value / largest for value in lam.tolist()]
     g = solve_stretch(mu, c, tau)
     x_max = multiplier(g, tau)
-    stretched = [m * largest * math.exp(_log_stretch(m, g, x_max, tau)) for m in mu]
-    return Inflation(_rebuild(U, np.array(stretched)), x_max / largest)
+    stretch = np.array([math.exp(_log_stretch(m, g, x_max, tau)) for m in mu])
+    return Inflation(_stretched(F, W, stretch), x_max / largest)
 
 
-def _rebuild(U: Float[Array, "n n"], lam: Float[Array, " n"]) -> Float[Array, "n n"]:
-    """U diag(lam) U', as a product with its own transpose, which is symmetric to the last bit."""
-    root = U * np.sqrt(lam)
-    V: Array = root.dot(root.T)
-    return V
+def _spectrum(F: Float[Array, "n r"]) -> tuple[Float[Array, " r"], Float[Array, "r r"]]:
+    """Return the eigenvalues of F'F, the largest first, and its eigenvectors."""
+    _, sizes, W = np.linalg.svd(F)
+    lam = np.zeros(len(W))
+    lam[: len(sizes)] = sizes * sizes
+    return lam, W.T
+
+
+def _stretched(F: Float[Array, "n r"], W: Float[Array, "r r"], stretch: Float[Array, " r"]) -> Float[Array, "n r"]:
+    """Return F W stretch^1/2 W': a small source of F keeps its digits beside a large one, which U s^1/2 would not."""
+    root: Array = F.dot((W * np.sqrt(stretch)).dot(W.T))
+    return root

@@ -19,9 +19,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.ellipsoid import sum_shape, weight
-from rmpc_bench.numerics.linalg import symmetrise
-from rmpc_bench.numerics.riccati import filter_gain
+from rmpc_bench.numerics.square_root import corrected, covariance_of, lower_root
 from rmpc_bench.types import Array
 
 Rule: TypeAlias = Literal["fixed-point", "lag", "one-pass"]
@@ -41,17 +39,27 @@ class MixedStep(NamedTuple):
 
     L: Float[Array, "nx ny"]
     """Gain: x_hat = x_pred + L e."""
-    P: Float[Array, "nx nx"]
-    """Covariance of the stochastic part of x_hat - x."""
-    M: Float[Array, "nx nx"]
-    """Shape of the ellipsoid of its bounded part."""
+    P_root: Float[Array, "nx nx"]
+    """Root of the covariance of the stochastic part of x_hat - x."""
+    M_root: Float[Array, "nx nx"]
+    """Root of the shape of the ellipsoid of its bounded part."""
     q: float
     """Weight of (21): the best one for L, (24), or a given one; 0 without a predicted set, infinite without a measured
     one."""
 
+    @property
+    def P(self) -> Float[Array, "nx nx"]:
+        """Covariance of the stochastic part."""
+        return covariance_of(self.P_root)
+
+    @property
+    def M(self) -> Float[Array, "nx nx"]:
+        """Shape of the ellipsoid of the bounded part."""
+        return covariance_of(self.M_root)
+
 
 class Prior(NamedTuple):
-    """Data of a correction: covariances and sets of the prediction error and of the measurement noise."""
+    """Data of a correction: roots of covariances and sets of the prediction error and of the measurement noise."""
 
     C: Float[Array, "ny nx"]
     P: Float[Array, "nx nx"]
@@ -63,30 +71,41 @@ class Prior(NamedTuple):
         """Return the best gain for a weight, (22)."""
         V, R = self.P, self.P_v
         if self.M.any():
-            V = V + (1.0 + 1.0 / q) * self.M
+            V = np.hstack([V, (1.0 + 1.0 / q) ** 0.5 * self.M])
         if self.M_v.any():
-            R = R + (1.0 + q) * self.M_v
-        CV = self.C.dot(V)
-        return filter_gain(CV.dot(self.C.T) + R, CV)
+            R = np.hstack([R, (1.0 + q) ** 0.5 * self.M_v])
+        found = corrected(self.C, R, V)
+        if not found.regular:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return found.gain
 
     def kept(self) -> MixedStep:
         """Return the prediction unchanged, without a measurement."""
         return MixedStep(np.zeros(self.C.T.shape), self.P, self.M, inf)
 
     def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nx"]]:
-        """Return the shapes of the two sets after the correction, T M_pred T' and L M_v L'."""
-        rest = np.eye(len(self.M)) - L.dot(self.C)
-        return symmetrise(rest.dot(self.M).dot(rest.T)), symmetrise(L.dot(self.M_v).dot(L.T))
+        """Return the roots of the two sets after the correction, T M_pred T' and L M_v L'."""
+        return self.M - L.dot(self.C.dot(self.M)), L.dot(self.M_v)
 
     def corrected(self, L: Float[Array, "nx ny"], q: float | None = None) -> MixedStep:
         """Apply a gain, (20) and (21), with the best weight for it if no other one is given."""
-        rest = np.eye(len(self.P)) - L.dot(self.C)
-        P = symmetrise(rest.dot(self.P).dot(rest.T) + L.dot(self.P_v).dot(L.T))  # (20)
+        P = lower_root(self.P - L.dot(self.C.dot(self.P)), L.dot(self.P_v))  # (20)
         predicted, measured = self.parts(L)
-        best = weight(predicted, measured)
-        if q is None or best in (0.0, inf):
-            return MixedStep(L, P, sum_shape(predicted, measured), best)
-        return MixedStep(L, P, (1.0 + 1.0 / q) * predicted + (1.0 + q) * measured, q)  # (21)
+        best = root_weight(predicted, measured)
+        chosen = best if q is None or best in (0.0, inf) else q
+        return MixedStep(L, P, sum_root(predicted, measured, chosen), chosen)  # (21)
+
+
+def root_weight(first: Float[Array, "n r"], second: Float[Array, "n s"]) -> float:
+    """Return the weight of `ellipsoid.weight` for the roots of two shapes."""
+    below = float(np.linalg.norm(second))
+    return float(np.linalg.norm(first)) / below if below else inf
+
+
+def sum_root(first: Float[Array, "n r"], second: Float[Array, "n s"], q: float) -> Float[Array, "n n"]:
+    """Return the root of (1 + 1/q) M1 + (1 + q) M2, of one set alone where q is 0 or infinite."""
+    of_first, of_second = ((1.0 + 1.0 / q) ** 0.5 if q else 0.0), ((1.0 + q) ** 0.5 if q < inf else 0.0)
+    return lower_root(of_first * first, of_second * second)
 
 
 def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) -> MixedStep:
@@ -118,8 +137,8 @@ def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) 
 
 def _start(prior: Prior) -> float:
     """Return log q at which the two sets have the same trace in the output space."""
-    seen = float(prior.C.dot(prior.M).dot(prior.C.T).trace())
-    return 0.5 * (log(seen) - log(prior.M_v.trace())) if seen > 0.0 else 0.0
+    seen = float(np.linalg.norm(prior.C.dot(prior.M)))
+    return log(seen) - log(np.linalg.norm(prior.M_v)) if seen > 0.0 else 0.0
 
 
 def _root(prior: Prior) -> float:
@@ -147,5 +166,5 @@ def _root(prior: Prior) -> float:
 
 def _distance(prior: Prior, z: float) -> float:
     """Return log(q_best / q), where q_best is the best weight for the gain of q = exp(z)."""
-    best = weight(*prior.parts(prior.gain(exp(z))))
+    best = root_weight(*prior.parts(prior.gain(exp(z))))
     return log(best) - z if best > 0.0 else -inf

@@ -1,17 +1,20 @@
 """Mean and covariance of f(x) for a Gaussian x and a nonlinear f: by sigma points, or by central differences.
 
-Every run has its own mean and covariance; the points of all runs are evaluated in one call.
+Every run has its own mean and its own root F of the covariance, P = F F'; the points of all runs are evaluated in one
+call.  The result is the joint root of f(x) and x (numerics/square_root.py).
 
-Points   x and x +- column j of sqrt((n + lam) P), n + lam = alpha^2 (n + kappa).  Weights of the mean: lam / (n + lam),
+Points   x and x +- column j of sqrt(n + lam) F, n + lam = alpha^2 (n + kappa).  Weights of the mean: lam / (n + lam),
          others w = 1 / (2 (n + lam)); of the covariance: that of x plus 1 - alpha^2 + beta.
          With d_i = f(x_i) - f(x) and m = sum w d_i these weights give
-             mean = f(x) + m,   covariance = sum w d_i d_i' + (beta - alpha^2) m m'.
-         In this form no weight of -1e6 cancels digits when alpha is small.
-         The root is the Cholesky factor.  Where P is not positive definite it is the symmetric root of the part of P
-         with positive eigenvalues.
-Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i), h_i = spread sqrt(P_ii);
-         mean = f(x), covariance = J P J'.  A step of one standard deviation can contain a jump, such as the end of
-         sticking; a tiny one does not.
+             mean = f(x) + m,   covariance = sum w d_i d_i' + (beta - alpha^2) m m',
+         which is sum w (d_i - t m) (d_i - t m)' with 2 n w t^2 - 2 t = beta - alpha^2.  In this form no weight of -1e6
+         cancels digits when alpha is small, and the d_i - t m are the root.  t is complex where
+         2 n w (alpha^2 - beta) > 1, which needs kappa < 0 or beta < 0: there the covariance itself is formed; the root
+         is that of its part with positive eigenvalues.
+Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); mean = f(x), covariance = J P J'.  With
+         `spread` h_i = spread sqrt(P_ii): a step of one standard deviation can contain a jump, such as the end of
+         sticking; a tiny one does not.  Without it h_i is 6e-6 of |x_i| or sqrt(P_ii), the larger one, where truncation
+         and rounding are least: ten digits.
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """
 
@@ -24,7 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.linalg import congruence, symmetrise
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array
 
 INDEFINITE = 1e-12
@@ -39,15 +43,15 @@ Map = Callable[[Float[Array, "runs points n"]], Float[Array, "runs points m"]]
 
 
 class Moments(NamedTuple):
-    """Moments of f(x), and the covariance of x and f(x)."""
+    """Moments of f(x), and the joint root of f(x) and x."""
 
     mean: Float[Array, "runs m"]
-    covariance: Float[Array, "runs m m"]
-    cross: Float[Array, "runs n m"]
-    J: Float[Array, "runs m n"] | None
-    """Jacobian with which the covariances are J P J' and P J'; None for sigma points."""
+    image: Float[Array, "runs m r"]
+    """Rows of the joint root that belong to f(x); the covariance of f(x) is image image'."""
+    source: Float[Array, "runs n r"]
+    """Rows that belong to x; the covariance of x and f(x) is source image'."""
     indefinite: Bool[Array, " runs"]
-    """Whether P has a negative eigenvalue beyond rounding."""
+    """Whether the covariance of f(x) has a negative eigenvalue beyond rounding."""
 
 
 class MomentRule:
@@ -57,8 +61,8 @@ class MomentRule:
         """Return how many points of a state of size n are evaluated."""
         return 2 * n + 1
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Moments:
-        """Return the moments of f(x), x with mean `x` and covariance `P`."""
+    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
+        """Return the moments of f(x), x with mean `x` and the root of its covariance."""
         raise NotImplementedError("moments")
 
 
@@ -77,45 +81,51 @@ class SigmaPoints(MomentRule):
     beta: float = 0.0
     kappa: float = 0.0
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Moments:
-        """Return the moments of f(x), x with mean `x` and covariance `P`."""
+    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
+        """Return the moments of f(x), x with mean `x` and the root of its covariance."""
         n = x.shape[1]
         c = self.alpha**2 * (n + self.kappa)
-        root, indefinite = covariance_root(P)
-        # Row j is column j of the root.
-        columns = np.sqrt(c) * root.swapaxes(1, 2)
-        at_mean, up, down = _evaluated(f, x, columns)
+        at_mean, up, down = _evaluated(f, x, np.sqrt(c) * root.mT)
         d = np.concatenate([up, down], axis=1) - at_mean[:, None]
-        w = 0.5 / c
-        m = w * np.einsum("rpi->ri", d)
-        covariance = w * np.einsum("rpi,rpj->rij", d, d) + (self.beta - self.alpha**2) * np.einsum("ri,rj->rij", m, m)
-        cross = w * np.einsum("rpi,rpj->rij", columns, up - down)
-        return Moments(at_mean + m, symmetrise(covariance), cross, None, indefinite)
+        m = 0.5 / c * np.einsum("rpi->ri", d)
+        source = np.sqrt(0.5) * np.concatenate([root, -root], axis=2)
+        sound = np.zeros(len(x), dtype=bool)
+        inside = 1.0 - n / c * (self.alpha**2 - self.beta)
+        if inside >= 0.0:
+            t = (self.alpha**2 - self.beta) / (1.0 + np.sqrt(inside))
+            return Moments(at_mean + m, np.sqrt(0.5 / c) * (d - t * m[:, None]).mT, source, sound)
+        # The joint covariance of f(x) and x, without a root of its own.
+        joint = np.concatenate([np.sqrt(0.5 / c) * d.mT, source], axis=1)
+        both = covariance_of(joint)
+        both[:, : m.shape[1], : m.shape[1]] -= (self.alpha**2 - self.beta) * np.einsum("ri,rj->rij", m, m)
+        joint, indefinite = covariance_root(both)
+        return Moments(at_mean + m, joint[:, : m.shape[1]], joint[:, m.shape[1] :], indefinite)
 
 
 @dataclass(frozen=True)
 class CentralDifferences(MomentRule):
-    """Linearisation by central differences whose steps are multiples of the standard deviations.
+    """Linearisation by central differences.
 
     Parameters
     ----------
-    spread : step in standard deviations
+    spread : step in standard deviations; None for the step with the least error of the derivative
     """
 
-    spread: float = 1.0
+    spread: float | None = None
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Moments:
-        """Return the moments of f(x) with f linearised at `x`; `P` also sets the steps."""
-        h = self.spread * np.sqrt(np.maximum(np.einsum("rii->ri", P), 0.0))
-        size = np.abs(x)
-        h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
+    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
+        """Return the moments of f(x) with f linearised at `x`; the root also sets the steps."""
+        deviation, size = np.sqrt(np.einsum("rij,rij->ri", root, root)), np.abs(x)
+        if self.spread is None:
+            size = np.maximum(size, deviation)
+            h = BEST_STEP * np.where(size > 0.0, size, 1.0)
+        else:
+            h = self.spread * deviation
+            h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
         at_mean, up, down = _evaluated(f, x, h[:, :, None] * np.eye(x.shape[1]))
         # The step that the rounded points really have.
-        J = np.ascontiguousarray(((up - down) / ((x + h) - (x - h))[:, :, None]).swapaxes(1, 2))
-        cross = np.einsum("rij,rkj->rik", P, J)
-        # No root of P is needed; only a negative variance is noticed.
-        indefinite = (np.einsum("rii->ri", P) < 0.0).any(axis=1)
-        return Moments(at_mean, symmetrise(congruence(J, P)), cross, J, indefinite)
+        J = ((up - down) / ((x + h) - (x - h))[:, :, None]).mT
+        return Moments(at_mean, J @ root, root, np.zeros(len(x), dtype=bool))
 
 
 def _evaluated(f: Map, x: Float[Array, "runs n"], steps: Float[Array, "runs p n"]) -> tuple[Array, Array, Array]:

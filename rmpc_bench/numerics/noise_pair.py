@@ -77,7 +77,7 @@ class NoisePair(NamedTuple):
         self,
         M: Float[Array, "nz nx"],
         J_x: Float[Array, "nz nz"],
-        P: Float[Array, "nx nx"],
+        root: Float[Array, "nx r"],
         first: Noises,
         within: tuple[Range, Range] = (FREE, FREE),
     ) -> tuple[PredictorStep, Noises]:
@@ -87,16 +87,16 @@ class NoisePair(NamedTuple):
         ----------
         M : A over C
         J_x : contribution of the uncertainty of the state to J
-        P : covariance of the error of x, widened
+        root : root of the covariance of the error of x, widened
         first : noises at the start of the iteration
         within : ranges of t_w and t_v
         """
-        noises, step = first, predictor_step(M, first.J + J_x, P)
+        noises, step = first, predictor_step(M, first.J + J_x, root)
         for _ in range(_MAX_TURNS):
             T, before = error_map(step.K), noises
             t_w, t_v = self.w.best(T, within[0]), self.v.best(T, within[1])
             noises = self.at(t_w, t_v)
-            step = predictor_step(M, noises.J + J_x, P)  # Step 4, and Step 5 in Joseph form
+            step = predictor_step(M, noises.J + J_x, root)  # Steps 4 and 5
             if abs(t_w - before.t_w) <= _SETTLED * t_w and abs(t_v - before.t_v) <= _SETTLED * t_v:
                 break
         return step, noises

@@ -19,13 +19,14 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.square_root import conditional, lower_root, root_of
 from rmpc_bench.types import Array
 
 
 class Bounds(NamedTuple):
-    """Bounds of the second moments of e and x."""
+    """Bounds of the second moments of e and x; that of e as a root."""
 
-    P: Float[Array, "nx nx"]
+    root: Float[Array, "nx nx"]
     X: Float[Array, "nx nx"] | None
     """None without uncertainty."""
 
@@ -82,13 +83,12 @@ def bounded_real_step(system: Uncertain, bounds: Bounds, limits: Limits) -> Boun
         R2 = symmetrise(np.linalg.solve(A.T, back.T))
         M, joint = M + R[:, :nx].dot(back), R + R[:, :nx].dot(R2).dot(R[:, :nx].T)
         X = symmetrise(A.dot(np.linalg.solve(X_inv, A.T)) + R[:nx, :nx]) + extra
-    T = _widened(bounds.P, limits)
-    Y = M.dot(T).dot(M.T) + joint
-    K = np.linalg.solve(symmetrise(Y[nx:, nx:]), Y[:nx, nx:].T).T
-    combine = np.hstack([np.eye(nx), -K])
-    rest = combine.dot(M)
-    P = symmetrise(rest.dot(T).dot(rest.T) + combine.dot(joint).dot(combine.T)) + extra
-    return BoundedRealStep(K, rest + K.dot(C), Bounds(P, X))
+    both = np.hstack([M.dot(_widened(bounds.root, limits)), root_of(joint)])
+    found = conditional(both[nx:], both[:nx])
+    if not found.regular:
+        raise np.linalg.LinAlgError("Singular matrix")
+    F = M[:nx] - found.gain.dot(M[nx:]) + found.gain.dot(C)
+    return BoundedRealStep(found.gain, F, Bounds(lower_root(found.root, root_of(extra)), X))
 
 
 def _shrunk_inverse(system: Uncertain, X: Float[Array, "nx nx"], alpha: float) -> Float[Array, "nx nx"]:
@@ -105,14 +105,11 @@ def _positive(matrix: Array) -> bool:
     return bool(np.linalg.eigvalsh(symmetrise(matrix))[0] > 0.0)
 
 
-def _widened(P: Float[Array, "nx nx"], limits: Limits) -> Float[Array, "nx nx"]:
-    """Return (P^-1 - theta^2 L'L)^-1, also of a singular P."""
-    if limits.theta == 0.0:
-        return P
-    L = limits.theta * limits.L
-    free = np.eye(len(L)) - L.dot(P).dot(L.T)
-    if not _positive(free):
+def _widened(root: Float[Array, "nx nx"], limits: Limits) -> Float[Array, "nx nx"]:
+    """Return the root of (P^-1 - theta^2 L'L)^-1, also of a singular P."""
+    _, sizes, W = np.linalg.svd(limits.theta * limits.L.dot(root))
+    left = 1.0 - np.pad(sizes, (0, len(W) - len(sizes))) ** 2
+    if not left[0] > 0.0:
         raise OutOfRangeError("theta")
-    LP = L.dot(P)
-    widened: Array = symmetrise(P + LP.T.dot(np.linalg.solve(symmetrise(free), LP)))
+    widened: Array = root.dot((W.T / np.sqrt(left)).dot(W))
     return widened

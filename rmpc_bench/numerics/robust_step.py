@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.linalg import psd_sqrt, symmetrise
 from rmpc_bench.numerics.noise_pair import FREE, NoisePair, Noises
 from rmpc_bench.numerics.norm_bound import Excess, Widening, keep_a, spectrum, widen
-from rmpc_bench.numerics.riccati import predictor_gain, predictor_step
+from rmpc_bench.numerics.riccati import predictor_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array
 
 
@@ -44,12 +45,18 @@ class RobustBounds(NamedTuple):
 
     K: Float[Array, "nx ny"]
     Phi: Float[Array, "nx nx"]
-    P_next: Float[Array, "nx nx"]
+    root_next: Float[Array, "nx nx"]
+    """Root of the bound P."""
     X_next: Float[Array, "nx nx"] | None
     """None after (47) has failed."""
     a: tuple[float, float, float]
     """a_x, a_w, a_v; 0 without such uncertainty."""
     noises: Noises
+
+    @property
+    def P_next(self) -> Float[Array, "nx nx"]:
+        """The bound P."""
+        return covariance_of(self.root_next)
 
 
 class RobustStep:
@@ -87,31 +94,33 @@ class RobustStep:
             return pair.at(*(float(channel.lam[-1]) for channel in pair))
         return pair.at(pair.w.excess(rules.w), pair.v.excess(rules.v))
 
-    def step(self, P: Array, X: Array | None, noises: Noises) -> RobustBounds:
+    def step(self, root: Array, X: Array | None, noises: Noises) -> RobustBounds:
         """Compute the bounds at k+1 from those at k."""
-        Pc, Xc, Phi, a_x, L = P, X, self.A, 0.0, None
+        wide, Xc, Phi, a_x, L = root, X, self.A, 0.0, None
         if self.uncertain:
-            of_P, of_X = self._widenings(P, X)
-            PG, a_x = P.dot(self.G.T), of_P.a  # Step 1
-            seen = PG.dot(of_P.inverse)
-            Pc, L = symmetrise(P + seen.dot(PG.T)), seen.dot(self.G)  # Step 2, (75)
+            GF = self.G.dot(root)
+            of_P, of_X = self._widenings(GF, X)
+            a_x, seen = of_P.a, of_P.inverse.dot(GF)  # Step 1
+            # Step 2, (75): P + P G' inverse G P = F (I + (G F)' inverse G F) F'.
+            wide = root.dot(psd_sqrt(np.eye(len(GF.T)) + GF.T.dot(seen)))
+            L = root.dot(seen.T).dot(self.G)
             Xc = None
             if X is not None and of_X is not None:
                 XG = X.dot(self.G.T)
                 Xc = X + XG.dot(of_X.inverse).dot(XG.T)  # (59)
-        K, P_next, J, noises = self._gain(Pc, a_x, noises)
+        K, root_next, J, noises = self._gain(wide, a_x, noises)
         if L is not None:
             Phi = Phi + (self.A - K.dot(self.C)).dot(L)  # Step 4, (79), (80)
-        nx = len(P)
+        nx = len(root)
         X_next = None if Xc is None else symmetrise(self.A.dot(Xc).dot(self.A.T) + J[:nx, :nx])  # (51)
         if self.rules.printed:
-            P_next = self._as_printed(Pc, J, noises.U)
+            root_next = root_of(self._as_printed(covariance_of(wide), J, noises.U))
         a = a_x, self.noises.w.a(noises.t_w), self.noises.v.a(noises.t_v)
-        return RobustBounds(K, Phi, P_next, X_next, a, noises)
+        return RobustBounds(K, Phi, root_next, X_next, a, noises)
 
-    def _widenings(self, P: Array, X: Array | None) -> tuple[Widening, Widening | None]:
+    def _widenings(self, GF: Array, X: Array | None) -> tuple[Widening, Widening | None]:
         """Compute a_x and invert a_x I - G P G' and a_x I - G X G'; None if (47) fails or has failed."""
-        GPG = symmetrise(self.G.dot(P).dot(self.G.T))
+        GPG = covariance_of(GF)
         if X is None:
             return widen(GPG, self.rules.x), None  # (76), (85)
         GXG = symmetrise(self.G.dot(X).dot(self.G.T))
@@ -123,19 +132,19 @@ class RobustStep:
         lam, U = spectrum(GXG - GPG)
         return keep_a(of_X, (U * lam).dot(U.T)) or of_X, of_X
 
-    def _gain(self, Pc: Array, a_x: float, noises: Noises) -> tuple[Array, Array, Array, Noises]:
-        """Return K, P_next, their J and the noises; if tuned, a_w and a_v alternate with K."""
+    def _gain(self, wide: Array, a_x: float, noises: Noises) -> tuple[Array, Array, Array, Noises]:
+        """Return K, the root of P_next, their J and the noises; if tuned, a_w and a_v alternate with K."""
         own = a_x * self.HH  # Step 1
         if self.rules.tuned:
-            (K, P_next), noises = self.noises.tuned_step(self.M, own, Pc, noises, self.within)
-            return K, P_next, noises.J + own, noises
+            (K, root_next), noises = self.noises.tuned_step(self.M, own, wide, noises, self.within)
+            return K, root_next, noises.J + own, noises
         J = noises.J + own
-        K, P_next = predictor_step(self.M, J, Pc)  # Step 4, and Step 5 in Joseph form
-        return K, P_next, J, noises
+        K, root_next = predictor_step(self.M, J, wide)  # Steps 4 and 5
+        return K, root_next, J, noises
 
     def _as_printed(self, Pc: Array, J: Array, U: Array) -> Array:
         """Step 5 as printed, with Delta_1 instead of Psi_1."""
         nx = len(Pc)
         Y = self.M.dot(Pc).dot(self.M.T) + J
         N = Y[:nx, nx:] - U[:nx, nx:]
-        return symmetrise(Y[:nx, :nx] - predictor_gain(N, Y[nx:, nx:]).dot(N.T))  # Step 5
+        return symmetrise(Y[:nx, :nx] - N.dot(np.linalg.pinv(symmetrise(Y[nx:, nx:]), hermitian=True)).dot(N.T))  # Step 5

@@ -117,3 +117,12 @@ def range_root(Q: Float[Array, "n n"]) -> Float[Array, "n rank"]:
     kept = lam > RANK
     root: Array = unit[:, None] * U[:, kept] * np.sqrt(lam[kept])
     return root
+
+
+def range_of_root(root: Float[Array, "n r"]) -> Float[Array, "n rank"]:
+    """Return a root of the same matrix with as many columns as its rank, by the singular values of the correlations."""
+    size = np.linalg.norm(root, axis=1)
+    unit = np.where(size > 0.0, size, 1.0)[:, None]
+    U, sizes, _ = np.linalg.svd(root / unit)
+    kept = sizes > RANK
+    return root if kept.all() else unit * U[:, : len(sizes)][:, kept] * sizes[kept]
