@@ -81,7 +81,11 @@ class Recursion:
 
     def run(self, theta: float) -> tuple[list[Period], list[Array]]:
         """Return the periods up to the first one that violates the condition, and the roots of P_pred of all."""
-        periods, roots, constant = list[Period](), [root_of(self.P0)], all(each is self.models[0] for each in self.models)
+        periods, roots, constant = (
+            list[Period](),
+            [root_of(self.P0)],
+            all(each is self.models[0] for each in self.models),
+        )
         for k, now in enumerate(self.models):
             # The recursion of a constant model stays where it has become steady.
             if constant and k > 1 and _is_steady(*map(covariance_of, roots[-2:])):

@@ -40,8 +40,9 @@ from rmpc_bench.estimators.gain_schedule import (
 )
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import stochastic_sets
-from rmpc_bench.numerics.linalg import nearly_equal, psd_sqrt, symmetrise
-from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
+from rmpc_bench.numerics.linalg import nearly_equal
+from rmpc_bench.numerics.riccati import filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.numerics.wasserstein import joint_factor, least_favourable
 from rmpc_bench.types import Array, Model, NonNegative, Positive
 
@@ -93,21 +94,22 @@ def design(
         model are correlated.
     """
     models = uncorrelated(model, n_steps)
-    saddle, P_pred, steps = SaddlePoints(models, radius, tolerance), [P0], list[WassersteinStep]()
+    saddle, roots, steps = SaddlePoints(models, radius, tolerance), [root_of(P0)], list[WassersteinStep]()
     is_steady = False
     for k, now in enumerate(models):
         if is_steady:
             steps.append(steps[-1])
-            P_pred.append(P_pred[-1])
+            roots.append(roots[-1])
             continue
         try:
-            steps.append(saddle.step(k, P_pred[-1], measured=k > 0 or use_y0))
+            steps.append(saddle.step(k, roots[-1], measured=k > 0 or use_y0))
         except np.linalg.LinAlgError:
-            refuse_overflow(P_pred)
+            refuse_overflow(covariance_of(np.array(roots)))
             raise singular_innovation(k) from None
-        P_pred.append(symmetrise(now.A.dot(steps[-1].P).dot(now.A.T) + now.Q_w))
+        roots.append(predicted_root(now.A, now.Q_w, steps[-1].root))
         # P_pred of a steady filter is the same; a constant model is one object.
-        is_steady = k > 0 and not model.varies and bool(nearly_equal(P_pred[-2], P_pred[-1], _STEADY))
+        is_steady = k > 0 and not model.varies and bool(nearly_equal(*map(covariance_of, roots[-2:]), _STEADY))
+    P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
     return _schedule(model, models, x0, P_pred[:-1], steps, form)
 
@@ -116,18 +118,20 @@ def _schedule(
     model: Model,
     models: Sequence[LinearModel],
     x0: Float[Array, " nx"],
-    P_pred: Sequence[Array],
+    P_pred: Array,
     steps: Sequence[WassersteinStep],
     form: Form,
 ) -> GainScheduleFilter:
     V, gap = [each.V for each in steps], np.array([each.gap for each in steps])
-    extra = {"P_pred": np.array(P_pred), "V": np.array(V), "gap": gap}
+    extra = {"P_pred": P_pred, "V": np.array(V), "gap": gap}
     K = [now.A.dot(each.L) for now, each in zip(models, steps, strict=True)]
     predictor = predictor_schedule(models, x0, K, V, extra=extra)
     predictor = replace(predictor, sets=stochastic_sets(model), S=over_time([each.S for each in steps]))
     if form == "predictor":
         return predictor
-    return replace(predictor, L=np.array([each.L for each in steps]), P=np.array([each.P for each in steps]))
+    return replace(
+        predictor, L=np.array([each.L for each in steps]), P=covariance_of(np.array([each.root for each in steps]))
+    )
 
 
 class SaddlePoints:
@@ -143,35 +147,21 @@ class SaddlePoints:
         self.models, self.radius, self.tolerance = models, radius, tolerance
         self._L: tuple[Array, Array] | None = None
         """The gains of the last two steps; the next computation starts from their extrapolation."""
-        self._R: tuple[Array, Array] | None = None
-        """The last R_v and its root."""
 
-    def step(self, k: int, P_pred: Float[Array, "nx nx"], *, measured: bool) -> WassersteinStep:
+    def step(self, k: int, root: Float[Array, "nx nx"], *, measured: bool) -> WassersteinStep:
         """Return gain and covariances at k; raise a LinAlgError if the covariance of the innovation is singular."""
         now = self.models[k]
         if not measured or self.radius == 0.0:
             take = filter_step if measured else unmeasured_step
-            nominal = take(now.A, now.C, now.Q_w, now.R_v, P_pred)
-            S = symmetrise(now.C.dot(P_pred).dot(now.C.T) + now.R_v)
-            return WassersteinStep(nominal.L, nominal.P, P_pred, S, 0.0)
+            nominal = take(now.A, now.C, now.Q_w, now.R_v, root)
+            S = covariance_of(now.C.dot(root)) + now.R_v
+            return WassersteinStep(nominal.L, nominal.root, covariance_of(root), S, 0.0)
         if self._L is None:
-            nominal = filter_step(now.A, now.C, now.Q_w, now.R_v, P_pred)
+            nominal = filter_step(now.A, now.C, now.Q_w, now.R_v, root)
             self._L = nominal.L, nominal.L
-        G, nx = joint_factor(now.C, root_of(P_pred), self._root_of_noise(now.R_v)), len(P_pred)
+        G, nx = joint_factor(now.C, root, root_of(now.R_v)), len(root)
         before, last = self._L
         found = least_favourable(G, self.radius, 2.0 * last - before, self.tolerance)
         self._L = last, found.L
-        return WassersteinStep(found.L, found.P, found.S[:nx, :nx], found.S[nx:, nx:], found.gap)
-
-    def _root_of_noise(self, R_v: Float[Array, "ny ny"]) -> Array:
-        if self._R is None or self._R[0] is not R_v:
-            self._R = R_v, psd_sqrt(R_v)
-        return self._R[1]
-
-
-def root_of(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return a matrix F with F F' = P: the Cholesky factor, or the symmetric root of a singular P."""
-    try:
-        return np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        return psd_sqrt(P)
+        S = found.S
+        return WassersteinStep(found.L, found.root, S[:nx, :nx], S[nx:, nx:], found.gap)

@@ -19,15 +19,15 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gain_schedule import over_time, uncorrelated
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.numerics.output_weights import WeightLaw, Weights, weights
+from rmpc_bench.numerics.output_weights import WeightLaw, corrected
 from rmpc_bench.numerics.own_covariance import (
     OwnState,
-    corrected,
     measured,
     predicted,
     whitening,
     whitening_of_runs,
 )
+from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK = np.int8(Status.OK)
@@ -46,8 +46,7 @@ class WeightedFilter(Estimator):
     law : how the weights are computed
     sets : sets of the noises on which P is based
     use_y0 : whether to use y(0)
-    kept : share of the decrease of P by a correction without weights, where P does not depend on the weights; None
-        where it does
+    kept : share of the decrease of P by a correction without weights, where P does not depend on the weights
     """
 
     x0: Float[Array, " nx"]
@@ -63,7 +62,7 @@ class WeightedFilter(Estimator):
     law: WeightLaw
     sets: NoiseSets
     use_y0: bool = True
-    kept: float | None = None
+    kept: float = 1.0
 
     bridges_missing = True
     form = "filter"
@@ -76,7 +75,7 @@ class WeightedFilter(Estimator):
 
     def init(self, n_runs: int) -> OwnState:
         """Start every run at ``x0``."""
-        return OwnState(np.tile(self.x0, (n_runs, 1)), np.tile(self.P0, (n_runs, 1, 1)))
+        return OwnState(np.tile(self.x0, (n_runs, 1)), np.tile(root_of(self.P0), (n_runs, 1, 1)))
 
     def correct(self, k: int, state: OwnState, y: Float[Array, "runs ny"]) -> tuple[OwnState, Estimate]:
         """Use what was measured of y(k), with weights."""
@@ -86,20 +85,11 @@ class WeightedFilter(Estimator):
         e, S, q, H = measured(C, d, R_v, whitening_of_runs(T, R_v, missing) if some else T[None], state, y)
         weight = np.zeros_like(y)
         if k > 0 or self.use_y0:
-            found = weights(self.law, state.P, q, H, y.shape[1] - missing.sum(axis=1) if some else None)
-            weight = np.where(missing, 0.0, found.weight) if some else found.weight
-            state = self._corrected(state, found, H, weight)
-        status = np.full(len(y), OK)
-        return state, Estimate(state.x, state.P, None, status, {"e": e, "S": S, "weight": weight})
-
-    def _corrected(
-        self, state: OwnState, found: Weights, H: Float[Array, "runs ny nx"], weight: Float[Array, "runs ny"]
-    ) -> OwnState:
-        if self.kept is None:
-            return corrected(OwnState(state.x, found.P), H, weight, found.lam)
-        after = corrected(state, H, np.ones_like(weight), found.lam)
-        # A sum of two covariances, which keeps P positive semidefinite under rounding.
-        return OwnState(after.x, (1.0 - self.kept) * state.P + self.kept * after.P)
+            count = y.shape[1] - missing.sum(axis=1) if some else None
+            weight, state = corrected(self.law, state, q, H, count, self.kept)
+            weight = np.where(missing, 0.0, weight) if some else weight
+        info = {"e": e, "S": S, "weight": weight}
+        return state, Estimate(state.x, covariance_of(state.root), None, np.full(len(y), OK), info)
 
     def predict(self, k: int, state: OwnState, u: Float[Array, "runs nu"]) -> OwnState:
         """Predict k+1."""
@@ -121,7 +111,7 @@ def weighted_filter(
     law: WeightLaw,
     *,
     use_y0: bool = True,
-    kept: float | None = None,
+    kept: float = 1.0,
 ) -> WeightedFilter:
     """Create a filter.
 

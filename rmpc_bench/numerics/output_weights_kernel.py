@@ -1,15 +1,18 @@
-"""Compiled weights of measured outputs, run after run; output_weights.py has the equations.
+"""Compiled filters in which every run has a root of its covariance of its own, with weights of the measured outputs.
+
+own_covariance.py and output_weights.py have the equations, square_root.py the correction.
 
 Phases
-    1  triangular factors                                        _factor, _forward, _backward
-    2  correction with given weights, in the space of outputs    _gain; for a common weight _diagonalise
-    3  a single output                                           _single
-    4  laws                                                      _student, _bounded, _reweigh, _gate, _clip
-    5  all runs                                                  weight_kernel
+    1  orthogonal triangularisation                          _triangle
+    2  innovations, whitened outputs                         measure_kernel
+    3  weights of a single output                            _single
+    4  weights of several outputs, or of x - x_pred, too     _fit, _diagonalise, _student, _bounded, _reweigh
+    5  correction with weights                               _correct, correct_kernel
+    6  next sample                                           predict_kernel
 
-q is the whitened innovation, H the whitened output matrix, G = H P H', M the lower Cholesky factor of
-I + W^(1/2) G W^(1/2), lam = W^(1/2) (M M')^-1 W^(1/2) q, r = q - G lam the whitened residual.  No weight of an output
-is inverted, so that it may be 0.  An output that is missing has q = 0 and a row of zeros in H; it has no effect.
+F is the root of the predicted covariance, q the whitened innovation, H the whitened output matrix, T = H F, and z the
+whitened deviation: x - x_pred = F z.  No weight is inverted, so that it may be 0.  G = T T' is not formed where there
+are several outputs: beside variances of 1e14 it has lost the noise.  A missing output has q = 0 and zeros in H.
 
 Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
 function in another file.
@@ -28,65 +31,96 @@ STUDENT, HUBER, CORRENTROPY, GATE, INNOVATION = range(5)
 """Values of `law`; `numbers` has dof and iterations, k, sigma, the gate of 1, 2, .. outputs, and k."""
 MOST = 200
 """Largest number of iterations of `_reweigh`, and of changes of the set of bounds in `_bounded`."""
+SWEEPS = 30
+"""Largest number of sweeps of `_diagonalise`."""
 RESOLVED = 1e-11
 """Change of a whitened residual, relative to max(1, residual), at which `_reweigh` stops."""
 LEAST = 1e-12
 """Least weight of a component of x - x_pred, so that P / weight stays in range."""
-NO_PIVOT = 1e-13
-"""A pivot of P that is smaller, relative to the diagonal, is a direction without variance."""
+ROUNDING = 1e-13
+"""Share of k and q up to which a residual that is beyond k is a rounding error."""
 
 
 @compiled(error_model="numpy")
-def _factor(M: Any, m: int) -> None:  # pragma: no cover
-    """Replace the lower triangle of M by its Cholesky factor; a column without variance becomes 0."""
-    for j in range(m):
-        pivot = M[j, j]
-        for s in range(j):
-            pivot -= M[j, s] * M[j, s]
-        root = 0.0 if pivot <= NO_PIVOT * M[j, j] else sqrt(pivot)
-        M[j, j] = root
+def _triangle(W: Any, m: int, c: int) -> None:  # pragma: no cover
+    """Replace the first m rows and c columns, m >= c, by the upper triangle U with U' U = W' W, by Householder's method.
+
+    The rows are taken by decreasing size.
+    """
+    size = np.empty(m)
+    for i in range(m):
+        size[i] = 0.0
+        for j in range(c):
+            size[i] = max(size[i], abs(W[i, j]))
+        at = i
+        while at > 0 and size[at] > size[at - 1]:
+            size[at], size[at - 1] = size[at - 1], size[at]
+            for j in range(c):
+                W[at, j], W[at - 1, j] = W[at - 1, j], W[at, j]
+            at -= 1
+    for j in range(c):
+        total = 0.0
+        for i in range(j, m):
+            total += W[i, j] * W[i, j]
+        if total == 0.0:
+            continue
+        length = sqrt(total) if W[j, j] < 0.0 else -sqrt(total)
+        # The vector is W[j:, j] with another first entry; half its square is `half`.
+        first = W[j, j] - length
+        half = -length * first
+        for s in range(j + 1, c):
+            product = first * W[j, s]
+            for i in range(j + 1, m):
+                product += W[i, j] * W[i, s]
+            product /= half
+            W[j, s] -= product * first
+            for i in range(j + 1, m):
+                W[i, s] -= product * W[i, j]
+        W[j, j] = length
         for i in range(j + 1, m):
-            for s in range(j):
-                M[i, j] -= M[i, s] * M[j, s]
-            M[i, j] = 0.0 if root == 0.0 else M[i, j] / root
+            W[i, j] = 0.0
 
 
 @compiled(error_model="numpy")
-def _forward(L: Any, m: int, b: Any) -> None:  # pragma: no cover
-    """Replace b by L^-1 b."""
-    for i in range(m):
-        for s in range(i):
-            b[i] -= L[i, s] * b[s]
-        b[i] /= L[i, i]
+def _project(H: Any, F: Any, T: Any) -> None:  # pragma: no cover
+    """Write H F."""
+    for o in range(len(H)):
+        for s in range(len(F)):
+            T[o, s] = 0.0
+            for j in range(len(F)):
+                T[o, s] += H[o, j] * F[j, s]
 
 
 @compiled(error_model="numpy")
-def _backward(L: Any, m: int, b: Any) -> None:  # pragma: no cover
-    """Replace b by L'^-1 b."""
-    for i in range(m - 1, -1, -1):
-        for s in range(i + 1, m):
-            b[i] -= L[s, i] * b[s]
-        b[i] /= L[i, i]
-
-
-@compiled(error_model="numpy")
-def _gain(G: Any, w: Any, q: Any, M: Any, lam: Any, r: Any) -> None:  # pragma: no cover
-    """Write M, lam and the whitened residual r = q - G lam after a correction with the weights w."""
-    m = len(q)
-    for i in range(m):
-        for j in range(i + 1):
-            M[i, j] = sqrt(w[i]) * sqrt(w[j]) * 0.5 * (G[i, j] + G[j, i])
-        M[i, i] += 1.0
-        lam[i] = sqrt(w[i]) * q[i]
-    _factor(M, m)
-    _forward(M, m, lam)
-    _backward(M, m, lam)
-    for i in range(m):
-        lam[i] *= sqrt(w[i])
-    for i in range(m):
-        r[i] = q[i]
-        for j in range(m):
-            r[i] -= G[i, j] * lam[j]
+def measure_kernel(
+    C: Any, d: Any, R: Any, whitening: Any, x: Any, F: Any, y: Any, e: Any, S: Any, q: Any, H: Any
+) -> None:  # pragma: no cover
+    """Write innovations of all outputs with their covariance; whitened ones and H of the outputs that are there."""
+    runs, n = x.shape
+    ny = len(C)
+    T = np.empty((ny, n))
+    for run in range(runs):
+        root = whitening[run if len(whitening) > 1 else 0]
+        _project(C, F[run], T)
+        for o in range(ny):
+            e[run, o] = y[run, o] - d[o]
+            for j in range(n):
+                e[run, o] -= C[o, j] * x[run, j]
+            for p in range(o, ny):
+                total = 0.5 * (R[o, p] + R[p, o])
+                for j in range(n):
+                    total += T[o, j] * T[p, j]
+                S[run, o, p] = S[run, p, o] = total
+        for i in range(ny):
+            q[run, i] = 0.0
+            for j in range(n):
+                H[run, i, j] = 0.0
+            for o in range(i + 1):
+                if np.isnan(y[run, o]) or np.isnan(y[run, i]):
+                    continue
+                q[run, i] += root[i, o] * e[run, o]
+                for j in range(n):
+                    H[run, i, j] += root[i, o] * C[o, j]
 
 
 @compiled(error_model="numpy")
@@ -98,20 +132,17 @@ def _weight(law: int, number: float, r: float) -> float:  # pragma: no cover
 
 
 @compiled(error_model="numpy")
-def _single(law: int, numbers: Any, G: float, q: float) -> tuple[float, float]:  # pragma: no cover
-    """Return weight and lam of a single output, for which everything is a number."""
-    number, S, w = numbers[0], 1.0 + G, 1.0
+def _single(law: int, numbers: Any, G: float, q: float) -> float:  # pragma: no cover
+    """Return the weight of a single output, for which everything is a number."""
+    number, w = numbers[0], 1.0
     if law == STUDENT:
         for _ in range(int(numbers[1]) - 1):
             share = 1.0 / (1.0 + w * G)
             w = (number + 1.0) / (number + (q * share) ** 2 + G * share)
     elif law == HUBER:
-        lam = q / S
-        if abs(lam) > number:
-            lam = number if q > 0.0 else -number
-            w = number / abs(q - G * lam)
-        return w, lam
-    elif law == CORRENTROPY:
+        if abs(q) > number * (1.0 + G):
+            w = number / abs(q - G * (number if q > 0.0 else -number))
+    else:
         r = q
         for _ in range(MOST):
             old, w = r, _weight(law, number, r)
@@ -119,256 +150,282 @@ def _single(law: int, numbers: Any, G: float, q: float) -> tuple[float, float]: 
             # True for NaN.
             if not abs(r - old) > RESOLVED * max(1.0, abs(r)):
                 break
-    elif law == GATE:
-        w = 1.0 if q * q / S <= number else 0.0
-    else:
-        w = _weight(HUBER, number, q / sqrt(S))
-        return w, w * q / S
-    return w, w * q / (1.0 + w * G)
+    return w
 
 
 @compiled(error_model="numpy")
-def _diagonalise(G: Any, V: Any) -> None:  # pragma: no cover
-    """Replace G by its eigenvalues on the diagonal, and write its eigenvectors as columns of V, by Jacobi rotations."""
-    m = len(G)
+def _fit(T: Any, q: Any, w: Any, v: Any, pull: Any, W: Any, z: Any, r: Any) -> None:  # pragma: no cover
+    """Write z and r = q - T z that minimise sum v z^2 / 2 + sum w r^2 / 2 - pull' z; W has n + m rows."""
+    m, n = T.shape
+    for i in range(m):
+        for s in range(n):
+            W[i, s] = sqrt(w[i]) * T[i, s]
+        W[i, n] = sqrt(w[i]) * q[i]
+    for s in range(n):
+        for j in range(n + 1):
+            W[m + s, j] = sqrt(v[s]) if j == s else 0.0
+    # A last row of zeros makes the array as high as wide for one output.
+    for j in range(n + 1):
+        W[m + n, j] = 0.0
+    _triangle(W, m + n + 1, n + 1)
+    for i in range(n):
+        z[i] = pull[i]
+        for s in range(i):
+            z[i] -= W[s, i] * z[s]
+        z[i] /= W[i, i]
+    for i in range(n - 1, -1, -1):
+        z[i] += W[i, n]
+        for s in range(i + 1, n):
+            z[i] -= W[i, s] * z[s]
+        z[i] /= W[i, i]
+    for i in range(m):
+        r[i] = q[i]
+        for s in range(n):
+            r[i] -= T[i, s] * z[s]
+
+
+@compiled(error_model="numpy")
+def _diagonalise(T: Any, V: Any) -> None:  # pragma: no cover
+    """Make the rows of T orthogonal by rotations, which are written as columns of V."""
+    m, n = T.shape
     for i in range(m):
         for j in range(m):
             V[i, j] = 1.0 if i == j else 0.0
-            G[i, j] = G[j, i] = 0.5 * (G[i, j] + G[j, i])
-    for _ in range(MOST):
+    for _ in range(SWEEPS):
         turned = False
         for i in range(m):
             for j in range(i + 1, m):
+                first = second = both = 0.0
+                for s in range(n):
+                    first += T[i, s] * T[i, s]
+                    second += T[j, s] * T[j, s]
+                    both += T[i, s] * T[j, s]
                 # False for NaN.
-                if not G[i, j] * G[i, j] > 1e-32 * abs(G[i, i] * G[j, j]):
+                if not both * both > 1e-30 * first * second:
                     continue
                 turned = True
-                half = 0.5 * (G[j, j] - G[i, i]) / G[i, j]
+                half = 0.5 * (second - first) / both
                 t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + sqrt(1.0 + half * half))
                 c = 1.0 / sqrt(1.0 + t * t)
+                for s in range(n):
+                    T[i, s], T[j, s] = c * (T[i, s] - t * T[j, s]), c * (T[j, s] + t * T[i, s])
                 for s in range(m):
-                    G[s, i], G[s, j] = c * (G[s, i] - t * G[s, j]), c * (G[s, j] + t * G[s, i])
                     V[s, i], V[s, j] = c * (V[s, i] - t * V[s, j]), c * (V[s, j] + t * V[s, i])
-                for s in range(m):
-                    G[i, s], G[j, s] = c * (G[i, s] - t * G[j, s]), c * (G[j, s] + t * G[i, s])
         if not turned:
             break
 
 
 @compiled(error_model="numpy")
 def _student(
-    dof: float, iterations: int, count: int, G: Any, q: Any, V: Any, lam: Any, turned: Any, w: Any
+    dof: float, iterations: int, count: int, T: Any, q: Any, V: Any, turned: Any, w: Any
 ) -> None:  # pragma: no cover
-    """Write the common weight of a Student-t law after a fixed number of corrections; G becomes diagonal."""
+    """Write the common weight of a Student-t law after a fixed number of corrections; T gets orthogonal rows."""
     m, common = len(q), 1.0
-    _diagonalise(G, V)
+    _diagonalise(T, V)
     for i in range(m):
-        turned[i] = 0.0
+        turned[i] = w[i] = 0.0
         for j in range(m):
             turned[i] += V[j, i] * q[j]
+        for s in range(T.shape[1]):
+            w[i] += T[i, s] * T[i, s]
     for _ in range(iterations - 1):
         # r' r + tr H P H', with H P H' = G (I + w G)^-1.
         total = 0.0
         for i in range(m):
-            share = 1.0 / (1.0 + common * G[i, i])
-            total += (turned[i] * share) ** 2 + G[i, i] * share
+            share = 1.0 / (1.0 + common * w[i])
+            total += (turned[i] * share) ** 2 + w[i] * share
         common = (dof + count) / (dof + total)
     for i in range(m):
         w[i] = common
-        lam[i] = 0.0
-        for j in range(m):
-            lam[i] += V[i, j] * common * turned[j] / (1.0 + common * G[j, j])
 
 
 @compiled(error_model="numpy")
-def _free_step(k: float, G: Any, q: Any, side: Any, M: Any, goal: Any, lam: Any, free: Any) -> int:  # pragma: no cover
-    """Move lam towards the minimum over its free entries; return the entry that meets a bound first, or -1."""
-    m = len(q)
-    n_free = 0
-    for i in range(m):
-        if side[i] == 0.0:
-            free[n_free] = i
-            n_free += 1
-    for a in range(n_free):
-        goal[a] = q[free[a]]
-        for j in range(m):
-            if side[j] != 0.0:
-                goal[a] -= G[free[a], j] * lam[j]
-        for b in range(a + 1):
-            M[a, b] = 0.5 * (G[free[a], free[b]] + G[free[b], free[a]])
-        M[a, a] += 1.0
-    _factor(M, n_free)
-    _forward(M, n_free, goal)
-    _backward(M, n_free, goal)
+def _free_step(k: float, r: Any, lam: Any, side: Any) -> int:  # pragma: no cover
+    """Move the free entries of lam towards r; return the one that meets a bound first, or -1."""
     step, hit = 1.0, -1
-    for a in range(n_free):
-        i = free[a]
-        if abs(goal[a]) > k:
-            share = ((k if goal[a] > 0.0 else -k) - lam[i]) / (goal[a] - lam[i])
+    for i in range(len(r)):
+        if side[i] == 0.0 and abs(r[i]) > k:
+            share = ((k if r[i] > 0.0 else -k) - lam[i]) / (r[i] - lam[i])
             if share < step:
                 step, hit = share, i
-    for a in range(n_free):
-        i = free[a]
-        lam[i] += step * (goal[a] - lam[i])
+    for i in range(len(r)):
+        if side[i] == 0.0:
+            lam[i] += step * (r[i] - lam[i])
         if i == hit:
-            side[i] = 1.0 if goal[a] > 0.0 else -1.0
+            side[i] = 1.0 if r[i] > 0.0 else -1.0
             lam[i] = side[i] * k
     return hit
 
 
 @compiled(error_model="numpy")
 def _bounded(
-    k: float, G: Any, q: Any, M: Any, lam: Any, w: Any, side: Any, goal: Any, free: Any
+    k: float, T: Any, q: Any, W: Any, z: Any, r: Any, w: Any, lam: Any, side: Any, pull: Any, v: Any
 ) -> None:  # pragma: no cover
-    """Write the weights of Huber's law: the dual is min lam' (I + G) lam / 2 - lam' q over |lam_i| <= k."""
-    m = len(q)
+    """Write the weights of Huber's law: the dual is min |T' lam|^2 / 2 + |lam|^2 / 2 - lam' q over |lam_i| <= k."""
+    m, n = T.shape
     side[:] = lam[:] = 0.0
     for _ in range(MOST):
-        if _free_step(k, G, q, side, M, goal, lam, free) >= 0:
+        for i in range(m):
+            w[i] = 1.0 if side[i] == 0.0 else 0.0
+        for s in range(n):
+            pull[s] = 0.0
+            for i in range(m):
+                pull[s] += side[i] * k * T[i, s]
+        _fit(T, q, w, v, pull, W, z, r)
+        if _free_step(k, r, lam, side) >= 0:
             continue
         release, worst = -1, 0.0
         for i in range(m):
-            rest = q[i]
-            for j in range(m):
-                rest -= G[i, j] * lam[j]
             # The residual of an entry at a bound is beyond k, apart from rounding.
-            excess = side[i] * rest - k
-            if side[i] != 0.0 and excess < worst - NO_PIVOT * (k + abs(q[i])):
+            excess = side[i] * r[i] - k
+            if side[i] != 0.0 and excess < worst - ROUNDING * (k + abs(q[i])):
                 release, worst = i, excess
         if release < 0:
             break
         side[release] = 0.0
     for i in range(m):
-        rest = q[i]
-        for j in range(m):
-            rest -= G[i, j] * lam[j]
-        w[i] = 1.0 if side[i] == 0.0 else k / abs(rest)
+        w[i] = 1.0 if side[i] == 0.0 else k / abs(r[i])
 
 
 @compiled(error_model="numpy")
 def _reweigh(
-    law: int, number: float, H: Any, G: Any, q: Any, M: Any, lam: Any, r: Any, w: Any, v: Any, z: Any, old: Any
+    law: int, number: float, both: bool, T: Any, q: Any, W: Any, z: Any, r: Any, w: Any, v: Any, old: Any, pull: Any
 ) -> None:  # pragma: no cover
-    """Write the weights w of y, and v of x - x_pred unless v is empty, after repeated corrections.
+    """Write the weights w of y, and with `both` the v of x - x_pred, after repeated corrections.
 
-    With v the columns of H belong to independent components of x - x_pred.  It starts from x_pred for CORRENTROPY, and
-    from the correction without weights for HUBER.
+    It starts from x_pred for CORRENTROPY, and from the correction without weights for HUBER.
     """
-    m, n = len(q), len(v)
+    m, n = T.shape
     r[:] = q
-    z[:] = 0.0
+    z[:] = pull[:] = 0.0
     for step in range(MOST):
         for i in range(m):
             old[i] = r[i]
             w[i] = 1.0 if law == HUBER and step == 0 else _weight(law, number, r[i])
-        if n > 0:
-            for s in range(n):
-                v[s] = max(LEAST, _weight(law, number, z[s]))
-            for i in range(m):
-                for j in range(m):
-                    G[i, j] = 0.0
-                    for s in range(n):
-                        G[i, j] += H[i, s] * H[j, s] / v[s]
-        _gain(G, w, q, M, lam, r)
+        for s in range(n):
+            old[m + s] = z[s]
+            v[s] = max(LEAST, _weight(law, number, z[s])) if both else 1.0
+        _fit(T, q, w, v, pull, W, z, r)
         change = 0.0
         for i in range(m):
             change = max(change, abs(r[i] - old[i]) / max(1.0, abs(r[i])))
-        for s in range(n):
-            before, z[s] = z[s], 0.0
-            for i in range(m):
-                z[s] += H[i, s] * lam[i] / v[s]
-            change = max(change, abs(z[s] - before) / max(1.0, abs(z[s])))
+        for s in range(n if both else 0):
+            change = max(change, abs(z[s] - old[m + s]) / max(1.0, abs(z[s])))
         # True for NaN.
         if not change > RESOLVED:
             break
 
 
 @compiled(error_model="numpy")
-def _widened(P: Any, v: Any, T: Any, wide: Any) -> None:  # pragma: no cover
-    """Write T diag(1/v) T', which is P for weights of 1."""
-    n = len(v)
-    for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for s in range(j + 1):
-                total += T[i, s] * T[j, s] / v[s]
-            wide[i, j] = wide[j, i] = total
+def _correct(F: Any, T: Any, q: Any, w: Any, v: Any, W: Any, z: Any) -> None:  # pragma: no cover
+    """Write [U K; 0 F_hat'] in W and z = U'^-1 W^1/2 q, which has covariance I: x_hat = x + K' z."""
+    m, n = T.shape
+    W[: n + m, : n + m] = 0.0
+    for s in range(n):
+        wider = 1.0 / sqrt(v[s])
+        for o in range(m):
+            W[s, o] = sqrt(w[o]) * T[o, s] * wider
+        for i in range(n):
+            W[s, m + i] = F[i, s] * wider
+    for o in range(m):
+        W[n + o, o] = 1.0
+    _triangle(W, n + m, n + m)
+    for i in range(m):
+        z[i] = sqrt(w[i]) * q[i]
+        for s in range(i):
+            z[i] -= W[s, i] * z[s]
+        z[i] /= W[i, i]
 
 
 @compiled(error_model="numpy")
-def _weigh_both(
-    law: int, number: float, P: Any, H: Any, G: Any, q: Any, M: Any, lam: Any, r: Any, w: Any, wide: Any
-) -> None:  # pragma: no cover
-    """Write the weights of y, and P over the weights of x - x_pred, whitened by the Cholesky factor of P."""
-    m, n = H.shape
-    T, HT, v, z = P.copy(), np.zeros((m, n)), np.ones(n), np.empty(n)
-    _factor(T, n)
-    for i in range(m):
-        for s in range(n):
-            for j in range(s, n):
-                HT[i, s] += H[i, j] * T[j, s]
-    _reweigh(law, number, HT, G, q, M, lam, r, w, v, z, np.empty(m))
-    _widened(P, v, T, wide)
-
-
-@compiled(error_model="numpy")
-def _clip(k: float, M: Any, q: Any, lam: Any, w: Any) -> None:  # pragma: no cover
-    """Write lam from the clipped innovation of covariance I, and what is left of every component."""
-    m = len(q)
-    for i in range(m):
-        lam[i] = q[i]
-    _forward(M, m, lam)
-    for i in range(m):
-        w[i] = _weight(HUBER, k, lam[i])
-        lam[i] *= w[i]
-    _backward(M, m, lam)
-
-
-@compiled(error_model="numpy")
-def _gate(limit: float, G: Any, q: Any, M: Any, lam: Any, r: Any, w: Any) -> None:  # pragma: no cover
-    """Write weights of 1 where e' S^-1 e is within the limit, else of 0; NaN is not within."""
-    _gain(G, w, q, M, lam, r)
+def _admit(law: int, limit: float, z: Any, w: Any) -> None:  # pragma: no cover
+    """Write the weights that depend on the innovation z of covariance I: clipped, or all of it within the gate."""
     distance = 0.0
-    for i in range(len(q)):
-        distance += q[i] * lam[i]
-    if not distance <= limit:
-        for i in range(len(q)):
-            w[i] = lam[i] = 0.0
+    for i in range(len(z)):
+        distance += z[i] * z[i]
+    for i in range(len(z)):
+        if law == INNOVATION:
+            w[i] = _weight(HUBER, limit, z[i])
+        elif not distance <= limit:
+            w[i] = 0.0
+        z[i] *= w[i]
 
 
 @compiled(error_model="numpy")
-def weight_kernel(
-    law: int, numbers: Any, both: bool, P: Any, q: Any, H: Any, count: Any, weight: Any, lam: Any, wide: Any
-) -> None:  # pragma: no cover
-    """Write the weights of every run, lam, and with `both` P over the weights of x - x_pred."""
+def _mix(kept: float, F: Any, W: Any, m: int) -> None:  # pragma: no cover
+    """Write the root of (1 - kept) P_pred + kept P_hat in place of that of P_hat."""
+    n = len(F)
+    stacked = np.empty((2 * n, n))
+    for s in range(n):
+        for i in range(n):
+            stacked[s, i] = sqrt(kept) * W[m + s, m + i]
+            stacked[n + s, i] = sqrt(1.0 - kept) * F[i, s]
+    _triangle(stacked, 2 * n, n)
+    W[m : m + n, m : m + n] = stacked[:n]
+
+
+@compiled(error_model="numpy")
+def correct_kernel(
+    law: int, numbers: Any, both: bool, kept: float, F: Any, q: Any, H: Any, count: Any, x: Any, weight: Any,
+    x_hat: Any, F_hat: Any,
+) -> None:  # fmt: skip  # pragma: no cover
+    """Write the weights of every run, and the estimate with the root of its covariance."""
     runs, m, n = H.shape
-    G, M, PH, r, none = np.empty((m, m)), np.empty((m, m)), np.empty((n, m)), np.empty(m), np.empty(0)
-    work, free = np.empty((2, m)), np.empty(m, dtype=np.int64)
+    W, T, V = np.empty((n + m + 1, n + m + 1)), np.empty((m, n)), np.empty((m, m))
+    r, lam, side, old = np.empty(m), np.empty(m), np.empty(m), np.empty(m + n)
+    z, v, pull, inner = np.empty(n), np.empty(n), np.empty(n), np.empty(m)
     for run in range(runs):
-        for o in range(m):
-            weight[run, o] = 1.0
-            for i in range(n):
-                PH[i, o] = 0.0
-                for j in range(n):
-                    PH[i, o] += P[run, i, j] * H[run, o, j]
-        for o in range(m):
-            for p in range(m):
-                G[o, p] = 0.0
-                for j in range(n):
-                    G[o, p] += H[run, o, j] * PH[j, p]
+        _project(H[run], F[run], T)
         w = weight[run]
-        if both:
-            _weigh_both(law, numbers[0], P[run], H[run], G, q[run], M, lam[run], r, w, wide[run])
+        w[:] = v[:] = 1.0
+        if law == GATE or law == INNOVATION:
+            pass
+        elif both or (law == CORRENTROPY and m > 1):
+            _reweigh(law, numbers[0], both, T, q[run], W, z, r, w, v, old, pull)
         elif m == 1:
-            w[0], lam[run, 0] = _single(law, numbers, G[0, 0], q[run, 0])
+            G = 0.0
+            for s in range(n):
+                G += T[0, s] * T[0, s]
+            w[0] = _single(law, numbers, G, q[run, 0])
         elif law == STUDENT:
-            _student(numbers[0], int(numbers[1]), count[run], G, q[run], M, lam[run], r, w)
-        elif law == HUBER:
-            _bounded(numbers[0], G, q[run], M, lam[run], w, work[0], work[1], free)
-        elif law == GATE:
-            _gate(numbers[max(count[run], 1) - 1], G, q[run], M, lam[run], r, w)
-        elif law == INNOVATION:
-            _gain(G, w, q[run], M, lam[run], r)
-            _clip(numbers[0], M, q[run], lam[run], w)
+            _student(numbers[0], int(numbers[1]), count[run], T, q[run], V, lam, w)
+            _project(H[run], F[run], T)
         else:
-            _reweigh(law, numbers[0], H[run], G, q[run], M, lam[run], r, w, none, none, work[0])
+            _bounded(numbers[0], T, q[run], W, z, r, w, lam, side, pull, v)
+        _correct(F[run], T, q[run], w, v, W, inner)
+        if law == GATE or law == INNOVATION:
+            _admit(law, numbers[max(count[run], 1) - 1 if law == GATE else 0], inner, w)
+        if kept < 1.0:
+            _mix(kept, F[run], W, m)
+        used = not (law == GATE and w[0] == 0.0)
+        for i in range(n):
+            x_hat[run, i] = x[run, i]
+            for o in range(m):
+                x_hat[run, i] += W[o, m + i] * inner[o] if used else 0.0
+            for s in range(n):
+                F_hat[run, i, s] = W[m + s, m + i] if used else F[run, i, s]
+
+
+@compiled(error_model="numpy")
+def predict_kernel(
+    A: Any, B: Any, f: Any, Q_root: Any, x: Any, F: Any, u: Any, moved: Any, F_next: Any
+) -> None:  # pragma: no cover
+    """Write x_pred and the root of P_pred of the next sample."""
+    runs, n = x.shape
+    W = np.empty((2 * n, n))
+    for run in range(runs):
+        for i in range(n):
+            total = f[i]
+            for j in range(n):
+                total += A[i, j] * x[run, j]
+            for j in range(u.shape[1]):
+                total += B[i, j] * u[run, j]
+            moved[run, i] = total
+            for s in range(n):
+                W[s, i], W[n + s, i] = 0.0, Q_root[i, s]
+                for j in range(n):
+                    W[s, i] += A[i, j] * F[run, j, s]
+        _triangle(W, 2 * n, n)
+        for i in range(n):
+            for s in range(n):
+                F_next[run, i, s] = W[s, i]

@@ -1,10 +1,9 @@
-"""Riccati recursion of filters in which every run has a covariance of its own, with weights of the outputs.
+"""Riccati recursion of filters in which every run has a root of its covariance of its own.
 
 Whitening   T R_v T' = I, T the inverse of the lower Cholesky factor of R_v; q = T e, H = T C.  A component of q is an
             output minus its prediction from the outputs before it, over its standard deviation: with correlated noises
             a weight of one component depends on the order of the outputs.
-Correction  with white noise of covariance T^-1 diag(1 / weight) T'^-1 in place of R_v, one component of q after the
-            other: P+ = (I - L h') P (I - L h')' + L L' / weight (Joseph form), L = weight P h / (1 + weight h' P h).
+Correction  that of output_weights.py.
 Missing     An output that is NaN has no effect.  T is then that of the other outputs.
 Bits        A run is computed alone, whatever other runs the block has.
 """
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.numerics.linalg import as_compiled
+from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.types import Array
 
 
@@ -32,10 +32,10 @@ class Measured(NamedTuple):
 
 
 class OwnState(NamedTuple):
-    """Estimate or prediction of every run with its covariance."""
+    """Estimate or prediction of every run with a root of its covariance."""
 
     x: Float[Array, "runs nx"]
-    P: Float[Array, "runs nx nx"]
+    root: Float[Array, "runs nx nx"]
 
 
 def whitening(R_v: Float[Array, "*k ny ny"]) -> Float[Array, "*k ny ny"]:
@@ -87,33 +87,13 @@ def measured(
     state : predictions
     y : measurements, NaN where one is missing
     """
-    from rmpc_bench.numerics.own_covariance_kernel import measure_kernel
+    from rmpc_bench.numerics.output_weights_kernel import measure_kernel
 
     (runs, nx), ny = state.x.shape, len(C)
     found = Measured(np.empty((runs, ny)), np.empty((runs, ny, ny)), np.empty((runs, ny)), np.empty((runs, ny, nx)))
-    C, d, R_v, T, x, P, y = map(as_compiled, (C, d, R_v, T, *state, y))
-    measure_kernel(C, d, R_v, T, x, P, y, *found)
+    C, d, R_v, T, x, root, y = map(as_compiled, (C, d, R_v, T, *state, y))
+    measure_kernel(C, d, R_v, T, x, root, y, *found)
     return found
-
-
-def corrected(
-    state: OwnState, H: Float[Array, "runs ny nx"], weight: Float[Array, "runs ny"], lam: Float[Array, "runs ny"]
-) -> OwnState:
-    """Return x + P H' lam, and P after a correction with the weights.
-
-    Parameters
-    ----------
-    state : predictions
-    H : whitened output matrix
-    weight : of the components of q, >= 0
-    lam : coefficients of the correction
-    """
-    from rmpc_bench.numerics.own_covariance_kernel import correct_kernel
-
-    after = OwnState(np.empty_like(state.x), np.empty_like(state.P))
-    P, H, weight, x, lam = map(as_compiled, (state.P, H, weight, state.x, lam))
-    correct_kernel(P, H, weight, x, lam, *after)
-    return after
 
 
 def predicted(
@@ -124,10 +104,10 @@ def predicted(
     state: OwnState,
     u: Float[Array, "runs nu"],
 ) -> OwnState:
-    """Return A x + B u + f and A P A' + Q_w of every run."""
-    from rmpc_bench.numerics.own_covariance_kernel import predict_kernel
+    """Return A x + B u + f and the root of A P A' + Q_w of every run."""
+    from rmpc_bench.numerics.output_weights_kernel import predict_kernel
 
-    after = OwnState(np.empty_like(state.x), np.empty_like(state.P))
-    A, B, f, Q_w, x, P, u = map(as_compiled, (A, B, f, Q_w, *state, u))
-    predict_kernel(A, B, f, Q_w, x, P, u, *after)
+    after = OwnState(np.empty_like(state.x), np.empty_like(state.root))
+    A, B, f, Q_root, x, root, u = map(as_compiled, (A, B, f, root_of(Q_w), *state, u))
+    predict_kernel(A, B, f, Q_root, x, root, u, *after)
     return after

@@ -147,4 +147,6 @@ class RobustStep:
         nx = len(Pc)
         Y = self.M.dot(Pc).dot(self.M.T) + J
         N = Y[:nx, nx:] - U[:nx, nx:]
-        return symmetrise(Y[:nx, :nx] - N.dot(np.linalg.pinv(symmetrise(Y[nx:, nx:]), hermitian=True)).dot(N.T))  # Step 5
+        return symmetrise(
+            Y[:nx, :nx] - N.dot(np.linalg.pinv(symmetrise(Y[nx:, nx:]), hermitian=True)).dot(N.T)
+        )  # Step 5

@@ -115,7 +115,9 @@ def corrected(
     return joint(C @ root, R_root, root)
 
 
-def joint(image: Float[Array, "*k ny r"], R_root: Float[Array, "*k ny m"], source: Float[Array, "*k nx r"]) -> Conditional:
+def joint(
+    image: Float[Array, "*k ny r"], R_root: Float[Array, "*k ny m"], source: Float[Array, "*k nx r"]
+) -> Conditional:
     """Return x given y = h(x) + v, where `image` and `source` are the joint root of h(x) and x."""
     stack = np.broadcast_shapes(image.shape[:-2], R_root.shape[:-2])
     R = np.broadcast_to(R_root, (*stack, *R_root.shape[-2:]))

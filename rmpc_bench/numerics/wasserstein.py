@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.square_root import Conditional, conditional, covariance_of, lower_root
 from rmpc_bench.types import Array
 
 _STEPS = 20
@@ -43,13 +43,23 @@ _NOTHING = 1e-30
 class LeastFavourable(NamedTuple):
     """The least favourable covariance, and the estimator that is best under it."""
 
-    S: Float[Array, "nz nz"]
+    S_root: Float[Array, "nz nz"]
     L: Float[Array, "nx ny"]
     """Gain S_xy S_yy^-1."""
-    P: Float[Array, "nx nx"]
-    """Covariance of the error, S_xx - L S_yx."""
+    root: Float[Array, "nx nx"]
+    """Root of the covariance of the error, P = S_xx - L S_yx."""
     gap: float
     """Duality gap over tr P."""
+
+    @property
+    def S(self) -> Float[Array, "nz nz"]:
+        """The covariance."""
+        return covariance_of(self.S_root)
+
+    @property
+    def P(self) -> Float[Array, "nx nx"]:
+        """Covariance of the error."""
+        return covariance_of(self.root)
 
 
 def joint_factor(
@@ -88,27 +98,34 @@ def least_favourable(
         If S_yy is singular.
     """
     nx, nothing = len(L), _nothing(G)
-    S, bound = _worst(G, radius, L, nothing)
+    F, bound = _worst(G, radius, L, nothing)
     for _ in range(_STEPS):
-        L = best_gain(S, nx)
-        value = float(S[:nx, :nx].trace() - (L * S[:nx, nx:]).sum())
+        best, value = _best(F, nx)
         if bound - value <= tolerance * value:
-            return _result(S, L, bound - value)
-        new, error = _worst(G, radius, L, nothing)
+            return _result(F, best.gain, best.root, bound - value)
+        new, error = _worst(G, radius, best.gain, nothing)
         bound = min(bound, error)
-        S = symmetrise(S + step_length(S, new, nx) * (new - S))
-    L = minimax_gain(G, radius, best_gain(S, nx))
-    worst = worst_for_gain(G, radius, L)
-    bound = min(bound, mean_square(worst, L))
-    S = max((S, worst), key=lambda each: mean_square(each, best_gain(each, nx)))
-    return _result(S, L, bound - mean_square(S, best_gain(S, nx)))
+        t = step_length(F, new, nx)
+        F = lower_root((1.0 - t) ** 0.5 * F, t**0.5 * new)
+    L = minimax_gain(G, radius, _best(F, nx)[0].gain)
+    worst, error = _worst(G, radius, L, nothing)
+    F = max((F, worst), key=lambda each: _best(each, nx)[1])
+    return _result(F, L, lower_root(F[:nx] - L.dot(F[nx:])), min(bound, error) - _best(F, nx)[1])
 
 
-def _result(S: Float[Array, "nz nz"], L: Float[Array, "nx ny"], gap: float) -> LeastFavourable:
-    T = _error_map(L)
-    P = symmetrise(T.dot(S).dot(T.T))
-    value = float(P.trace())
-    return LeastFavourable(S, L, P, max(gap, 0.0) / value if value > 0.0 else 0.0)
+def _result(
+    F: Float[Array, "nz r"], L: Float[Array, "nx ny"], root: Float[Array, "nx nx"], gap: float
+) -> LeastFavourable:
+    value = float((root * root).sum())
+    return LeastFavourable(F, L, root, max(gap, 0.0) / value if value > 0.0 else 0.0)
+
+
+def _best(F: Float[Array, "nz r"], nx: int) -> tuple[Conditional, float]:
+    """Return the best gain under F F' with the root of P, and tr P; raise a LinAlgError if S_yy is singular."""
+    best = conditional(F[nx:], F[:nx])
+    if not best.regular:
+        raise np.linalg.LinAlgError("Singular matrix")
+    return best, float((best.root * best.root).sum())
 
 
 def mean_square(S: Float[Array, "nz nz"], L: Float[Array, "nx ny"]) -> float:
@@ -122,8 +139,8 @@ def minimax_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"
     from scipy.optimize import minimize
 
     nx = len(L)
-    S = worst_for_gain(G, radius, L)
-    root, scale = np.linalg.cholesky(symmetrise(S[nx:, nx:])), mean_square(S, L)
+    S = _worst(G, radius, L, _nothing(G))[0]
+    root, scale = lower_root(S[nx:]), mean_square(covariance_of(S), L)
 
     def largest(point: Array) -> tuple[float, Array]:
         gain = np.linalg.solve(root.T, point.reshape(L.shape).T).T
@@ -136,19 +153,9 @@ def minimax_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"
     return gain
 
 
-def best_gain(S: Float[Array, "nz nz"], nx: int) -> Float[Array, "nx ny"]:
-    """Return S_xy S_yy^-1; raise a LinAlgError if S_yy is singular."""
-    if len(S) - nx > 1:
-        return np.linalg.solve(S[nx:, nx:], S[nx:, :nx]).T
-    if S[nx, nx] == 0.0:
-        raise np.linalg.LinAlgError("Singular matrix")
-    gain: Array = S[:nx, nx:] / S[nx, nx]
-    return gain
-
-
 def worst_for_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"]) -> Float[Array, "nz nz"]:
     """Return the S in the ball that maximises the mean square error of the gain L."""
-    return _worst(G, radius, L, _nothing(G))[0]
+    return covariance_of(_worst(G, radius, L, _nothing(G))[0])
 
 
 def _nothing(G: Float[Array, "nz r"]) -> float:
@@ -157,8 +164,8 @@ def _nothing(G: Float[Array, "nz r"]) -> float:
 
 def _worst(
     G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"], nothing: float
-) -> tuple[Float[Array, "nz nz"], float]:
-    """Return the worst S for a gain and its mean square error; a component of Sigma up to `nothing` counts as 0."""
+) -> tuple[Float[Array, "nz r"], float]:
+    """Return the root of the worst S for a gain and its mean square error; a component of Sigma up to `nothing` counts as 0."""
     nx, ny = L.shape
     d, V = np.linalg.eigh(np.eye(nx) + L.dot(L.T))
     U = np.empty((nx + ny, nx))
@@ -170,8 +177,7 @@ def _worst(
     weights, added = stretches(values, s, radius, nothing)
     error = sum(a * ((1.0 + w) ** 2 * b + t) for a, w, b, t in zip(values, weights, s, added, strict=True))
     moved = G + (U * weights).dot(GU)
-    S: Array = moved.dot(moved.T)
-    return (S + (U * added).dot(U.T) if any(added) else S), error
+    return (np.hstack([moved, U * np.sqrt(added)]) if any(added) else moved), error
 
 
 def stretches(d: list[float], s: list[float], radius: float, nothing: float) -> tuple[list[float], list[float]]:
@@ -219,20 +225,21 @@ def _root(terms: list[tuple[float, float]], radius: float, start: float) -> floa
     return delta
 
 
-def step_length(S: Float[Array, "nz nz"], new: Float[Array, "nz nz"], nx: int) -> float:
-    """Return the t in [0, 1] that maximises f(S + t (new - S)).
+def step_length(F: Float[Array, "nz r"], new: Float[Array, "nz s"], nx: int) -> float:
+    """Return the t in [0, 1] that maximises f(S + t (S_new - S)), from the roots of S and S_new.
 
     In coordinates of y in which S_yy = I and the S_yy of new is I + diag(lam), f is a sum over the outputs:
     f(t) = tr S_xx + t tr D_xx - sum_i |a_i + t b_i|^2 / (1 + t lam_i).
     """
-    D = new - S
-    root = np.linalg.inv(np.linalg.cholesky(S[nx:, nx:]))
-    lam, Q = np.linalg.eigh(root.dot(D[nx:, nx:]).dot(root.T))
+    root = np.linalg.inv(lower_root(F[nx:]))
+    moved = root.dot(new[nx:])
+    lam, Q = np.linalg.eigh(moved.dot(moved.T) - np.eye(len(root)))
     W = root.T.dot(Q)
-    a, b = S[:nx, nx:].dot(W), D[:nx, nx:].dot(W)
+    a = F[:nx].dot(F[nx:].T.dot(W))
+    b = new[:nx].dot(new[nx:].T.dot(W)) - a
     inner = [(a * a).sum(axis=0), (a * b).sum(axis=0), (b * b).sum(axis=0), lam]
     rows = list(zip(*(each.tolist() for each in inner), strict=True))
-    slope = float(D[:nx, :nx].trace())
+    slope = float((new[:nx] ** 2).sum() - (F[:nx] ** 2).sum())
     if _derivatives(rows, slope, 1.0)[0] >= 0.0:
         return 1.0
     low, high, t = 0.0, 1.0, 0.0
@@ -256,12 +263,3 @@ def _derivatives(rows: list[tuple[float, ...]], slope: float, t: float) -> tuple
         first -= (2.0 * (ab + t * bb) - lam * (aa + t * (2.0 * ab + t * bb)) / z) / z
         second -= 2.0 * (bb + lam * (lam * aa - 2.0 * ab)) / z**3
     return first, second
-
-
-def _error_map(L: Float[Array, "nx ny"]) -> Float[Array, "nx nz"]:
-    """Return [I -L]."""
-    nx, ny = L.shape
-    T = np.zeros((nx, nx + ny))
-    T[:, :nx] = np.eye(nx)
-    T[:, nx:] = -L
-    return T
