@@ -43,27 +43,18 @@ ROUNDING = 1e-13
 
 @compiled(error_model="numpy")
 def _triangle(W: Any, m: int, c: int) -> None:  # pragma: no cover
-    """Replace the first m rows and c columns, m >= c, by the upper triangle U with U' U = W' W, by Householder's method.
-
-    The rows are taken by decreasing size.
-    """
-    size = np.empty(m)
-    for i in range(m):
-        size[i] = 0.0
-        for j in range(c):
-            size[i] = max(size[i], abs(W[i, j]))
-        at = i
-        while at > 0 and size[at] > size[at - 1]:
-            size[at], size[at - 1] = size[at - 1], size[at]
-            for j in range(c):
-                W[at, j], W[at - 1, j] = W[at - 1, j], W[at, j]
-            at -= 1
+    """Replace the first m rows and c columns, m >= c, by the triangle U with U' U = W' W, as `square_root.triangle`."""
     for j in range(c):
-        total = 0.0
+        total, pivot = 0.0, j
         for i in range(j, m):
             total += W[i, j] * W[i, j]
+            if abs(W[i, j]) > abs(W[pivot, j]):
+                pivot = i
         if total == 0.0:
             continue
+        if pivot > j:
+            for s in range(j, c):
+                W[j, s], W[pivot, s] = W[pivot, s], W[j, s]
         length = sqrt(total) if W[j, j] < 0.0 else -sqrt(total)
         # The vector is W[j:, j] with another first entry; half its square is `half`.
         first = W[j, j] - length

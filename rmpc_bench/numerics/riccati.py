@@ -70,8 +70,8 @@ def unmeasured_step(
 
 
 def predicted_root(
-    A: Float[Array, "*k nx nx"], Q_w: Float[Array, "nx nx"], root: Float[Array, "*k nx r"], growth: float = 1.0
-) -> Float[Array, "*k nx nx"]:
+    A: Float[Array, "... nx nx"], Q_w: Float[Array, "nx nx"], root: Float[Array, "... nx r"], growth: float = 1.0
+) -> Float[Array, "... nx nx"]:
     """Return the root of growth A P A' + Q_w."""
     return lower_root(growth**0.5 * (A @ root), root_of(Q_w))
 

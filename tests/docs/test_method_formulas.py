@@ -31,13 +31,14 @@ def test_zenere2018_gains(rng):
     """(13)-(16), with the covariance form of (15)."""
     A, C = rng.standard_normal((3, 3)), rng.standard_normal((1, 3))
     P, Q_w, R_v, c = random_psd(rng, 3), random_psd(rng, 3), np.array([[0.7]]), 0.3
-    V, theta = inflate_to_radius(P, c)
+    found = inflate_to_radius(psd_sqrt(P), c)
+    V, theta = found.V, found.theta
     np.testing.assert_allclose(V, inv(inv(P) - theta * np.eye(3)), rtol=1e-10)  # a product of two inverses
     left = np.log(np.linalg.det(np.eye(3) - theta * P)) + np.trace(inv(np.eye(3) - theta * P) - np.eye(3))
     np.testing.assert_allclose(left, c, rtol=1e-10)
     s = 1.0 / (1.0 - theta * eigvalsh(P))
     np.testing.assert_allclose((s - 1.0 - np.log(s)).sum(), c, **ROUND)
-    found = filter_step(A, C, Q_w, R_v, V)
+    found = filter_step(A, C, Q_w, R_v, psd_sqrt(V))
     L = V @ C.T @ inv(C @ V @ C.T + R_v)
     K = A @ L
     np.testing.assert_allclose(found.L, L, **ROUND)
@@ -49,7 +50,7 @@ def test_zenere2018_divergences_between_the_two(rng, tau):
     P, theta = random_psd(rng, 3), 0.1
     lam = eigvalsh(P)
     s = (1.0 - (1.0 - tau) * theta * lam) ** (-1.0 / (1.0 - tau))
-    np.testing.assert_allclose(eigvalsh(inflate(P, theta, tau)), s * lam, rtol=1e-11)
+    np.testing.assert_allclose(eigvalsh(inflate(psd_sqrt(P), theta, tau).V), s * lam, rtol=1e-11)
 
 
 def test_zenere2018_control_law(rng):
@@ -135,15 +136,16 @@ def test_souto2011_limit_named_on_the_page():
 
 def test_ma2025_correction(rng):
     """(20)-(22), (24): gain and weight satisfy each other's equation."""
-    prior = Prior(rng.standard_normal((2, 3)), *(random_psd(rng, n) for n in (3, 3, 2, 2)))
+    prior = Prior(rng.standard_normal((2, 3)), *(psd_sqrt(random_psd(rng, n)) for n in (3, 3, 2, 2)))
     found = mixed_step(prior)
     H, q, L = prior.C, found.q, found.L
     T = np.eye(3) - L @ H
-    V, R = prior.P + (1 / q + 1) * prior.M, prior.P_v + (q + 1) * prior.M_v
+    P, M, P_v, M_v = (each @ each.T for each in prior[1:])
+    V, R = P + (1 / q + 1) * M, P_v + (q + 1) * M_v
     np.testing.assert_allclose(L, V @ H.T @ inv(H @ V @ H.T + R), **SOLVER)
-    np.testing.assert_allclose(q, np.sqrt(np.trace(T @ prior.M @ T.T) / np.trace(L @ prior.M_v @ L.T)), **SOLVER)
-    np.testing.assert_allclose(found.P, T @ prior.P @ T.T + L @ prior.P_v @ L.T, rtol=1e-10)
-    np.testing.assert_allclose(found.M, (1 / q + 1) * T @ prior.M @ T.T + (q + 1) * L @ prior.M_v @ L.T, **SOLVER)
+    np.testing.assert_allclose(q, np.sqrt(np.trace(T @ M @ T.T) / np.trace(L @ M_v @ L.T)), **SOLVER)
+    np.testing.assert_allclose(found.P, T @ P @ T.T + L @ P_v @ L.T, rtol=1e-10)
+    np.testing.assert_allclose(found.M, (1 / q + 1) * T @ M @ T.T + (q + 1) * L @ M_v @ L.T, **SOLVER)
 
 
 @pytest.mark.parametrize("x", [(60.0, -45.0), (3.0, -2.0)])

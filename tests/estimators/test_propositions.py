@@ -12,6 +12,7 @@ from conftest import ROUND, servo_model
 
 from rmpc_bench.estimators import risk_sensitive, robust_kalman
 from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.riccati import filter_step
 
 MODEL = servo_model()
@@ -31,12 +32,12 @@ steady_theta = cache(lambda c: risk_sensitive.steady_theta(MODEL, START["P0"], c
 
 def robust_map(P, c):
     """P(t+1) of the robust filter, (13)-(16)."""
-    return filter_step(MODEL.A, MODEL.C, MODEL.Q_w, MODEL.R_v, inflate_to_radius(P, c).V).P_next
+    return filter_step(MODEL.A, MODEL.C, MODEL.Q_w, MODEL.R_v, inflate_to_radius(psd_sqrt(P), c).root).P_next
 
 
 def risk_sensitive_map(P, theta):
     """P(t+1) of the risk-sensitive filter, (18)."""
-    return filter_step(MODEL.A, MODEL.C, MODEL.Q_w, MODEL.R_v, inflate(P, theta)).P_next
+    return filter_step(MODEL.A, MODEL.C, MODEL.Q_w, MODEL.R_v, inflate(psd_sqrt(P), theta).root).P_next
 
 
 def linearised_radius(function, P):
@@ -65,7 +66,7 @@ def algorithm_2(lam, c, eps):
 def test_an_absolute_eps_limits_algorithm_2(eps, off, digits):
     """Oracle: servo.md 3.3: at the steady P of c = 0.1, eps = 1e-3 is 8 % off, 1e-4 0.08 %, 1e-6 2e-5."""
     P = robust(0.1).extra["P_pred"][-1]
-    theta = inflate_to_radius(P, 0.1).theta
+    theta = inflate_to_radius(psd_sqrt(P), 0.1).theta
     np.testing.assert_allclose(algorithm_2(np.linalg.eigvalsh(P), 0.1, eps) / theta - 1.0, off, rtol=0, atol=digits)
 
 
@@ -73,7 +74,7 @@ def test_an_absolute_eps_has_a_unit():
     """Oracle: with noise a hundred times as strong there is no bracket left for an eps of 1e-3, for ours nothing."""
     P = robust(0.1).extra["P_pred"][-1]
     assert 1.0 / np.linalg.eigvalsh(1e4 * P)[-1] - 1e-3 < 1e-3
-    np.testing.assert_allclose(1e4 * inflate_to_radius(1e4 * P, 0.1).theta, inflate_to_radius(P, 0.1).theta, rtol=1e-13)
+    np.testing.assert_allclose(1e4 * inflate_to_radius(psd_sqrt(1e4 * P), 0.1).theta, inflate_to_radius(psd_sqrt(P), 0.1).theta, rtol=1e-13)
 
 
 @pytest.mark.parametrize(("c", "tau"), [*((c, 0.0) for c in RADII), (100.0, 0.0), (0.1, 0.5), (0.1, 1.0)])

@@ -29,7 +29,7 @@ def nominal_and_worst(rng, n, p, c):
     K = random_psd(rng, n + p, 20.0)
     G = np.linalg.solve(K[n:, n:], K[n:, :n]).T
     P = K[:n, :n] - G @ K[n:, :n]  # (25)
-    V = inflate_to_radius(P, c).V
+    V = inflate_to_radius(psd_sqrt(P), c).V
     worst = K.copy()
     worst[:n, :n] += V - P  # (24), (25)
     return K, G, worst, V

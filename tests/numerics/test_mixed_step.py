@@ -6,8 +6,10 @@ from conftest import random_psd
 from scipy.optimize import minimize_scalar
 
 from rmpc_bench.numerics import mixed_step as module
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.mixed_step import Prior, mixed_step
 from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.square_root import covariance_of
 
 
 def drawn(rng, nx, ny, spread):
@@ -18,7 +20,7 @@ def drawn(rng, nx, ny, spread):
         size * random_psd(rng, n, rank=rank) for size, n, rank in zip(sizes, (nx, nx, ny, ny), ranks, strict=True)
     ]
     P, M, P_v, M_v = matrices
-    return Prior(rng.standard_normal((ny, nx)), P, M, P_v, M_v)
+    return Prior(rng.standard_normal((ny, nx)), *map(psd_sqrt, (P, M, P_v, M_v)))
 
 
 def total(prior, q):
@@ -53,21 +55,22 @@ def test_no_other_weight_is_better(nx, ny, spread, rng, monkeypatch):
 def test_points_take_part_with_weight_one(rng):
     """Oracle: the usual step, with R_v = P_v + M_v without a predicted set, V = P + M without a measured one."""
     prior, A = drawn(rng, 3, 2, 0.0), np.eye(3)
+    P, M, P_v, M_v = map(covariance_of, prior[1:])
     for changed, R, V in (
-        (prior._replace(M=0 * prior.M), prior.P_v + prior.M_v, prior.P),
-        (prior._replace(M_v=0 * prior.M_v), prior.P_v, prior.P + prior.M),
-        (prior._replace(M=0 * prior.M, M_v=0 * prior.M_v), prior.P_v, prior.P),
+        (prior._replace(M=0 * prior.M), P_v + M_v, P),
+        (prior._replace(M_v=0 * prior.M_v), P_v, P + M),
+        (prior._replace(M=0 * prior.M, M_v=0 * prior.M_v), P_v, P),
     ):
         for rule in ("fixed-point", "lag", "one-pass"):
-            theirs = filter_step(A, prior.C, 0 * A, R, V)
-            np.testing.assert_array_equal(mixed_step(changed, rule).L, theirs.L)
+            theirs = filter_step(A, prior.C, 0 * A, R, psd_sqrt(V))
+            np.testing.assert_allclose(mixed_step(changed, rule).L, theirs.L, rtol=1e-10, atol=1e-13)
 
 
 def test_one_state_by_hand():
     """Oracle: P = P_v = 1, M = M_v = m: by symmetry L = 1/2, q = 1, P = 1/2 and M = m."""
     one = np.ones((1, 1))
     for m in (1e-6, 1.0, 1e6):
-        step = mixed_step(Prior(one, one, m * one, one, m * one))
+        step = mixed_step(Prior(one, one, m**0.5 * one, one, m**0.5 * one))
         np.testing.assert_allclose([step.L.item(), step.q, step.P.item(), step.M.item() / m], [0.5, 1.0, 0.5, 1.0])
 
 
@@ -75,6 +78,6 @@ def test_what_is_kept_is_the_prediction(rng):
     """Oracle: the prior itself; there is no gain."""
     prior = drawn(rng, 3, 2, 0.0)
     step = prior.kept()
-    np.testing.assert_array_equal(step.P, prior.P)
-    np.testing.assert_array_equal(step.M, prior.M)
+    np.testing.assert_array_equal(step.P_root, prior.P)
+    np.testing.assert_array_equal(step.M_root, prior.M)
     assert step.L.shape == (3, 2) and not step.L.any()

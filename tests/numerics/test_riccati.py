@@ -5,14 +5,15 @@ import pytest
 from conftest import ROUND, random_model, random_psd
 from scipy.linalg import solve_discrete_are
 
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.riccati import (
     error_map,
     error_radius,
     filter_step,
-    predictor_gain,
     predictor_step,
     unmeasured_step,
 )
+from rmpc_bench.numerics.square_root import conditional, covariance_of
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (4, 1), (3, 2), (2, 3)])
@@ -20,7 +21,7 @@ def test_the_step_is_the_papers(nx, ny, rng):
     """Oracle: (7), (8) of zenere2018 written out with an explicit inverse."""
     m = random_model(rng, nx, 1, ny)
     V = random_psd(rng, nx)
-    step = filter_step(m.A, m.C, m.Q_w, m.R_v, V)
+    step = filter_step(m.A, m.C, m.Q_w, m.R_v, psd_sqrt(V))
     S = m.C @ V @ m.C.T + m.R_v
     L = V @ m.C.T @ np.linalg.inv(S)
     np.testing.assert_allclose(step.L, L, atol=1e-12)
@@ -34,7 +35,7 @@ def test_covariances_stay_symmetric_and_semidefinite(condition, rng):
     """Oracle: the property, where V - L S L' would lose it by cancellation (precise sensor, ill-conditioned V)."""
     m = random_model(rng, 4, 1, 2)
     for _ in range(20):
-        step = filter_step(m.A, m.C, m.Q_w, 1e-10 * np.eye(2), random_psd(rng, 4, condition))
+        step = filter_step(m.A, m.C, m.Q_w, 1e-10 * np.eye(2), psd_sqrt(random_psd(rng, 4, condition)))
         for P in (step.P, step.P_next):
             np.testing.assert_array_equal(P, P.T)
             assert np.linalg.eigvalsh(P)[0] >= -4 * np.finfo(float).eps * np.linalg.norm(P)  # rounding of eigvalsh
@@ -46,7 +47,7 @@ def test_the_steady_step_solves_the_algebraic_equation(radius, rng):
     m = random_model(rng, 3, 1, 2, radius)
     P = np.eye(3)
     for _ in range(500):
-        P = filter_step(m.A, m.C, m.Q_w, m.R_v, P).P_next
+        P = filter_step(m.A, m.C, m.Q_w, m.R_v, psd_sqrt(P)).P_next
     np.testing.assert_allclose(P, solve_discrete_are(m.A.T, m.C.T, m.Q_w, m.R_v), rtol=1e-9)
 
 
@@ -83,7 +84,7 @@ def test_the_predictor_step_is_the_textbooks(nx, ny, rng):
     """Oracle: the gain and the Riccati equation with correlated noises, written out with an explicit inverse."""
     m, J, P = random_model(rng, nx, 1, ny), joint_noise(rng, nx, ny), random_psd(rng, nx)
     Q, S, R = J[:nx, :nx], J[:nx, nx:], J[nx:, nx:]
-    step = predictor_step(np.vstack([m.A, m.C]), J, P)
+    step = predictor_step(np.vstack([m.A, m.C]), J, psd_sqrt(P))
     Y = m.C @ P @ m.C.T + R
     K = (m.A @ P @ m.C.T + S) @ np.linalg.inv(Y)
     np.testing.assert_allclose(step.K, K, atol=1e-11)
@@ -96,7 +97,7 @@ def test_the_steady_predictor_solves_the_algebraic_equation(rng):
     """Oracle: scipy.linalg.solve_discrete_are with a cross term."""
     m, J, P = random_model(rng, 3, 1, 2), joint_noise(rng, 3, 2), np.eye(3)
     for _ in range(500):
-        P = predictor_step(np.vstack([m.A, m.C]), J, P).P_next
+        P = predictor_step(np.vstack([m.A, m.C]), J, psd_sqrt(P)).P_next
     np.testing.assert_allclose(P, solve_discrete_are(m.A.T, m.C.T, J[:3, :3], J[3:, 3:], s=J[:3, 3:]), rtol=1e-9)
 
 
@@ -106,29 +107,33 @@ def test_a_predictor_of_a_perfectly_known_output_learns_nothing_from_it(rng):
     J[:3, :3] = random_psd(rng, 3)
     step = predictor_step(np.vstack([m.A, m.C]), J, np.zeros((3, 3)))
     np.testing.assert_array_equal(step.K, np.zeros((3, 1)))
-    np.testing.assert_array_equal(step.P_next, J[:3, :3])
+    np.testing.assert_allclose(step.P_next, J[:3, :3], **ROUND)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
 def test_redundant_sensors_share_their_gain(unit, rng):
     """Oracle: one sensor alone, whatever the unit of its twin; K y is the same for measurements that agree."""
-    N, P = rng.standard_normal((3, 1)), 2.0
-    once = predictor_gain(N, np.array([[P]]))
-    scale = np.array([[1.0], [unit]])
-    twice = predictor_gain(N @ scale.T, P * scale @ scale.T)
-    np.testing.assert_allclose(twice @ scale, once, rtol=1e-12)
+    N = rng.standard_normal((3, 3))
+    C, scale = rng.standard_normal((1, 3)), np.array([[1.0], [unit]])
+    once = conditional(C, N).gain
+    twice = conditional(scale @ C, N)
+    np.testing.assert_allclose(twice.gain @ scale, once, rtol=1e-12)
+    assert not twice.regular
+    np.testing.assert_allclose(covariance_of(twice.root), covariance_of(N - once @ C), **ROUND, atol=1e-14)
 
 
 def test_a_precise_sensor_beside_a_poor_one_is_not_taken_for_singular():
     """Oracle: by hand; variances 1e-18 and 1 apart."""
-    K = predictor_gain(np.array([[1e-18, 0.5]]), np.diag([1e-18, 1.0]))
-    np.testing.assert_allclose(K, [[1.0, 0.5]], **ROUND)
+    found = conditional(np.diag([1e-9, 1.0]), np.array([[1e-9, 0.5]]))
+    np.testing.assert_allclose(found.gain, [[1.0, 0.5]], **ROUND)
+    assert found.regular
 
 
 def test_an_unmeasured_step_is_a_step_without_information(rng):
     """Oracle: a measurement of nothing, C = 0, by the usual step."""
     A, Q_w, V = rng.standard_normal((3, 3)), random_psd(rng, 3), random_psd(rng, 3)
     C = np.zeros((2, 3))
-    ours, theirs = (step(A, C, Q_w, np.eye(2), V) for step in (unmeasured_step, filter_step))
-    for a, b in zip(ours, theirs, strict=True):
-        np.testing.assert_array_equal(a, b)
+    ours, theirs = (step(A, C, Q_w, np.eye(2), psd_sqrt(V)) for step in (unmeasured_step, filter_step))
+    np.testing.assert_array_equal(ours.K, theirs.K)
+    for name in ("P", "P_next"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), **ROUND)

@@ -13,6 +13,7 @@ from scipy.linalg import eigh, expm, fractional_matrix_power
 from scipy.optimize import brentq
 
 from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius, multiplier, right_side, solve_stretch
+from rmpc_bench.numerics.linalg import psd_sqrt
 
 TAUS = [0.0, 1e-3, 0.3, 0.5, 0.9, 1.0 - 1e-3, 1.0]
 family = pytest.mark.parametrize("tau", TAUS)
@@ -34,7 +35,7 @@ def divergence(V, P, tau):
 def test_V_lies_on_the_sphere(tau, c, rng):
     """Oracle: the definition, by SciPy's generalised eigenvalues."""
     P = random_psd(rng, 4, 20.0)
-    V = inflate_to_radius(P, c, tau).V
+    V = inflate_to_radius(psd_sqrt(P), c, tau).V
     np.testing.assert_array_equal(V, V.T)
     scale = min(max(tau, 1e-3), 1.0) * min(max(1.0 - tau, 1e-3), 1.0)  # the definition is a difference of 1 / scale
     np.testing.assert_allclose(divergence(V, P, tau), c, rtol=1e-12, atol=1e-14 / scale)
@@ -45,7 +46,7 @@ def test_V_lies_on_the_sphere(tau, c, rng):
 def test_a_variance_grows_to_the_edge_of_the_ball(tau, c):
     """Oracle: brute force; for n = 1 the largest V of the ball is where the divergence, grown from V = P, meets c."""
     edge = brentq(lambda s: divergence(np.array([[3.0 * s]]), np.array([[3.0]]), tau) - c, 1.0 + 1e-9, 1e3, xtol=1e-14)
-    np.testing.assert_allclose(inflate_to_radius(np.array([[3.0]]), c, tau).V, [[3.0 * edge]], rtol=1e-9)
+    np.testing.assert_allclose(inflate_to_radius(psd_sqrt(np.array([[3.0]])), c, tau).V, [[3.0 * edge]], rtol=1e-9)
 
 
 @family
@@ -53,7 +54,7 @@ def test_a_variance_grows_to_the_edge_of_the_ball(tau, c):
 def test_no_other_covariance_of_the_ball_has_a_larger_trace(tau, c, rng):
     """Oracle: 200 random covariances on the sphere, half of them near V."""
     P = random_psd(rng, 3, 10.0)
-    V = inflate_to_radius(P, c, tau).V
+    V = inflate_to_radius(psd_sqrt(P), c, tau).V
     root = np.linalg.cholesky(P)
     lam, U = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, V).T))
     best = (U * np.log(lam)) @ U.T
@@ -77,8 +78,8 @@ def test_no_other_covariance_of_the_ball_has_a_larger_trace(tau, c, rng):
 def test_theta_is_the_price_of_the_radius(tau, c, rng):
     """Oracle: the multiplier by the envelope theorem, d tr(V) / dc = 1 / theta, by numerical differentiation."""
     P, h = random_psd(rng, 4, 20.0), 1e-4 * c
-    ahead, behind = (np.trace(inflate_to_radius(P, c + step, tau).V) for step in (h, -h))
-    theta = inflate_to_radius(P, c, tau).theta
+    ahead, behind = (np.trace(inflate_to_radius(psd_sqrt(P), c + step, tau).V) for step in (h, -h))
+    theta = inflate_to_radius(psd_sqrt(P), c, tau).theta
     np.testing.assert_allclose((ahead - behind) / (2.0 * h), 1.0 / theta, rtol=1e-7)  # h^2 and the rounding over h
 
 
@@ -92,7 +93,7 @@ def test_V_is_the_function_of_the_cholesky_factor(tau, rng):
             middle = expm(theta * F.T @ F)
         else:
             middle = fractional_matrix_power(np.eye(4) - theta * (1.0 - tau) * F.T @ F, -1.0 / (1.0 - tau))
-        np.testing.assert_allclose(inflate(P, theta, tau), F @ middle @ F.T, rtol=1e-9)  # tau near 1: a high power
+        np.testing.assert_allclose(inflate(psd_sqrt(P), theta, tau).V, F @ middle @ F.T, rtol=1e-9)  # tau near 1: a high power
 
 
 def exact(lam, c, tau):
@@ -125,7 +126,7 @@ def test_digits(tau, c):
     for lam in ([1.0], [0.0, 1e-8, 0.3, 1.0], [1e-3, 0.5, 0.9, 1.0], [2.0, 2.0]):
         with mpmath.workdps(60):
             theta, stretched = exact(lam, c, tau)
-        inflation = inflate_to_radius(np.diag(lam), c, tau)
+        inflation = inflate_to_radius(psd_sqrt(np.diag(lam)), c, tau)
         np.testing.assert_allclose(inflation.theta, theta, rtol=2e-15)
         np.testing.assert_allclose(np.diag(inflation.V), stretched, rtol=2e-15)
 
@@ -135,15 +136,15 @@ def test_digits(tau, c):
 def test_the_ends_of_the_family_are_limits(end, inward, c, rng):
     """Oracle: continuity; the distance to the end is proportional to that of tau, down to rounding."""
     P = random_psd(rng, 4, 20.0)
-    at_end = inflate_to_radius(P, c, end)
+    at_end = inflate_to_radius(psd_sqrt(P), c, end)
     off = []
     for h in (1e-4, 1e-6, 1e-8):
-        near = inflate_to_radius(P, c, end + inward * h)
+        near = inflate_to_radius(psd_sqrt(P), c, end + inward * h)
         off.append(abs(near.theta / at_end.theta - 1.0))
         assert np.abs(near.V - at_end.V).max() <= 10.0 * h * np.abs(at_end.V).max()
     np.testing.assert_allclose([off[0] / off[1], off[1] / off[2]], 100.0, rtol=1e-3)
     for tiny in (1e-16, 1e-300, 5e-324):  # and nothing is lost on the last steps
-        nearly = inflate_to_radius(P, c, end + inward * tiny)
+        nearly = inflate_to_radius(psd_sqrt(P), c, end + inward * tiny)
         np.testing.assert_allclose(nearly.theta, at_end.theta, rtol=3e-15)
 
 
@@ -152,7 +153,7 @@ def test_a_small_ball_has_the_multiplier_of_its_expansion(tau, rng):
     """Oracle: to leading order the divergence is tr(S - I)^2 / 2 for every tau, so theta^2 tr(P^2) / 2 = c."""
     P = random_psd(rng, 3)
     for c in (1e-10, 1e-20, 1e-40, 1e-200):
-        theta = inflate_to_radius(P, c, tau).theta
+        theta = inflate_to_radius(psd_sqrt(P), c, tau).theta
         np.testing.assert_allclose(theta, np.sqrt(2.0 * c / np.trace(P @ P)), rtol=3.0 * np.sqrt(c) + 1e-14)
 
 
@@ -169,12 +170,12 @@ def test_above_zero_large_covariances_are_defined_longer():
     """Oracle: the pole theta (1 - tau) lambda = 1 moves out, and at tau = 1 there is none but overflow."""
     P = np.diag([1.0, 2.0])
     with pytest.raises(ValueError, match=r"1 - tau.* is not below 1"):
-        inflate(P, 1.0, 0.5)
-    np.testing.assert_allclose(inflate(P, 0.9, 0.5), np.diag([0.55**-2.0, 2.0 * 0.1**-2.0]), rtol=1e-13)
-    np.testing.assert_allclose(inflate(P, 100.0, 1.0), np.diag(np.exp([100.0, 200.0 + np.log(2.0)])), rtol=1e-13)
+        inflate(psd_sqrt(P), 1.0, 0.5)
+    np.testing.assert_allclose(inflate(psd_sqrt(P), 0.9, 0.5).V, np.diag([0.55**-2.0, 2.0 * 0.1**-2.0]), rtol=1e-13)
+    np.testing.assert_allclose(inflate(psd_sqrt(P), 100.0, 1.0).V, np.diag(np.exp([100.0, 200.0 + np.log(2.0)])), rtol=1e-13)
     with pytest.raises(ValueError, match="overflows"):
-        inflate(P, 200.0, 1.0)
-    np.testing.assert_array_equal(inflate(np.zeros((2, 2)), 1.0, 1.0), np.zeros((2, 2)))
+        inflate(psd_sqrt(P), 200.0, 1.0)
+    np.testing.assert_array_equal(inflate(psd_sqrt(np.zeros((2, 2))), 1.0, 1.0).V, np.zeros((2, 2)))
 
 
 def test_the_half_doubles_the_radius():
