@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.models.flow import Flow, flow_of
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.moment_transform import MomentRule
+from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
-from rmpc_bench.numerics.square_root import covariance_of, joint, lower_root, root_of
+from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, SINGULAR = np.int8(Status.OK), np.int8(Status.SINGULAR)
@@ -51,6 +51,8 @@ class Innovation(NamedTuple):
     """Rows of the joint root of the output without noise and the state that belong to the output."""
     source: Float[Array, "runs n r"]
     """Rows that belong to the state."""
+    minus: Float[Array, "runs ny"] | None = None
+    """As in `Moments`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +105,16 @@ class GaussianFilter(Estimator):
 
     def correct(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> tuple[GaussianState, Estimate]:
         """Use what was measured of y(k)."""
-        given, count = self._innovation(k, state, y)
-        after, R_v = state._replace(indefinite=count), self.flow.R_v_at(k)
+        given, after, R_v = self._innovation(k, state, y), state, self.flow.R_v_at(k)
         if k > 0 or self.use_y0:
-            after = _corrected(after, given, R_v, np.isnan(y))
-        info = {"e": given.e, "S": covariance_of(given.image) + R_v}
+            after = _corrected(state, given, R_v, np.isnan(y))
+        S = covariance_of(given.image) + R_v
+        if given.minus is not None:
+            S -= np.einsum("ri,rj->rij", given.minus, given.minus)
+        info = {"e": given.e, "S": S}
         if len(self.x_start) > self.nx:
             info["x_all"] = after.x
-        status = np.where(count >= INDEFINITE_TWICE, SINGULAR, OK).astype(np.int8)
+        status = np.where(state.indefinite >= INDEFINITE_TWICE, SINGULAR, OK).astype(np.int8)
         nx = self.nx
         return after, Estimate(after.x[:, :nx], covariance_of(after.root[:, :nx]), None, status, info)
 
@@ -125,34 +129,47 @@ class GaussianFilter(Estimator):
         if A is not None:
             return state._replace(x=self.flow.advance(k, state.x, u), root=predicted_root(A, Q_w, state.root))
         found = self.rule.moments(f, state.x, state.root)
-        return GaussianState(found.mean, lower_root(found.image, root_of(Q_w)), state.indefinite + found.indefinite)
+        Q_root = np.broadcast_to(root_of(Q_w), (len(u), *Q_w.shape))
+        both, indefinite = _without(np.concatenate([found.image, Q_root], axis=2), found.minus)
+        return GaussianState(found.mean, lower_root(both), state.indefinite + indefinite)
 
-    def _innovation(
-        self, k: int, state: GaussianState, y: Float[Array, "runs ny"]
-    ) -> tuple[Innovation, Int[Array, " runs"]]:
-        """Compare y(k) with its prediction; also how often the covariance was indefinite."""
+    def _innovation(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> Innovation:
+        """Compare y(k) with its prediction."""
         C = self.flow.C_at(k)
         if C is not None:
-            return Innovation(y - self.flow.measure(k, state.x), C @ state.root, state.root), state.indefinite
+            return Innovation(y - self.flow.measure(k, state.x), C @ state.root, state.root)
 
         def h(x: Array) -> Array:
             runs, points, n = x.shape
             return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
 
         found = self.rule.moments(h, state.x, state.root)
-        return Innovation(y - found.mean, found.image, found.source), state.indefinite + found.indefinite
+        return Innovation(y - found.mean, *found[1:])
 
 
 def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Array) -> GaussianState:
     """Correct with the outputs that are there: a missing one becomes one that does not depend on the state."""
-    e, image, source = given
+    e, image, source, minus = given
     R_root = root_of(R_v)
     if missing.any():
         e, there = np.where(missing, 0.0, e), ~missing
         R_root = root_of(np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(e.shape[1])))
         image = np.where(missing[:, :, None], 0.0, image)
-    found = joint(image, R_root, source)
-    return before._replace(x=before.x + mv(found.gain, e), root=found.root)
+        minus = None if minus is None else np.where(missing, 0.0, minus)
+    both, indefinite = _without(joint_root(image, R_root, source), minus)
+    found = conditional(both[:, : e.shape[1]], both[:, e.shape[1] :])
+    return GaussianState(before.x + mv(found.gain, e), found.root, before.indefinite + indefinite)
+
+
+def _without(
+    root: Float[Array, "runs n r"], minus: Float[Array, "runs m"] | None
+) -> tuple[Float[Array, "runs n more"], Bool[Array, " runs"]]:
+    """Return the root without the square of a vector in the first components, and whether that is indefinite."""
+    if minus is None:
+        return root, np.zeros(len(root), dtype=bool)
+    m, P = minus.shape[1], covariance_of(root)
+    P[:, :m, :m] -= np.einsum("ri,rj->rij", minus, minus)
+    return covariance_root(P)
 
 
 def gaussian_filter(

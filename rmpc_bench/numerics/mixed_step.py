@@ -83,7 +83,7 @@ class Prior(NamedTuple):
         """Return the prediction unchanged, without a measurement."""
         return MixedStep(np.zeros(self.C.T.shape), self.P, self.M, inf)
 
-    def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nx"]]:
+    def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx ny"]]:
         """Return the roots of the two sets after the correction, T M_pred T' and L M_v L'."""
         return self.M - L.dot(self.C.dot(self.M)), L.dot(self.M_v)
 

@@ -9,8 +9,8 @@ Points   x and x +- column j of sqrt(n + lam) F, n + lam = alpha^2 (n + kappa). 
              mean = f(x) + m,   covariance = sum w d_i d_i' + (beta - alpha^2) m m',
          which is sum w (d_i - t m) (d_i - t m)' with 2 n w t^2 - 2 t = beta - alpha^2.  In this form no weight of -1e6
          cancels digits when alpha is small, and the d_i - t m are the root.  t is complex where
-         2 n w (alpha^2 - beta) > 1, which needs kappa < 0 or beta < 0: there the covariance itself is formed; the root
-         is that of its part with positive eigenvalues.
+         2 n w (alpha^2 - beta) > 1, which needs kappa < 0 or beta < 0: there the root is that of the sum, and the
+         last term is left to the filter.
 Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); mean = f(x), covariance = J P J'.  With
          `spread` h_i = spread sqrt(P_ii): a step of one standard deviation can contain a jump, such as the end of
          sticking; a tiny one does not.  Without it h_i is 6e-6 of |x_i| or sqrt(P_ii), the larger one, where truncation
@@ -28,7 +28,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.numerics.linalg import symmetrise
-from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array
 
 INDEFINITE = 1e-12
@@ -47,11 +46,11 @@ class Moments(NamedTuple):
 
     mean: Float[Array, "runs m"]
     image: Float[Array, "runs m r"]
-    """Rows of the joint root that belong to f(x); the covariance of f(x) is image image'."""
+    """Rows of the joint root that belong to f(x); the covariance of f(x) is image image' - minus minus'."""
     source: Float[Array, "runs n r"]
     """Rows that belong to x; the covariance of x and f(x) is source image'."""
-    indefinite: Bool[Array, " runs"]
-    """Whether the covariance of f(x) has a negative eigenvalue beyond rounding."""
+    minus: Float[Array, "runs m"] | None = None
+    """A vector whose square is subtracted from the covariance of f(x); None unless weights make it necessary."""
 
 
 class MomentRule:
@@ -89,17 +88,11 @@ class SigmaPoints(MomentRule):
         d = np.concatenate([up, down], axis=1) - at_mean[:, None]
         m = 0.5 / c * np.einsum("rpi->ri", d)
         source = np.sqrt(0.5) * np.concatenate([root, -root], axis=2)
-        sound = np.zeros(len(x), dtype=bool)
-        inside = 1.0 - n / c * (self.alpha**2 - self.beta)
-        if inside >= 0.0:
-            t = (self.alpha**2 - self.beta) / (1.0 + np.sqrt(inside))
-            return Moments(at_mean + m, np.sqrt(0.5 / c) * (d - t * m[:, None]).mT, source, sound)
-        # The joint covariance of f(x) and x, without a root of its own.
-        joint = np.concatenate([np.sqrt(0.5 / c) * d.mT, source], axis=1)
-        both = covariance_of(joint)
-        both[:, : m.shape[1], : m.shape[1]] -= (self.alpha**2 - self.beta) * np.einsum("ri,rj->rij", m, m)
-        joint, indefinite = covariance_root(both)
-        return Moments(at_mean + m, joint[:, : m.shape[1]], joint[:, m.shape[1] :], indefinite)
+        less = self.alpha**2 - self.beta
+        inside = 1.0 - n / c * less
+        t = less / (1.0 + np.sqrt(inside)) if inside >= 0.0 else 0.0
+        image = np.sqrt(0.5 / c) * np.ascontiguousarray((d - t * m[:, None]).mT)
+        return Moments(at_mean + m, image, source, None if inside >= 0.0 else np.sqrt(less) * m)
 
 
 @dataclass(frozen=True)
@@ -124,8 +117,8 @@ class CentralDifferences(MomentRule):
             h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
         at_mean, up, down = _evaluated(f, x, h[:, :, None] * np.eye(x.shape[1]))
         # The step that the rounded points really have.
-        J = ((up - down) / ((x + h) - (x - h))[:, :, None]).mT
-        return Moments(at_mean, J @ root, root, np.zeros(len(x), dtype=bool))
+        J = np.ascontiguousarray(((up - down) / ((x + h) - (x - h))[:, :, None]).mT)
+        return Moments(at_mean, J @ root, root)
 
 
 def _evaluated(f: Map, x: Float[Array, "runs n"], steps: Float[Array, "runs p n"]) -> tuple[Array, Array, Array]:

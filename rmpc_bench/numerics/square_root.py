@@ -43,6 +43,7 @@ class Conditional(NamedTuple):
 
 def covariance_of(root: Float[Array, "*k n r"]) -> Float[Array, "*k n n"]:
     """Return F F', symmetric to the last bit."""
+    root = np.ascontiguousarray(root)  # for the reason given in `linalg.mv`
     product: Array = root @ root.mT
     return 0.5 * (product + product.mT)
 
@@ -92,14 +93,14 @@ def lower_root(*parts: Array) -> Float[Array, "... n n"]:
     """Return the lower triangular root of the sum of the covariances of some roots."""
     stack = np.broadcast_shapes(*(each.shape[:-2] for each in parts))
     rows = [np.broadcast_to(each.mT, (*stack, *each.mT.shape[-2:])) for each in parts]
-    return triangle(np.concatenate(rows, axis=-2)).mT
+    return np.ascontiguousarray(triangle(np.concatenate(rows, axis=-2)).mT)
 
 
 def conditional(Y: Float[Array, "*k ny r"], Z: Float[Array, "*k nz r"]) -> Conditional:
     """Return z given y, which have the joint root [Y; Z]."""
     ny = Y.shape[-2]
     upper = triangle(np.concatenate([Y.mT, Z.mT], axis=-1))
-    U, W, root = upper[..., :ny, :ny], upper[..., :ny, ny:], upper[..., ny:, ny:].mT
+    U, W, root = upper[..., :ny, :ny], upper[..., :ny, ny:], np.ascontiguousarray(upper[..., ny:, ny:].mT)
     pivots = np.abs(np.diagonal(U, axis1=-2, axis2=-1))
     size = np.sqrt((U * U).sum(axis=-2))
     regular = np.asarray((pivots > SINGULAR * ny * size).all(axis=-1))
@@ -123,14 +124,16 @@ def corrected(
     C: Float[Array, "... ny nx"], R_root: Float[Array, "... ny m"], root: Float[Array, "... nx r"]
 ) -> Conditional:
     """Return x given y = C x + v, from the roots of the prediction and of v."""
-    return joint(C @ root, R_root, root)
+    ny, both = C.shape[-2], joint_root(C @ root, R_root, root)
+    return conditional(both[..., :ny, :], both[..., ny:, :])
 
 
-def joint(
+def joint_root(
     image: Float[Array, "*k ny r"], R_root: Float[Array, "... ny m"], source: Float[Array, "*k nx r"]
-) -> Conditional:
-    """Return x given y = h(x) + v, where `image` and `source` are the joint root of h(x) and x."""
+) -> Float[Array, "... nz more"]:
+    """Return the joint root of y = h(x) + v and x, where `image` and `source` are that of h(x) and x."""
     stack = np.broadcast_shapes(image.shape[:-2], R_root.shape[:-2])
-    R = np.broadcast_to(R_root, (*stack, *R_root.shape[-2:]))
-    none = np.zeros((*stack, source.shape[-2], R.shape[-1]))
-    return conditional(np.concatenate([image, R], axis=-1), np.concatenate([source, none], axis=-1))
+    (ny, r), m = image.shape[-2:], R_root.shape[-1]
+    both = np.zeros((*stack, ny + source.shape[-2], r + m))
+    both[..., :ny, :r], both[..., :ny, r:], both[..., ny:, :r] = image, R_root, source
+    return both

@@ -164,7 +164,7 @@ def _nothing(G: Float[Array, "nz r"]) -> float:
 
 def _worst(
     G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"], nothing: float
-) -> tuple[Float[Array, "nz r"], float]:
+) -> tuple[Float[Array, "nz more"], float]:
     """Return the root of the worst S for a gain, and its error; a component of Sigma up to `nothing` counts as 0."""
     nx, ny = L.shape
     d, V = np.linalg.eigh(np.eye(nx) + L.dot(L.T))

@@ -101,7 +101,7 @@ def test_souto2011_one_step(rng):
     )
     rules = ParameterRules(Excess(eps=eps), Excess(eps=eps), Excess(eps=eps), False, False, False)
     step = RobustStep(A, C, np.vstack([H_A, H_C]), G_x, pair, rules)
-    found = step.step(P, P, step.first_noises())
+    found = step.step(psd_sqrt(P), P, step.first_noises())
     np.testing.assert_allclose(found.a, (a_x, a_w, a_v), **ROUND)
     for ours, printed in ((found.K, K), (found.Phi, Phi), (found.P_next, after), (found.P_next, joseph)):
         np.testing.assert_allclose(ours, printed, rtol=1e-8, atol=1e-10)  # inverses of a random system
@@ -117,7 +117,7 @@ def test_souto2011_state_bound(rng):
     )
     rules = ParameterRules(Excess(eps=eps), Excess(eps=eps), Excess(eps=eps), True, False, False)
     step = RobustStep(A, C, np.vstack([H, [[0.0]]]), G, pair, rules)
-    found = step.step(0.5 * X, X, step.first_noises())
+    found = step.step(psd_sqrt(0.5 * X), X, step.first_noises())
     a_x = (G @ X @ G.T).item() + eps
     inner = X + X @ G.T @ inv(a_x * np.eye(1) - G @ X @ G.T) @ G @ X
     np.testing.assert_allclose(found.X_next, A @ inner @ A.T + Bw @ Bw.T + a_x * H @ H.T, rtol=1e-10)

