@@ -108,9 +108,11 @@ def design(
             raise singular_innovation(k) from None
         roots.append(predicted_root(now.A, now.Q_w, steps[-1].root))
         # P_pred of a steady filter is the same; a constant model is one object.
-        is_steady = k > 0 and not model.varies and bool(
-                nearly_equal(covariance_of(roots[-2]), covariance_of(roots[-1]), _STEADY)
-            )
+        is_steady = (
+            k > 0
+            and not model.varies
+            and bool(nearly_equal(covariance_of(roots[-2]), covariance_of(roots[-1]), _STEADY))
+        )
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
     return _schedule(model, models, x0, P_pred[:-1], steps, form)

@@ -74,7 +74,9 @@ def test_an_absolute_eps_has_a_unit():
     """Oracle: with noise a hundred times as strong there is no bracket left for an eps of 1e-3, for ours nothing."""
     P = robust(0.1).extra["P_pred"][-1]
     assert 1.0 / np.linalg.eigvalsh(1e4 * P)[-1] - 1e-3 < 1e-3
-    np.testing.assert_allclose(1e4 * inflate_to_radius(psd_sqrt(1e4 * P), 0.1).theta, inflate_to_radius(psd_sqrt(P), 0.1).theta, rtol=1e-13)
+    np.testing.assert_allclose(
+        1e4 * inflate_to_radius(psd_sqrt(1e4 * P), 0.1).theta, inflate_to_radius(psd_sqrt(P), 0.1).theta, rtol=1e-13
+    )
 
 
 @pytest.mark.parametrize(("c", "tau"), [*((c, 0.0) for c in RADII), (100.0, 0.0), (0.1, 0.5), (0.1, 1.0)])

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from conftest import random_psd
-from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.numerics.square_root import covariance_of
 from estimators.uncertain_oracles import at, conditional, of_error, random_F, ratio
 from scipy.optimize import minimize
 
@@ -12,7 +10,9 @@ from rmpc_bench.estimators.kalman_predictor import design as kalman_predictor
 from rmpc_bench.estimators.risk_sensitive import design as risk_sensitive
 from rmpc_bench.estimators.robust_h_infinity import design
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.robust_bounded_real import Bounds, Limits, Uncertain, bounded_real_step
+from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import DesignError
 
 N = 6

@@ -96,7 +96,7 @@ def test_controllers_get_the_linear_model_and_four_states():
         assert estimate.x_hat.shape == (3, 4) and estimate.P.shape == (3, 4, 4)
         assert estimate.info["x_all"].shape == (3, *estimator.reports["x_all"]) == (3, 5)
         np.testing.assert_array_equal(estimate.info["x_all"][:, :4], estimate.x_hat)
-        assert state.P[0, 4, 4] == CURRENT_VARIANCE
+        np.testing.assert_allclose(state.root[0, 4] @ state.root[0, 4], CURRENT_VARIANCE, rtol=1e-14)
         np.testing.assert_array_equal(estimator.flow.Q_w_at(0)[:4, :4], linear.Q_w)
     with pytest.raises(DesignError, match="increase L"):
         servo_model(0.1, noise=UNIT, L=1e-9)
@@ -111,16 +111,17 @@ def test_a_resting_load_moves_for_steps_of_a_standard_deviation_only():
     model = servo_model(0.1, noise=UNIT)
     P0 = np.diag([1.0, 1.0, 1.0, 1.0])
     rows = []
-    for spread in (1e-6, 1.0):
+    for spread in (1e-6, 1.0, None):
         estimator = extended_kalman.design(model, 1, x0=np.zeros(4), P0=P0, spread=spread)
         state = estimator.init(1)
 
         def f(x, flow=estimator.flow):
             return flow.advance(0, x[0], np.zeros((x.shape[1], 1)))[None]
 
-        rows.append(estimator.rule.moments(f, state.x, state.P).J[0, 0])
+        rows.append(estimator.rule.moments(f, state.x, state.root).image[0, 0] / np.diag(state.root[0]))
     # A load that starts with 1e-6 rad/s stops after some 1e-12 rad.
     np.testing.assert_allclose(rows[0], [1.0, 0.0, 0.0, 0.0, 0.0], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(rows[2], [1.0, 0.0, 0.0, 0.0, 0.0], rtol=0, atol=1e-4)
     up, down = (model.flow.advance(0, sign * np.eye(1, 5, 1), np.zeros((1, 1)))[0, 0] for sign in (1.0, -1.0))
     assert rows[1][1] == pytest.approx(0.5 * (up - down), rel=1e-12)
     # The study has three decimals.

@@ -93,7 +93,9 @@ def test_V_is_the_function_of_the_cholesky_factor(tau, rng):
             middle = expm(theta * F.T @ F)
         else:
             middle = fractional_matrix_power(np.eye(4) - theta * (1.0 - tau) * F.T @ F, -1.0 / (1.0 - tau))
-        np.testing.assert_allclose(inflate(psd_sqrt(P), theta, tau).V, F @ middle @ F.T, rtol=1e-9)  # tau near 1: a high power
+        np.testing.assert_allclose(
+            inflate(psd_sqrt(P), theta, tau).V, F @ middle @ F.T, rtol=1e-9
+        )  # tau near 1: a high power
 
 
 def exact(lam, c, tau):
@@ -172,7 +174,9 @@ def test_above_zero_large_covariances_are_defined_longer():
     with pytest.raises(ValueError, match=r"1 - tau.* is not below 1"):
         inflate(psd_sqrt(P), 1.0, 0.5)
     np.testing.assert_allclose(inflate(psd_sqrt(P), 0.9, 0.5).V, np.diag([0.55**-2.0, 2.0 * 0.1**-2.0]), rtol=1e-13)
-    np.testing.assert_allclose(inflate(psd_sqrt(P), 100.0, 1.0).V, np.diag(np.exp([100.0, 200.0 + np.log(2.0)])), rtol=1e-13)
+    np.testing.assert_allclose(
+        inflate(psd_sqrt(P), 100.0, 1.0).V, np.diag(np.exp([100.0, 200.0 + np.log(2.0)])), rtol=1e-13
+    )
     with pytest.raises(ValueError, match="overflows"):
         inflate(psd_sqrt(P), 200.0, 1.0)
     np.testing.assert_array_equal(inflate(psd_sqrt(np.zeros((2, 2))), 1.0, 1.0).V, np.zeros((2, 2)))
