@@ -295,7 +295,7 @@ def _experiment(
         cut_windows=builder.smoke,
         state_range=state_range,
     )
-    draft.warnings += warnings_of(draft, experiment, builder.methods.undisturbed)
+    draft.warnings += warnings_of(draft, experiment, builder.methods.undisturbed, builder.methods.start)
     if first:
         draft.model_facts = model_facts(draft, builder.methods.model)
     return experiment

@@ -90,7 +90,7 @@ class MethodBuilder:
             return None
         return component.extended(made, self.draft.problems, n_steps=self.n_steps, x_hat=x_hat)
 
-    def _start(self, model: Any) -> dict[str, Array] | None:
+    def start(self, model: Any) -> dict[str, Array] | None:
         """Return x0, P0 and M0 of the estimators, for the size of a model."""
         given, P, undisturbed = self.draft.initial, self.draft.initial["P"], model.undisturbed
         if any(given[key] is None for key in ("x_hat", "P", "M")):
@@ -131,7 +131,7 @@ class MethodBuilder:
         problems, model = self.draft.problems, self.model(components.model)
         if model is None:
             return None
-        start = self._start(model)
+        start = self.start(model)
         info = None if plant is None else PlantInfo.of(plant)
         common = {"model": model, "n_steps": self.n_steps, "Ts": self.time.step, "plant_info": info}
         common["limits"] = None if info is None else info.limits

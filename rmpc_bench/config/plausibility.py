@@ -1,8 +1,9 @@
 """Warnings about a valid configuration that probably does not say what its author means.
 
 They are found without any run: angles in degrees, factors that look like absolute values, a missing sampling
-time, windows between two samples, a filter without noise, estimates that start far from an operating point, and
-unstable modes of the design model that are unobservable or uncontrollable.
+time, windows between two samples, a filter without noise, a noise whose covariance a filter takes for its scale,
+estimates that start far from an operating point or with too large a covariance, and unstable modes of the design model
+that are unobservable or uncontrollable.
 """
 
 from __future__ import annotations
@@ -17,6 +18,11 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.recorded_data import gap_warnings
 from rmpc_bench.config.tree import Map, join, locate
+from rmpc_bench.estimators.weighted import WeightedFilter
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.noise.heavy_tailed import StudentT
+from rmpc_bench.numerics.linalg import nearly_equal
+from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Model, Noise, Problem
 
@@ -34,11 +40,21 @@ NOISE_KEYS: Mapping[str, tuple[str, str]] = {
 }
 """Kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`."""
 
+_LARGEST_RATIO = 1e14
+"""Ratio of variances up to which the roots of covariances give nine digits, see numerics/square_root.py."""
+_SAME = 1e-9
+"""Relative difference of covariances that count as the same."""
+
 Finding = tuple[list[str | int], str]
 """A path of the configuration and a message."""
 
 
-def warnings_of(draft: DraftConfig, experiment: Experiment, model: Callable[[Component | None], Any]) -> list[Problem]:
+def warnings_of(
+    draft: DraftConfig,
+    experiment: Experiment,
+    model: Callable[[Component | None], Any],
+    start: Callable[[Any], dict[str, Array] | None],
+) -> list[Problem]:
     """Return what is probably not meant, each with its place and the way out.
 
     Parameters
@@ -46,11 +62,13 @@ def warnings_of(draft: DraftConfig, experiment: Experiment, model: Callable[[Com
     draft : the sections of one point, without errors
     experiment : the designs made from them
     model : returns the design model of a component
+    start : returns x0 and P0 for a design model
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
+    found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_scales(experiment)]
     for path, component in _models(draft).items():
-        for message in _of_model(component, model(component), draft, experiment):
+        made = model(component)
+        for message in (*_of_model(component, made, draft, experiment), *_digits(made, start(made))):
             found.append(([*path], message))
     return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
 
@@ -66,6 +84,36 @@ def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> It
             message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
             yield ["initial"], f"{message}; give `x_hat`, as a physical state"
             return
+
+
+def _scales(experiment: Experiment) -> Iterator[Finding]:
+    """Find Student's t noise with the covariance that a filter for such noise takes for its scale matrix."""
+    laws = [law for law in experiment.scenario.measurement if isinstance(law, StudentT) and law.cov is not None]
+    for method in experiment.methods:
+        if not isinstance(method.estimator, WeightedFilter) or method.estimator.law.name != "student":
+            continue
+        R_v = method.estimator.R_v[0]
+        for law in laws:
+            if law.cov is not None and law.cov.shape == R_v.shape and nearly_equal(R_v, law.cov, _SAME):
+                message = f"takes for the scale matrix what is the covariance of the noise (t with dof = {law.dof:g})"
+                yield ["methods", method.name, "estimator"], f"{message}; write R_v: covariance"
+
+
+def _digits(model: Any, start: dict[str, Array] | None) -> Iterator[str]:
+    """Find an initial covariance beside which the measurement noise has too few digits."""
+    if start is None or model.varies or not isinstance(model.at(0), LinearModel):
+        return
+    now, root = model.at(0), root_of(start["P0"])
+    try:
+        seen = np.linalg.inv(np.linalg.cholesky(now.R_v)).dot(now.C)
+    except np.linalg.LinAlgError:
+        return
+    ratio = max(
+        float(np.linalg.norm(seen.dot(np.linalg.matrix_power(now.A, j)).dot(root), 2) ** 2) for j in range(model.nx)
+    )
+    if ratio > _LARGEST_RATIO:
+        message = f"the variance of a measurement due to `initial.P` is {ratio:.2g} times that of its noise; beyond"
+        yield f"{message} {_LARGEST_RATIO:g} the filters have fewer than nine correct digits: choose a smaller P"
 
 
 def _time(draft: DraftConfig) -> Iterator[Finding]:

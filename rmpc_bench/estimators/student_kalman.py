@@ -7,6 +7,8 @@ Model   As `kalman`, but v(k) ~ t(dof, 0, R_v): R_v is the scale matrix, the cov
 Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas not compared with
         the texts of the papers.
 Assumed The number of corrections is fixed, so that a run does not depend on others.  P is that of x_hat - x given lam.
+        `R_v: covariance` takes the R_v of the model for the covariance: the scale matrix is (dof - 2) / dof R_v.  The
+        noise `same: {dof: ..}` has this law.
         A common weight of all outputs: the result does not depend on their order.
         With missing outputs ny is the number of the others, whose marginal law is again t.
         This is not the filter of Roth, Ozkan and Gustafsson (2013), whose gain at a sample is that of the Kalman
@@ -19,11 +21,13 @@ Fails   Design error if R_v is singular.
 
 from __future__ import annotations
 
+from typing import Literal
+
 from jaxtyping import Float
 
 from rmpc_bench.estimators.weighted import WeightedFilter, weighted_filter
 from rmpc_bench.numerics.output_weights import WeightLaw
-from rmpc_bench.types import Array, Count, Model, Positive
+from rmpc_bench.types import Array, Count, DesignError, Model, Positive
 
 
 def design(
@@ -34,24 +38,29 @@ def design(
     P0: Float[Array, "nx nx"],
     dof: Positive = 4.0,
     iterations: Count = 10,
+    R_v: Literal["scale", "covariance"] = "scale",
     use_y0: bool = True,
 ) -> WeightedFilter:
     """Kalman filter for Student-t measurement noise.
 
     Parameters
     ----------
-    model : design model; R_v is the scale matrix of the measurement noise
+    model : design model
     n_steps : number of control periods N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     dof : degrees of freedom of the measurement noise; a small one reduces the effect of outliers
     iterations : number of corrections per sample; 1 is the Kalman filter
+    R_v : whether R_v of the model is the scale matrix of the measurement noise or its covariance, which needs dof > 2
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises
     ------
     DesignError
-        If R_v is singular.
+        If R_v is singular, or dof <= 2 with `R_v: covariance`.
     """
+    if R_v == "covariance" and dof <= 2.0:
+        raise DesignError("must be above 2 with `R_v: covariance`: the covariance is infinite; write R_v: scale", "dof")
     law = WeightLaw("student", (dof, float(iterations)))
-    return weighted_filter(model, n_steps, x0, P0, law, use_y0=use_y0)
+    share = (dof - 2.0) / dof if R_v == "covariance" else 1.0
+    return weighted_filter(model, n_steps, x0, P0, law, use_y0=use_y0, share=share)

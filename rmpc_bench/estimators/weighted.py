@@ -112,6 +112,7 @@ def weighted_filter(
     *,
     use_y0: bool = True,
     kept: float = 1.0,
+    share: float = 1.0,
 ) -> WeightedFilter:
     """Create a filter.
 
@@ -123,6 +124,7 @@ def weighted_filter(
     law : how the weights are computed
     use_y0 : whether to use y(0)
     kept : as in `WeightedFilter`
+    share : factor of R_v
 
     Raises
     ------
@@ -132,6 +134,7 @@ def weighted_filter(
     models = uncorrelated(model, n_steps)
     names = {"A": "A", "B": "B", "C": "C", "f": "f0", "d": "d0", "Q_w": "Q_w", "R_v": "R_v"}
     matrices = {ours: over_time([getattr(each, theirs) for each in models]) for ours, theirs in names.items()}
+    matrices["R_v"] = share * matrices["R_v"]
     try:
         T = whitening(matrices["R_v"])
     except np.linalg.LinAlgError:
