@@ -68,7 +68,7 @@ def warnings_of(
     found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_scales(experiment)]
     for path, component in _models(draft).items():
         made = model(component)
-        for message in (*_of_model(component, made, draft, experiment), *_digits(made, start(made))):
+        for message in _of_model(component, made, start(made), draft, experiment):
             found.append(([*path], message))
     return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
 
@@ -99,17 +99,15 @@ def _scales(experiment: Experiment) -> Iterator[Finding]:
                 yield ["methods", method.name, "estimator"], f"{message}; write R_v: covariance"
 
 
-def _digits(model: Any, start: dict[str, Array] | None) -> Iterator[str]:
+def _digits(now: LinearModel, P0: Array) -> Iterator[str]:
     """Find an initial covariance beside which the measurement noise has too few digits."""
-    if start is None or model.varies or not isinstance(model.at(0), LinearModel):
-        return
-    now, root = model.at(0), root_of(start["P0"])
+    root = root_of(P0)
     try:
         seen = np.linalg.inv(np.linalg.cholesky(now.R_v)).dot(now.C)
     except np.linalg.LinAlgError:
         return
     ratio = max(
-        float(np.linalg.norm(seen.dot(np.linalg.matrix_power(now.A, j)).dot(root), 2) ** 2) for j in range(model.nx)
+        float(np.linalg.norm(seen.dot(np.linalg.matrix_power(now.A, j)).dot(root), 2) ** 2) for j in range(now.nx)
     )
     if ratio > _LARGEST_RATIO:
         message = f"the variance of a measurement due to `initial.P` is {ratio:.2g} times that of its noise; beyond"
@@ -175,7 +173,9 @@ def _models(draft: DraftConfig) -> dict[tuple[str | int, ...], Component]:
     return found
 
 
-def _of_model(component: Component, model: Any, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
+def _of_model(
+    component: Component, model: Any, start: dict[str, Array] | None, draft: DraftConfig, experiment: Experiment
+) -> Iterator[str]:
     names = [name for name, each in draft.methods.items() if each.model is component]
     methods = [method for method in experiment.methods if method.name in names]
     if any(method.estimator.gain_schedule is not None for method in methods):
@@ -183,6 +183,8 @@ def _of_model(component: Component, model: Any, draft: DraftConfig, experiment: 
     if model.varies or not (model.has_sets or model.is_linear_model or component.kind in NOISE_KEYS):
         return
     now = model.at(0)
+    if start is not None:
+        yield from _digits(now, start["P0"])
     unseen = _disconnected(now.A.T, now.C.T)
     if unseen is not None:
         yield f"has an unobservable unstable mode (|z| = {unseen:.4g}); no estimator is stable: see A and C"
