@@ -83,8 +83,7 @@ x_j \in [\underline x, \overline x]""",
     + "\n"
     + r"P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}",
     ("estimators", "extended-kalman"): r"""\hat x_{k+1|k} = f(\hat x_{k|k}, u_k), \quad
-P_{k+1|k} = J P_{k|k} J^\top + Q_w, \quad J_i = \frac{f(\hat x + h_i) - f(\hat x - h_i)}{2 h_i}, \quad
-h_i = \mathrm{spread} \sqrt{P_{ii}}""",
+P_{k+1|k} = J P_{k|k} J^\top + Q_w, \quad J = \frac{\partial f}{\partial x}(\hat x_{k|k}, u_k)""",
     ("estimators", "unscented-kalman"): r"""\chi_i = \hat x \pm \sqrt{(n + \lambda) P}_i, \quad
 \hat x_{k+1|k} = \sum_i W_i f(\chi_i, u_k), \quad
 P_{k+1|k} = \sum_i W_i^c (f(\chi_i, u_k) - \hat x_{k+1|k}) (\cdot)^\top + Q_w, \quad
