@@ -23,6 +23,7 @@ COMPILED = {
     "minimax_kernel",
     "moving_slide_kernel",
     "output_weights_kernel",
+    "own_covariance_kernel",
     "servo_kernel",
     "tracking_kernel",
 }

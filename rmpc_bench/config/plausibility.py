@@ -18,11 +18,8 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.recorded_data import gap_warnings
 from rmpc_bench.config.tree import Map, join, locate
-from rmpc_bench.estimators.weighted import WeightedFilter
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise.heavy_tailed import StudentT
-from rmpc_bench.numerics.linalg import nearly_equal
-from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Model, Noise, Problem
 
@@ -65,7 +62,7 @@ def warnings_of(
     start : returns x0 and P0 for a design model
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_scales(experiment)]
+    found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
     for path, component in _models(draft).items():
         made = model(component)
         for message in _of_model(component, made, start(made), draft, experiment):
@@ -86,29 +83,29 @@ def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> It
             return
 
 
-def _scales(experiment: Experiment) -> Iterator[Finding]:
+def _scales(names: list[str], R_v: Array, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
     """Find Student's t noise with the covariance that a filter for such noise takes for its scale matrix."""
     laws = [law for law in experiment.scenario.measurement if isinstance(law, StudentT) and law.cov is not None]
-    for method in experiment.methods:
-        if not isinstance(method.estimator, WeightedFilter) or method.estimator.law.name != "student":
+    for name in names:
+        estimator = draft.methods[name].estimator
+        if estimator is None or estimator.kind != "student-kalman" or estimator.resolved().get("R_v") == "covariance":
             continue
-        R_v = method.estimator.R_v[0]
         for law in laws:
-            if law.cov is not None and law.cov.shape == R_v.shape and nearly_equal(R_v, law.cov, _SAME):
-                message = f"takes for the scale matrix what is the covariance of the noise (t with dof = {law.dof:g})"
-                yield ["methods", method.name, "estimator"], f"{message}; write R_v: covariance"
+            if law.cov is not None and law.cov.shape == R_v.shape and np.allclose(law.cov, R_v, rtol=_SAME, atol=0.0):
+                message = (
+                    f"its R_v is the covariance of the noise (t with dof = {law.dof:g}), which method {name} takes"
+                )
+                yield f"{message} for the scale matrix; give its estimator R_v: covariance"
 
 
 def _digits(now: LinearModel, P0: Array) -> Iterator[str]:
     """Find an initial covariance beside which the measurement noise has too few digits."""
-    root = root_of(P0)
     try:
         seen = np.linalg.inv(np.linalg.cholesky(now.R_v)).dot(now.C)
     except np.linalg.LinAlgError:
         return
-    ratio = max(
-        float(np.linalg.norm(seen.dot(np.linalg.matrix_power(now.A, j)).dot(root), 2) ** 2) for j in range(now.nx)
-    )
+    ahead = [seen.dot(np.linalg.matrix_power(now.A, j)) for j in range(now.nx)]
+    ratio = max(float(np.linalg.norm(each.dot(P0).dot(each.T), 2)) for each in ahead)
     if ratio > _LARGEST_RATIO:
         message = f"the variance of a measurement due to `initial.P` is {ratio:.2g} times that of its noise; beyond"
         yield f"{message} {_LARGEST_RATIO:g} the filters have fewer than nine correct digits: choose a smaller P"
@@ -185,6 +182,7 @@ def _of_model(
     now = model.at(0)
     if start is not None:
         yield from _digits(now, start["P0"])
+    yield from _scales(names, now.R_v, draft, experiment)
     unseen = _disconnected(now.A.T, now.C.T)
     if unseen is not None:
         yield f"has an unobservable unstable mode (|z| = {unseen:.4g}); no estimator is stable: see A and C"

@@ -87,7 +87,7 @@ def measured(
     state : predictions
     y : measurements, NaN where one is missing
     """
-    from rmpc_bench.numerics.output_weights_kernel import measure_kernel
+    from rmpc_bench.numerics.own_covariance_kernel import measure_kernel
 
     (runs, nx), ny = state.x.shape, len(C)
     found = Measured(np.empty((runs, ny)), np.empty((runs, ny, ny)), np.empty((runs, ny)), np.empty((runs, ny, nx)))
