@@ -63,6 +63,9 @@ ERRORS = {
               methods="{S: {estimator: {kind: kalman}}}"),
         "methods.S.estimator", "{kind: kalman}", "the model needs measurement noise",
     ),
+    "a filter that knows the state after two samples": (
+        linear(model="P_w: 0, P_v: 0"), "methods.K.estimator", "{kind: kalman}", "the model needs measurement noise",
+    ),
     "the name x0": (servo(initial="{x0: [1, 0, 0, 0]}"), "initial.x0", "x0", "did you mean 'x'?"),
     "Hu beyond Hp": (
         servo(controller="{kind: mpc, Hp: 3, Hu: 10, Q: 0.1, R: 0.1}"), "controller.Hu", "10",
@@ -157,7 +160,16 @@ WARNINGS = {
         "0.6 is rounded to sample 1, because `time` is given in steps; for seconds give time.duration and time.step",
     ),
     "a model without noise": (
-        linear(model="P_w: 0, P_v: 0"), "model", "has neither process nor measurement noise",
+        linear(model="P_w: 0, P_v: 0", methods="{K: {estimator: {kind: kalman-predictor}}}"), "model", "has neither process nor measurement noise",
+    ),
+    "an initial covariance beyond fourteen decades": (
+        linear(model="P_w: 0.01, P_v: 0.01", initial="{P: 1e14}"), "model",
+        "the variance of a measurement due to `initial.P` is 1e+16 times that of its noise; beyond 1e+14",
+    ),
+    "a covariance taken for a scale": (
+        linear(model="P_w: 0.01, P_v: 0.01", noise="{process: same, measurement: {same: {dof: 3}}}",
+               methods="{K: {estimator: {kind: student-kalman, dof: 3}}}"), "model",
+        "its R_v is the covariance of the noise (t with dof = 3), which method K takes for the scale matrix; give its",
     ),
     "a model without measurement noise": (
         linear(model="P_w: 0.01"), "model", "has no measurement noise, but the plant has: a filter fits every "
@@ -186,6 +198,18 @@ def test_a_doubtful_configuration_gets_one_warning_with_key_place_and_way_out(tm
     (warning,) = load_config(file).warnings
     assert warning.path == path and message in warning.message
     assert text(**keys).splitlines()[warning.line - 1].startswith(path.partition(".")[0])
+
+
+@pytest.mark.parametrize(
+    ("keys", "law"), [("R_v: covariance", "{same: {dof: 3}}"), ("dof: 3", "{student-t: {dof: 3, scale: 0.1}}")]
+)
+def test_a_scale_matrix_taken_as_such_gets_no_warning(tmp_path, keys, law):
+    """The model has R_v = 0.01: as covariance, or as the scale matrix of the noise."""
+    methods = f"{{K: {{estimator: {{kind: student-kalman, {keys}}}}}}}"
+    noise = f"{{process: same, measurement: {law}}}"
+    assert not load_config(
+        write(tmp_path, **linear(model="P_w: 0.01, P_v: 0.01", noise=noise, methods=methods))
+    ).warnings
 
 
 def test_check_and_run_show_a_warning_in_one_line(tmp_path):

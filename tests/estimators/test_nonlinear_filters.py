@@ -105,6 +105,45 @@ def test_the_extended_filter_of_filterpy(rng):
             theirs.x = np.array(swing(theirs.x, u[i, k], None))
 
 
+def test_the_default_is_the_textbook_filter(rng):
+    """Oracle: filterpy as above: the Jacobian of a small step at every start."""
+    y, u = simulated(rng, 2, 60)
+    ours, P, _ = run(extended_kalman.design(pendulum(), 60, **START), y, u)
+    narrow, P_narrow, _ = run(extended_kalman.design(pendulum(), 60, **START, spread=1e-5), y, u)
+    np.testing.assert_allclose(ours, narrow, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(P, P_narrow, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("size", "mse"), [(0.1, 2.9177e-5), (0.09, 3.027e-5)])
+def test_a_root_that_ends_within_a_standard_deviation(size, mse):
+    """Oracle: x+ = x + 0.1 (u - 0.3 sqrt x), y = sqrt x with the derivatives written out, in an own loop.
+
+    A step of one standard deviation, 0.316, leaves the domain at x_hat = 0.3.
+    """
+    tank = ode(0.1, 60, ode=lambda x, u, p: [x[0] + 0.1 * (u[0] - 0.3 * np.sqrt(x[0]))], states=["h"], inputs=["f"],
+               output=lambda x, p: [np.sqrt(x[0])], outputs=["s"], discrete=True, x0=[0.5])  # fmt: skip
+    model = nonlinear(0.1, tank, noise=DesignNoise(1e-4, 2.5e-3))
+    x, x_hat, P, y, theirs, errors = 0.5, 0.3, size, np.empty((1, 61, 1)), [], []
+    for k in range(61):
+        y[0, k] = np.sqrt(x)
+        c = 0.5 / np.sqrt(x_hat)
+        L = P * c / (c * P * c + 2.5e-3)
+        x_hat, P = x_hat + L * (np.sqrt(x) - np.sqrt(x_hat)), (1.0 - L * c) * P
+        theirs.append(x_hat)
+        errors.append((x_hat - x) ** 2)
+        a = 1.0 - 0.015 / np.sqrt(x_hat)
+        x, x_hat = (each + 0.1 * (0.15 - 0.3 * np.sqrt(each)) for each in (x, x_hat))
+        P = a * P * a + 1e-4
+    estimator = extended_kalman.design(model, 60, x0=np.array([0.3]), P0=np.array([[size]]))
+    ours, _, status = run(estimator, y, np.full((1, 61, 1), 0.15))
+    np.testing.assert_allclose(ours[0, :, 0], theirs, rtol=0, atol=1e-9)  # ten digits of a derivative
+    assert (status == Status.OK).all()
+    # The metric has the samples 0..59.
+    assert np.mean((ours[0, 1:, 0] - theirs[1:]) ** 2) < 1e-18 and np.mean(errors[:60]) == pytest.approx(mse, rel=2e-4)
+    if size == 0.1:
+        assert ours[0, 0, 0] == pytest.approx(0.469511, abs=5e-7)
+
+
 @pytest.mark.parametrize(
     "weights", [(0.5, 2.0, 1.0), (1.0, 0.0, 0.5), (1.0, 0.0, 0.0)], ids=["Merwe", "Julier", "cubature"]
 )

@@ -119,3 +119,14 @@ def test_correlated_noises_are_refused(scalar_model):
     with pytest.raises(DesignError, match="uncorrelated"):
         design(correlated, 5, x0=np.zeros(1), P0=np.eye(1))
     assert design(scalar_model, 5, x0=np.zeros(1), P0=np.eye(1)).form == "filter"
+
+
+def test_r_v_may_be_the_covariance(case):
+    """Oracle: the model with the scale matrix (dof - 2) / dof R_v; no covariance exists for dof <= 2."""
+    model, start, y, u = case
+    scaled = LinearModel(model.A, model.B, model.C, model.Q_w, 0.6 * model.R_v)
+    ours = run(design(model, 20, **start, dof=5.0, R_v="covariance"), y, u)
+    for a, b in zip(ours, run(design(scaled, 20, **start, dof=5.0), y, u), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-14)
+    with pytest.raises(DesignError, match="above 2"):
+        design(model, 20, **start, dof=2.0, R_v="covariance")
