@@ -86,12 +86,12 @@ def triangle(rows: Float[Array, "*k m n"]) -> Float[Array, "*k n n"]:
         pivot = np.abs(left[:, :, j]).argmax(axis=1)
         left[each, pivot], left[:, 0] = left[:, 0].copy(), left[each, pivot]
         v = left[:, :, j].copy()
-        length = -np.copysign(np.sqrt(np.einsum("ri,ri->r", v, v)), v[:, 0])
+        length = -np.copysign(np.sqrt((v * v).sum(axis=1)), v[:, 0])
         v[:, 0] -= length
         half = -length * v[:, 0]
         half[half == 0.0] = 1.0
         rest = left[:, :, j + 1 :]
-        rest -= v[:, :, None] * (np.einsum("ri,rij->rj", v, rest) / half[:, None])[:, None]
+        rest -= v[:, :, None] * ((v[:, :, None] * rest).sum(axis=1) / half[:, None])[:, None]
         left[:, 0, j], left[:, 1:, j] = length, 0.0
     return W[:, :n].reshape(*rows.shape[:-2], n, n)
 
@@ -141,9 +141,10 @@ def conditional(Y: Float[Array, "*k ny r"], Z: Float[Array, "*k nz r"]) -> Condi
     pivots = np.abs(np.diagonal(U, axis1=-2, axis2=-1))
     size = np.sqrt((U * U).sum(axis=-2))
     regular = np.asarray((pivots > SINGULAR * ny * size).all(axis=-1))
-    if regular.all():
-        return Conditional((W / U if ny == 1 else np.linalg.solve(U, W)).mT, root, U, regular)
-    gain = np.linalg.solve(np.where(regular[..., None, None], U, np.eye(ny)), W).mT
+    sound = U if regular.all() else np.where(regular[..., None, None], U, np.eye(ny))
+    gain = (W / sound if ny == 1 else np.linalg.solve(sound, W)).mT
+    if sound is U:
+        return Conditional(gain, root, U, regular)
     gain = np.where(regular[..., None, None], gain, W.mT @ _pseudo_inverse(U, size).mT)
     rest = lower_root(Z - gain @ Y)
     return Conditional(gain, np.where(regular[..., None, None], root, rest), U, regular)

@@ -160,7 +160,8 @@ WARNINGS = {
         "0.6 is rounded to sample 1, because `time` is given in steps; for seconds give time.duration and time.step",
     ),
     "a model without noise": (
-        linear(model="P_w: 0, P_v: 0", methods="{K: {estimator: {kind: kalman-predictor}}}"), "model", "has neither process nor measurement noise",
+        linear(model="P_w: 0, P_v: 0", methods="{K: {estimator: {kind: kalman-predictor}}}"), "model",
+        "has neither process nor measurement noise",
     ),
     "an initial covariance beyond fourteen decades": (
         linear(model="P_w: 0.01, P_v: 0.01", initial="{P: 1e14}"), "model",
@@ -169,7 +170,7 @@ WARNINGS = {
     "a covariance taken for a scale": (
         linear(model="P_w: 0.01, P_v: 0.01", noise="{process: same, measurement: {same: {dof: 3}}}",
                methods="{K: {estimator: {kind: student-kalman, dof: 3}}}"), "model",
-        "its R_v is the covariance of the noise (t with dof = 3), which method K takes for the scale matrix; give its",
+        "the covariance of the noise (t with dof = 3), which method K takes for the scale matrix; give its estimator",
     ),
     "a model without measurement noise": (
         linear(model="P_w: 0.01"), "model", "has no measurement noise, but the plant has: a filter fits every "
