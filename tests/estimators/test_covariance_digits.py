@@ -3,6 +3,7 @@
 from fractions import Fraction
 from importlib import import_module
 
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -149,6 +150,53 @@ def test_points_of_a_nonlinear_model_have_nine_digits():
         np.testing.assert_allclose(covariances("unscented_kalman", model, P0, keys), expected, **NINE)
     # A Jacobian by differences has ten digits.
     np.testing.assert_allclose(covariances("extended_kalman", model, P0, {}), expected, rtol=1e-8)
+
+
+def ball(P, c):
+    """V of (13), (16) of zenere2018 by bisection."""
+    lam, U = mp.eigsy(P)
+    low, high = mp.mpf(0), 1 / max(lam)
+    for _ in range(150):
+        middle = (low + high) / 2
+        above = sum(1 / (1 - middle * each) - 1 + mp.log(1 - middle * each) for each in lam) > c
+        low, high = (low, middle) if above else (middle, high)
+    return U * mp.diag([each / (1 - low * each) for each in lam]) * U.T
+
+
+@pytest.mark.parametrize("sensors", [1, 2])
+@pytest.mark.parametrize("module", ["robust_kalman", "risk_sensitive", "h_infinity"])
+def test_inflated_covariances_have_nine_digits(module, sensors):
+    """Oracle: the formulas in 40 digits (mpmath); the ball is not small, c = 0.1, and theta lambda_max(P(0)) = 0.2."""
+    P0, theta, C = 1e10 * np.eye(2), 2e-11, [[1.0, 0.0]] * sensors
+    keys = {"c": 0.1} if module == "robust_kalman" else {"theta": theta}
+    keys |= {"form": "predictor"} if module == "h_infinity" else {}
+    model = LinearModel(A, [[0.0], [0.1]], C, 1e-6, 1e-4)
+    made = import_module(f"rmpc_bench.estimators.{module}").design(model, N, x0=np.zeros(2), P0=P0, **keys)
+    with mp.workdps(40):
+        F, H, Q, R = mp.matrix(A), mp.matrix(C), 1e-6 * mp.eye(2), 1e-4 * mp.eye(sensors)
+        P, expected = mp.matrix(P0.tolist()), []
+        for _ in range(N):
+            expected.append([float(P[i, i]) for i in range(2)])
+            V = ball(P, mp.mpf(0.1)) if "c" in keys else mp.inverse(mp.inverse(P) - mp.mpf(theta) * mp.eye(2))
+            P = V - V * H.T * mp.inverse(H * V * H.T + R) * H * V
+            P = F * P * F.T + Q
+    np.testing.assert_allclose(np.diagonal(made.extra["P_pred"][:N], axis1=1, axis2=2), expected, **NINE)
+
+
+def test_weights_have_nine_digits():
+    """Oracle: the iteration of student-kalman with two equal sensors in 40 digits (mpmath), P(0) of 1e14 R."""
+    model = LinearModel(A, [[0.0], [0.1]], [[1.0, 0.0]] * 2, 1e-6, 1.0)
+    start = {"x0": np.zeros(2), "P0": 1e14 * np.eye(2)}
+    estimator = import_module("rmpc_bench.estimators.student_kalman").design(model, N, **start, dof=3.0, iterations=6)
+    _, estimate = estimator.correct(0, estimator.init(1), np.array([[5.0, 9.0]]))
+    with mp.workdps(40):
+        w, p = mp.mpf(1), mp.mpf(10) ** 14
+        for _ in range(6):
+            variance = 1 / (1 / p + 2 * w)
+            x_hat, last = variance * w * 14, w
+            w = (3 + 2) / (3 + (5 - x_hat) ** 2 + (9 - x_hat) ** 2 + 2 * variance)
+    found = [estimate.x_hat[0, 0], estimate.P[0, 0, 0], estimate.info["weight"][0, 0]]
+    np.testing.assert_allclose(found, [float(x_hat), float(variance), float(last)], **NINE)
 
 
 def test_sensors_that_are_equal_or_nearly_so():
