@@ -67,15 +67,9 @@ def corrected(
     count: Int[Array, " runs"] | None = None,
     kept: float = 1.0,
 ) -> Weighed:
-    """Compute the weights of every run and correct its prediction.
+    """Compute the weights of every run and correct its prediction; q and H are 0 for an output that is missing.
 
-    Parameters
-    ----------
-    law : the rule
-    state : predictions
-    q, H : whitened innovations and output matrices, zero for an output that is missing
-    count : number of outputs that are there; None if all are
-    kept : share of the decrease of P
+    `count` is the number of the others, None for all, and `kept` the share of the decrease of P.
     """
     from rmpc_bench.numerics.output_weights_kernel import correct_kernel
 

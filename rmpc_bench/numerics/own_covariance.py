@@ -53,14 +53,7 @@ def whitening(R_v: Float[Array, "*k ny ny"]) -> Float[Array, "*k ny ny"]:
 def whitening_of_runs(
     T: Float[Array, "ny ny"], R_v: Float[Array, "ny ny"], missing: Bool[Array, "runs ny"]
 ) -> Float[Array, "runs ny ny"]:
-    """Return T of every run, that of its outputs which are there.
-
-    Parameters
-    ----------
-    T : of all outputs
-    R_v : covariance of the measurement noise
-    missing : outputs without a measurement
-    """
+    """Return T of every run, that of its outputs which are there."""
     rows = np.flatnonzero(missing.any(axis=1))
     there = ~missing[rows]
     # A missing output becomes one that is independent of the others.
@@ -78,15 +71,7 @@ def measured(
     state: OwnState,
     y: Float[Array, "runs ny"],
 ) -> Measured:
-    """Compare y with the predictions.
-
-    Parameters
-    ----------
-    C, d, R_v : output y = C x + d + v, v of covariance R_v
-    T : of every run, or a single one for all
-    state : predictions
-    y : measurements, NaN where one is missing
-    """
+    """Compare y, NaN where it is missing, with the predictions C x + d; T is of every run, or a single one for all."""
     from rmpc_bench.numerics.own_covariance_kernel import measure_kernel
 
     (runs, nx), ny = state.x.shape, len(C)

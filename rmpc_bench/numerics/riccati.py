@@ -93,13 +93,7 @@ class PredictorStep(NamedTuple):
 def predictor_step(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], root: Float[Array, "nx r"]) -> PredictorStep:
     """Return the optimal gain for [x(k+1); y] = M x + [w; v] with correlated noises, and the resulting covariance.
 
-    K = (A P C' + S) (C P C' + R)^+ for M = [A; C] and J = [Q S; S' R].
-
-    Parameters
-    ----------
-    M : A over C
-    J : covariance of w over v
-    root : root of the covariance of the error of x
+    K = (A P C' + S) (C P C' + R)^+ for M = [A; C] and J = [Q S; S' R]; P is given by its root.
     """
     nx = len(root)
     both = np.hstack([M.dot(root), root_of(J)])
