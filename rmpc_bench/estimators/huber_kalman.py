@@ -20,7 +20,7 @@ Order   With more than one output whitening is a choice: component i of T y is o
 Limit   k -> infinity is `kalman`.
 Method  regression, measurement: the dual problem by an active set, exact after finitely many steps.  both: reweighting
         until the residuals of the run change by less than 1e-11, at most 200 times.
-Cost    0.5 us per run and step for two states and one output, 0.9 us for four states and two outputs, in blocks of 50
+Cost    0.7 us per run and step for two states and one output, 1.6 us for four states and two outputs, in blocks of 50
         runs (`make perf`).
 Fails   Design error if R_v is singular.  both: where nearly all residuals are large the loss is almost flat, and 200
         repetitions may not suffice.  In 5 of 150 random corrections with three states and innovations of about 60

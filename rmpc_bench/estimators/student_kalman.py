@@ -14,7 +14,7 @@ Assumed The number of corrections is fixed, so that a run does not depend on oth
         This is not the filter of Roth, Ozkan and Gustafsson (2013), whose gain at a sample is that of the Kalman
         filter: an outlier has its full effect on x_hat, and P grows afterwards.
 Limit   dof -> infinity is `kalman`; the difference decreases as 1 / dof.
-Cost    0.5 us per run and step for two states and one output, 0.9 us for four states and two outputs, in blocks of 50
+Cost    0.8 us per run and step for two states and one output, 1.2 us for four states and two outputs, in blocks of 50
         runs (`make perf`).
 Fails   Design error if R_v is singular.
 """

@@ -42,7 +42,8 @@ def test_the_turns_never_raise_the_trace(rng):
     for _ in range(20):
         noises, M, P = pair(rng, ny=1), rng.standard_normal((3, 2)), random_psd(rng, 2)
         J_x, first = random_psd(rng, 3), noises.at(*10.0 ** rng.uniform(-2, 2, 2))
-        (K, P_next), last = noises.tuned_step(M, J_x, P, first)
+        (K, root), last = noises.tuned_step(M, J_x, np.linalg.cholesky(P), first)
+        P_next = root @ root.T
         before = K + 0.1 * rng.standard_normal(K.shape)  # any K, any excesses
         T = np.hstack([np.eye(2), -before])
         for these in (first, last):
