@@ -9,8 +9,10 @@ from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Method
 
 BRIDGING = (
+    "control-lqe",
     "correntropy-kalman",
     "directional-kalman",
+    "enhanced-robust",
     "extended-kalman",
     "fading-kalman",
     "gated-kalman",
@@ -21,10 +23,14 @@ BRIDGING = (
     "kalman-predictor",
     "lmmse",
     "lp-window",
+    "mixed",
     "moving-horizon",
     "oracle",
     "risk-sensitive",
+    "robust-h-infinity",
     "robust-kalman",
+    "sayed-bdu",
+    "set-membership",
     "student-kalman",
     "unscented-kalman",
     "wasserstein-kalman",
@@ -33,14 +39,7 @@ BRIDGING = (
 
 
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method | None]) -> None:
-    """Report estimators that do not bridge the missing measurements of the noise.
-
-    Parameters
-    ----------
-    draft : gets the problem
-    scenario : random inputs of every run
-    methods : the pairs; None where one could not be built
-    """
+    """Report estimators that do not bridge the missing measurements of the noise; an invalid method is None."""
     if not any(law.omits_measurements for law in scenario.measurement):
         return
     without = [each.name for each in methods if each is not None and not each.estimator.bridges_missing]

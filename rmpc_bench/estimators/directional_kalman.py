@@ -22,11 +22,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.bridging import BridgingFilter
-from rmpc_bench.estimators.gain_schedule import Form, riccati_schedule
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
-from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
@@ -81,7 +79,7 @@ def design(
     direction: Direction = "uncertainty",
     form: Form = "filter",
     use_y0: bool = True,
-) -> BridgingFilter:
+) -> GainScheduleFilter:
     """Kalman filter whose Q_w gets q H H' in the directions H of the uncertainty.
 
     Parameters
@@ -104,8 +102,7 @@ def design(
         singular.
     """
     wider = DirectionalModel(model, q, _columns(model, direction))
-    schedule = riccati_schedule(wider, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0)
-    return BridgingFilter.of(schedule, [wider.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
+    return riccati_schedule(wider, n_steps, x0, P0, form=form, use_y0=use_y0)
 
 
 def _columns(model: Model, direction: Direction) -> Float[Array, "nx r"] | None:

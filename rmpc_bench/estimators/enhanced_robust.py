@@ -23,6 +23,7 @@ Assumed `equations`: Step 5 of Table 2 is printed with Delta_1, but the P that b
         over those of eps or gamma.  With `rule: error` a smaller P gives a smaller a_x, and an error that exceeds P
         exceeds it sooner (section 5, eps = 0.1, constant F = 1: from k = 10 instead of 16).
 Limit   Without uncertainty (all H = 0) the Kalman predictor.
+Missing A run with a missing measurement has its own bounds from then on: Table 2 for the outputs that are there.
 Cost    As every gain schedule; `tuned` solves for a_w, a_v and K alternately at every step.
 Fails   Design error: w and v are correlated; eps is 0 where an excess is needed; `rule: state` and a constant system
         that is not quadratically stable; a bound overflows.
@@ -32,11 +33,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, RunByRun
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.numerics.kl_ball import LARGEST
@@ -117,7 +120,20 @@ def design(
     nominal, K, Phi = [now.nominal for now in systems], [step.K for step in steps], [step.Phi for step in steps]
     remarks = _remarks(steps, X, rules, design_scale)
     predictor = predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
-    return replace(predictor, uncertainty_scale=design_scale)
+    # X below 0 says that there is no bound of the state.
+    kept = np.array([[root_of(each), X[k] if k < len(X) else -np.ones_like(P0)] for k, each in enumerate(P)])
+    own = RunByRun(partial(_of_one_run, systems, rules))
+    return replace(predictor, uncertainty_scale=design_scale, root=kept, recursion=own)
+
+
+def _of_one_run(systems: Sequence[DesignSystem], rules: ParameterRules, k: int, kept: Array, there: Array) -> Gains:
+    """Return the gains of a run in which measurements are missing: those of the system with the other outputs."""
+    now, (root, X) = systems[k], kept
+    fewer = {name: getattr(now.m, name)[there] for name in ("C", "Dw", "Dv", "H_C", "H_Dw", "H_Dv")}
+    robust_step = _robust_step(now._replace(m=now.m._replace(**fewer)), rules)
+    step = robust_step.step(root, None if X[0, 0] < 0.0 else X, robust_step.first_noises())
+    X_next = -np.ones_like(X) if step.X_next is None else step.X_next
+    return Gains(step.K, step.K, np.array([step.root_next, X_next]), covariance_of(root), F=step.Phi)
 
 
 def _excesses(eps: float | Margins | None, gamma: float | None) -> tuple[Excess, Excess, Excess]:

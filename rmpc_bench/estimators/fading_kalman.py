@@ -20,9 +20,7 @@ from typing import Annotated, TypeAlias
 from annotated_types import Ge
 from jaxtyping import Float
 
-from rmpc_bench.estimators.bridging import BridgingFilter
-from rmpc_bench.estimators.gain_schedule import Form, riccati_schedule
-from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.types import Array, Model
 
 Alpha: TypeAlias = Annotated[float, Ge(1)]
@@ -37,7 +35,7 @@ def design(
     alpha: Alpha,
     form: Form = "filter",
     use_y0: bool = True,
-) -> BridgingFilter:
+) -> GainScheduleFilter:
     """Kalman filter whose prediction covariance is alpha^2 A P A' + Q_w.
 
     Parameters
@@ -55,7 +53,4 @@ def design(
     DesignError
         If an innovation covariance is singular or P_pred exceeds 1e100.
     """
-    growth = alpha**2
-    schedule = riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0, growth)
-    models = [model.at(k) for k in range(n_steps + 1)]
-    return BridgingFilter.of(schedule, models, use_y0=use_y0, growth=growth)
+    return riccati_schedule(model, n_steps, x0, P0, form=form, use_y0=use_y0, growth=alpha**2)

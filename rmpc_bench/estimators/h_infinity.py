@@ -12,6 +12,8 @@ Forms   `filter` (a posteriori): L = P_pred C' (C P_pred C' + R_v)^-1 = P C' R_v
         At k = 0 without y(0) the condition of both forms is P0^-1 > theta W.
 Source  Simon, Optimal State Estimation (2006), chapter 11; Hassibi, Sayed, Kailath (1999); Shaked and Theodor (1992).
 Limit   theta = 0 gives the Kalman filter.  The predictor with W = I is the predictor of `risk-sensitive`.
+Missing A run with a missing measurement has its own P_pred from then on, with the same theta.  Where the
+        condition does not hold for the outputs that are there, the error of this sample has no weight in the bound.
 Cost    As every gain schedule.  `fraction` repeats the recursion about 30 times to find theta_max by bisection.
 Fails   Design error if a condition is violated; it names the first k and theta_max, the least upper bound of theta for
         k = 0..N.  Design error if R_v is singular.
@@ -21,12 +23,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Gt, Lt
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, Outputs, RunByRun
 from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
@@ -62,16 +66,7 @@ class Period(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recursion:
-    """The recursion of all k for any theta.
-
-    Parameters
-    ----------
-    models : the model at k = 0..N
-    P0 : initial P_pred
-    weight : root of W
-    form : whose gains and condition are used
-    use_y0 : whether to use y(0)
-    """
+    """The recursion of all k for any theta; `weight` is a root of W."""
 
     models: Sequence[LinearModel]
     P0: Float[Array, "nx nx"]
@@ -99,7 +94,15 @@ class Recursion:
             roots.append(period.root_next)
         return periods, roots[: len(periods)]
 
-    def _period(self, now: LinearModel, root: Array, theta: float, *, measured: bool) -> Period:
+    def of_one_run(self, theta: float, k: int, root: Array, there: Array) -> Gains:
+        """Return the gains of a run in which measurements are missing."""
+        outputs = Outputs.of(self.models[k], there)
+        period = self._period(outputs, root, theta, measured=k > 0 or self.use_y0)
+        if not period.margin > 0.0:
+            period = self._period(outputs, root, 0.0, measured=k > 0 or self.use_y0)
+        return Gains(period.L, period.K, period.root_next, None)
+
+    def _period(self, now: LinearModel | Outputs, root: Array, theta: float, *, measured: bool) -> Period:
         take = filter_step if measured else unmeasured_step
         kalman = take(now.A, now.C, now.Q_w, now.R_v, root)
         chosen = root if self.form == "predictor" else kalman.root
@@ -213,6 +216,8 @@ def design(
     extra["theta"] = np.full(len(periods), chosen)
     K = [each.K for each in periods]
     schedule = replace(predictor_schedule(models, x0, K, list(P_pred), extra=extra, remarks=remarks), P=None)
+    own = RunByRun(partial(recursion.of_one_run, chosen))
+    schedule = replace(schedule, root=np.array(roots), recursion=own)
     return schedule if form == "predictor" else replace(schedule, L=np.array([each.L for each in periods]))
 
 

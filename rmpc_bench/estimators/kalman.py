@@ -22,11 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.bridging import BridgingFilter
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
@@ -163,8 +161,7 @@ def design(
     if isinstance(model, StateDependentModel):
         return _relinearised(model, n_steps, x0, P0, form, noise, use_y0)
     design_model, P0 = with_noise_kind(model, P0, M0, noise)
-    schedule = riccati_schedule(design_model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), form, use_y0)
-    return BridgingFilter.of(schedule, [design_model.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
+    return riccati_schedule(design_model, n_steps, x0, P0, form=form, use_y0=use_y0)
 
 
 def _relinearised(

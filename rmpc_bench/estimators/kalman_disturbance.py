@@ -19,12 +19,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.bridging import BridgingFilter
-from rmpc_bench.estimators.gain_schedule import riccati_schedule
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.disturbance import Entry
 from rmpc_bench.models.disturbed import DisturbedModel
 from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, with_noise_kind
-from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative
 
@@ -33,7 +31,7 @@ from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Mo
 class DisturbanceFilter(Estimator):
     """A filter for [x; d] whose estimate is x; the entry `w_mean` of the estimate is d."""
 
-    full: BridgingFilter
+    full: GainScheduleFilter
     sets: NoiseSets
 
     estimates_mean = True
@@ -125,8 +123,5 @@ def design(
     entry = Entry(np.zeros((model.nu, nx)), np.eye(nx), np.zeros((model.ny, nx)), drift * np.eye(nx), D)
     with_mean = DisturbedModel(design_model, entry)
     start = with_mean.start(x0, P0, np.zeros_like(P0))
-    schedule = riccati_schedule(
-        with_mean, n_steps, start["x0"], start["P0"], lambda k, root: Inflation(root, 0.0), use_y0=use_y0
-    )
-    full = BridgingFilter.of(schedule, [with_mean.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
+    full = riccati_schedule(with_mean, n_steps, start["x0"], start["P0"], use_y0=use_y0)
     return DisturbanceFilter(full, stochastic_sets(design_model))

@@ -5,6 +5,7 @@ Model   x(k+1) = A x(k) + B u(k) + f0 + w~(k),  y(k) = C x(k) + d0 + v~(k),  w~ 
         P is the covariance of x_pred - x under the nominal model; it does not bound the error of an uncertain system.
 Source  Anderson and Moore, Optimal Filtering (1979); the classic predictor of souto2011, section 5.
 Limit   Without correlation the predictor form of `kalman`.
+Missing A run with a missing measurement has its own gains and P from then on, also with `gain: steady`.
 Cost    As every gain schedule.
 Fails   Design error: R and S_wv do not form a joint covariance; with `gain: steady` the model varies or the algebraic
         Riccati equation has no stabilising solution.
@@ -12,11 +13,14 @@ Fails   Design error: R and S_wv do not form a joint covariance; with `gain: ste
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
@@ -55,9 +59,11 @@ def design(
     """
     models = [model.at(k) for k in range(n_steps + 1)]
     given = None if R is None else _given(R, models)
+    own = RunByRun(partial(_of_one_run, models, given))
     if gain == "steady":
         K, P = _steady(models, given)
-        return predictor_schedule(models, x0, [K] * len(models), [P] * len(models))
+        schedule = predictor_schedule(models, x0, [K] * len(models), [P] * len(models))
+        return replace(schedule, root=root_of(P)[None], recursion=own)
     gains, roots = [], [root_of(P0)]
     last, M, J = None, np.zeros(()), np.zeros(())
     for now in models:
@@ -68,7 +74,14 @@ def design(
         roots.append(step.root_next)
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    return predictor_schedule(models, x0, gains, list(P_pred[:-1]))
+    schedule = predictor_schedule(models, x0, gains, list(P_pred[:-1]))
+    return replace(schedule, root=np.array(roots[:-1]), recursion=own)
+
+
+def _of_one_run(models: list[LinearModel], R: Array | None, k: int, root: Array, there: Array) -> Gains:
+    """Return the gains of a run in which measurements are missing."""
+    step = predictor_step(*with_outputs(*_joint(models[k], R), there), root)
+    return Gains(step.K, step.K, step.root_next, covariance_of(root))
 
 
 def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:

@@ -11,6 +11,7 @@ Forms   `predictor`: x_hat(k) uses y(0..k-1).  `filter`: x_hat(k) uses y(k) as w
 Source  Linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
         De Koning, Automatica 20 (1984); derived for this system from the moments of [x(k+1); y(k)] given the past.
 Limit   Without uncertainty, or with variance 0, the Kalman filter or predictor of the mean system.
+Missing A run with a missing measurement has its own gains and P from then on.
 Cost    As every gain schedule.
 Fails   Design error if E x x' overflows: the system is not stable in the mean square.
 """
@@ -18,11 +19,13 @@ Fails   Design error if E x x' overflows: the system is not stable in the mean s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import LinearModel
@@ -107,7 +110,7 @@ def design(
     mean, variance = (law or EntryLaw(low=-1.0, high=1.0)).moments
     systems = design_systems(model, n_steps)
     mean_system = None
-    models, roots, K, X, corrections = [], [root_of(P0)], [], [], list[Conditional]()
+    models, joint, roots, K, X, corrections = [], [], [root_of(P0)], [], [], list[Conditional]()
     mu, cov = x0, P0
     for k, now in enumerate(systems):
         if mean_system is None or now is not mean_system.system:
@@ -121,6 +124,7 @@ def design(
             # error x_pred(k) - x(k), because F(k) is independent of both and its deviation has mean 0.
             corrections.append(corrected(mean_system.M[nx:], root_of(J[nx:, nx:]), roots[-1]))
         models.append(mean_system.model)
+        joint.append((mean_system.M, J))
         X.append(second)
         K.append(step.K)
         roots.append(step.root_next)
@@ -134,6 +138,8 @@ def design(
             )
     P = covariance_of(np.array(roots[:-1]))
     predictor = predictor_schedule(models, x0, K, list(P), extra={"X": np.array(X)})
+    recursion = RunByRun(partial(_of_one_run, joint, form == "filter"))
+    predictor = replace(predictor, root=np.array(roots[:-1]), recursion=recursion)
     if form == "predictor":
         return predictor
     gains, of_x_hat = (np.array([getattr(each, name) for each in corrections]) for name in ("gain", "root"))
@@ -172,3 +178,13 @@ def _mean_part(source: Source, mean: float) -> Float[Array, "nz n"]:
     r = min(source.H.shape[1], len(source.G))
     product: Array = mean * source.H[:, :r].dot(source.G[:r])
     return product
+
+
+def _of_one_run(joint: list[tuple[Array, Array]], corrects: bool, k: int, root: Array, there: Array) -> Gains:
+    """Return the gains of a run in which measurements are missing; E x x' does not depend on them."""
+    nx, (M, J) = len(root), with_outputs(*joint[k], there)
+    step = predictor_step(M, J, root)
+    if not corrects:
+        return Gains(step.K, step.K, step.root_next, covariance_of(root))
+    now = corrected(M[nx:], root_of(J[nx:, nx:]), root)
+    return Gains(now.gain, step.K, step.root_next, covariance_of(now.root))

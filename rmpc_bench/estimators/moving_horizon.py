@@ -40,7 +40,6 @@ from rmpc_bench.models.model_series import ModelSeries, model_series
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs
-from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
@@ -295,7 +294,7 @@ def design(
     """
     if isinstance(model, StateDependentModel):
         raise DesignError("does not support a model that depends on the state; use kalman", "kind")
-    kalman = riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(root, 0.0), use_y0=use_y0)
+    kalman = riccati_schedule(model, n_steps, x0, P0, use_y0=use_y0)
     # Without bounds of w its coordinates do not matter, and a model may have other process noise.
     series = model_series(model, n_steps, in_states=w is None or not isinstance(model, UncertainModel))
     return MovingHorizon(series, kalman, window, window_bounds(model, series, n_steps, w=w, v=v, x=x), use_y0)

@@ -5,6 +5,8 @@ Model   As in robust_kalman.py, but the divergence is a penalty of weight 1/thet
 Source  zenere2018, Theorem 2, (17), (18); tau = 1 is (19), V = F exp(theta F'F) F' with P_pred = F F'.
 Assumed theta as in (18), which follows from (17) with twice the divergence (10); (17) as printed gives V with 2 theta.
 Limit   theta -> 0 gives the Kalman filter.  theta = steady multiplier of the robust filter gives its steady gains.
+Missing A run with a missing measurement has its own V from then on, with the same theta.  Where V
+        is undefined in a gap, V = P_pred.
 Cost    As every gain schedule; theta_from runs the robust filter until it is steady.
 Fails   Design error at the first step with theta * (1 - tau) * lambda_max(P_pred) >= 1, where V is undefined
         (Remark 2), or where V overflows (possible for all tau).
@@ -13,6 +15,7 @@ Fails   Design error at the first step with theta * (1 - tau) * lambda_max(P_pre
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from jaxtyping import Float
 
@@ -77,16 +80,17 @@ def design(
         chosen = steady_theta(model, P0, right_side(theta_from.c, theta_from.kl), tau)
     assert chosen is not None
 
-    def inflate_at(k: int, root: Array) -> Inflation:
-        try:
-            return inflate(root, chosen, tau)  # (18), first line, or (19)
-        except ValueError as error:
-            raise DesignError(
-                f"V is undefined from step k = {k} on: {error} (theta = {chosen:.9g}); "
-                "choose a smaller theta or a smaller initial P"
-            ) from None
+    return riccati_schedule(model, n_steps, x0, P0, partial(_penalised, theta=chosen, tau=tau), form)
 
-    return riccati_schedule(model, n_steps, x0, P0, inflate_at, form)
+
+def _penalised(k: int, root: Array, theta: float, tau: float) -> Inflation:
+    try:
+        return inflate(root, theta, tau)  # (18), first line, or (19)
+    except ValueError as error:
+        raise DesignError(
+            f"V is undefined from step k = {k} on: {error} (theta = {theta:.9g}); "
+            "choose a smaller theta or a smaller initial P"
+        ) from None
 
 
 def steady_theta(model: Model, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:

@@ -12,6 +12,8 @@ Assumed S1 and S2 default to 2 P0 and 2 P0 + x0 x0', a bound that holds although
         A model without this uncertainty needs no X: the filter then is the H-infinity predictor, with known inputs and
         means, and S1 defaults to P0.  The filter ignores uncertainty in Bw, Bv, Dw and Dv.
 Limit   Without uncertainty, theta = 0 and eps = 0 it is the one-step Kalman predictor.
+Missing A run with a missing measurement has its own gains and P from then on.  Where there is no bound with theta,
+        the error of this sample has no weight in the bound of the energy.
 Cost    As every gain schedule.
 Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at some k, or a bound overflows.  With
         uncertainty also: A or S2 is singular, or the model has inputs or noises with a mean (F_hat draws the estimate
@@ -22,10 +24,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix
@@ -97,7 +101,22 @@ def design(
         F=[step.F for step in steps],
         extra={"X": np.array([each.X for each in bounds[:-1]])} if uncertain else {},
     )
-    return replace(predictor, uncertainty_scale=1.0)
+    own = RunByRun(partial(_of_one_run, systems, [each.X for each in bounds], limits))
+    return replace(predictor, uncertainty_scale=1.0, root=np.array([each.root for each in bounds[:-1]]), recursion=own)
+
+
+def _of_one_run(
+    systems: list[DesignSystem], X: list[Array | None], limits: Limits, k: int, root: Array, there: Array
+) -> Gains:
+    """Return the gains of a run in which measurements are missing; X does not depend on them."""
+    A, C, N, R = _uncertain(systems[k], limits.alpha)
+    M, R = with_outputs(np.vstack([A, C]), R, there)
+    outputs, bounds = Uncertain(A, M[len(A) :], N, R), Bounds(root, X[k])
+    try:
+        step = bounded_real_step(outputs, bounds, limits)
+    except OutOfRangeError:
+        step = bounded_real_step(outputs, bounds, limits._replace(theta=0.0))
+    return Gains(step.K, step.K, step.after.root, covariance_of(root), F=step.F)
 
 
 def _has_uncertainty(now: DesignSystem) -> bool:

@@ -9,16 +9,19 @@ Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikou
         Kullback-Leibler divergence by the tau-divergence; tau = 1 gives V as in (19).
 Assumed (16) as printed, although half of its left side is the divergence (10) between Gaussians; see `kl: half`.
 Limit   c -> 0 gives the Kalman filter.
+Missing A run with a missing measurement has its own V from then on.  Without any output P = V.
 Cost    As every gain schedule; the design solves one scalar equation per step.
 Fails   Design error if C V C' + R_v is singular.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.numerics.kl_ball import Interpretation, Tau, inflate_to_radius, right_side
+from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Model, Positive
 
 
@@ -46,12 +49,8 @@ def design(
     tau : divergence of the ball: 0 is the Kullback-Leibler divergence, 1 is that of (19)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     """
-    bound = right_side(c, kl)
-    return riccati_schedule(
-        model,
-        n_steps,
-        x0,
-        P0,
-        lambda k, root: inflate_to_radius(root, bound, tau),  # (13), (16)
-        form,
-    )
+    return riccati_schedule(model, n_steps, x0, P0, partial(_worst, c=right_side(c, kl), tau=tau), form)
+
+
+def _worst(k: int, root: Array, c: float, tau: float) -> Inflation:
+    return inflate_to_radius(root, c, tau)  # (13), (16)

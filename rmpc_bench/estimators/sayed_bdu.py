@@ -12,6 +12,8 @@ Assumed `lam: approximate` uses (1 + alpha) lam_l with lam_l = |M' C' R^-1 C M|,
         The filter ignores uncertainty in C, Bv, Dw and Dv; use R to account for H_Dv.  The paper's noises have mean
         zero; here means enter through f0 and d0 without uncertainty.
 Limit   C M = 0 or no uncertainty gives the Kalman filter.
+Missing A run with a missing measurement has its own gains and P from then on.  The step to k+1 keeps the lam of all
+        outputs, which is above the bound of every part of them; `lam: search` does not bridge missing measurements.
 Cost    As every gain schedule; with a search 35 us per run and step for two states and one output.
 Fails   Design error: R is singular although lam is needed, w~ and v~ are correlated, or a given lam is below lam_l.
 """
@@ -20,11 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, RunByRun
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
@@ -61,15 +65,7 @@ class SearchState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SayedSearch(Estimator):
-    """The filter whose lam minimises G(lam) for the data of every run.
-
-    Parameters
-    ----------
-    systems : model at k = 0..N
-    steps : uncertain step from k to k+1 for k = 0..N-1; None where the uncertainty has no effect on y(k+1)
-    R : covariance of the measurement noise at k = 0..N
-    x0, P0 : prediction of x(0) and covariance of its error
-    """
+    """The filter whose lam minimises G(lam) for the data of every run; a step without an effect on y(k+1) is None."""
 
     systems: list[DesignSystem]
     steps: list[BoundedStep | None]
@@ -165,12 +161,11 @@ def design(
             raise DesignError("a search uses y(k+1) for the step to k+1; choose filter, or another lam", "form")
         return _searching(systems, noise, x0, P0)
     given = None if isinstance(lam, str) else lam
-    roots, P, L, K, F, used = [root_of(P0)], [], [], [], [], []
+    roots, P, L, K, F, chosen_at, R_hats = [root_of(P0)], [], [], [], [], list[Multiplier](), [noise[0]]
     last: tuple[DesignSystem, DesignSystem] | None = None
-    R_hat = noise[0]
     for k, now in enumerate(systems):
         try:
-            step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hat, roots[-1])
+            step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hats[-1], roots[-1])
         except np.linalg.LinAlgError:
             refuse_overflow(covariance_of(np.array(roots)))
             raise DesignError(f"the covariance of the innovation is singular at k = {k}: set R", "R") from None
@@ -178,21 +173,32 @@ def design(
         if last is None or now is not last[0] or systems[after] is not last[1]:
             last = now, systems[after]
             chosen = _multiplier(now, systems[after].m.C, noise[after], alpha, given)
-        R_hat = noise[after] - chosen.surplus
+        R_hats.append(noise[after] - chosen.surplus)
         transition, root_next = _predict(now, chosen, step.root)
         P.append(step.root)
         L.append(step.L)
         F.append(transition)
         K.append(transition.dot(step.L))
-        used.append(chosen.lam)
+        chosen_at.append(chosen)
         roots.append(root_next)
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
     models = [now.nominal for now in systems]
-    extra = {"P_pred": P_pred[:-1], "lam": np.array(used)}
+    extra = {"P_pred": P_pred[:-1], "lam": np.array([each.lam for each in chosen_at])}
     predictor = predictor_schedule(models, x0, K, list(P_pred[:-1]), F=F, extra=extra)
-    predictor = replace(predictor, uncertainty_scale=1.0)
+    own = RunByRun(partial(_of_one_run, list(zip(systems, R_hats, chosen_at, strict=False)), form == "filter"))
+    predictor = replace(predictor, uncertainty_scale=1.0, root=np.array(roots[:-1]), recursion=own)
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=covariance_of(np.array(P)))
+
+
+def _of_one_run(
+    steps: list[tuple[DesignSystem, Array, Multiplier]], corrects: bool, k: int, root: Array, there: Array
+) -> Gains:
+    """Return the gains of a run in which measurements are missing."""
+    now, R, chosen = steps[k]
+    step = filter_step(now.m.A, now.m.C[there], now.nominal.Q_w, R[np.ix_(there, there)], root)
+    F, root_next = _predict(now, chosen, step.root)
+    return Gains(step.L, F.dot(step.L), root_next, covariance_of(step.root if corrects else root), F=F)
 
 
 def _given(R: Matrix | None, ny: int) -> Array | None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import RiccatiRecursion
 from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
@@ -28,20 +29,10 @@ def stationary_filter(
     P_pred: Float[Array, "nx nx"],
     form: Form,
 ) -> GainScheduleFilter:
-    """Return the filter with constant gains.
+    """Return the filter with the gain K and the solution P_pred of the Riccati equation of its one-step predictor.
 
-    Parameters
-    ----------
-    model : design model that does not depend on k
-    x0 : (nx,) prediction of x(0)
-    K : (nx, ny) gain of the one-step predictor
-    P_pred : (nx, nx) covariance of x_pred - x, a solution of the Riccati equation
-    form : `filter` uses y(k) for x_hat(k), with the gain L = P_pred C' (C P_pred C' + R_v)^-1; `predictor` does not
-
-    Raises
-    ------
-    DesignError
-        If the model depends on k, its noises are correlated, or the covariance of the innovation is singular.
+    A run has gains of its own after a missing measurement.  A DesignError says that the model depends on k, its noises
+    are correlated, or the covariance of the innovation is singular.
     """
     if model.varies:
         raise DesignError("stationary gains need a design model that does not depend on k; use kalman")
@@ -52,4 +43,6 @@ def stationary_filter(
         raise singular_innovation(0) from None
     S = symmetrise(now.C @ P_pred @ now.C.T + now.R_v)
     predictor = replace(predictor_schedule([now], x0, [K], [P_pred]), sets=stochastic_sets(model), S=S[None])
+    own = RiccatiRecursion([now], corrects=form == "filter")
+    predictor = replace(predictor, root=root_of(P_pred)[None], recursion=own)
     return predictor if form == "predictor" else replace(predictor, L=step.L[None], P=step.P[None])

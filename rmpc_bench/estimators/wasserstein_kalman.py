@@ -14,6 +14,8 @@ Assumed The step of Frank-Wolfe maximises the objective; see numerics/wasserstei
         the stationary filter on wkf2018 with radius 0.2 is off by 2e-6, with 1e-14 by 1e-8 at most.
 Limit   radius = 0 is the Kalman filter.  If y does not depend on x, tr P = ((tr P_pred)^1/2 + radius)^2.
         If Sigma is multiplied by c and the radius by c^1/2, L stays as it is.
+Missing The ball of a run with missing measurements is that around x(k) and the outputs that are there.  Without any,
+        P = (1 + radius / (tr P_pred)^1/2)^2 P_pred.
 Cost    As every gain schedule.  The design solves one saddle point per step, until P_pred of a model that does not
         depend on k is steady.
 Fails   Design error if S_yy is singular.  With R_v = 0 the gain relies on measurements without error.
@@ -24,11 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import Gains, Outputs, RunByRun
 from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
@@ -115,7 +119,9 @@ def design(
         )
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    return _schedule(model, models, x0, P_pred[:-1], steps, form)
+    schedule = _schedule(model, models, x0, P_pred[:-1], steps, form)
+    one = RunByRun(partial(saddle.of_one_run, form == "filter", use_y0))
+    return replace(schedule, root=np.array(roots[:-1]), recursion=one)
 
 
 def _schedule(
@@ -139,15 +145,9 @@ def _schedule(
 
 
 class SaddlePoints:
-    """The least favourable covariances of a recursion, each started from the gain of the one before.
+    """The least favourable covariances of a recursion, each started from the gain of the one before."""
 
-    Parameters
-    ----------
-    models : the nominal model at k = 0..N
-    radius, tolerance : as in `design`
-    """
-
-    def __init__(self, models: Sequence[LinearModel], radius: float, tolerance: float) -> None:
+    def __init__(self, models: Sequence[LinearModel | Outputs], radius: float, tolerance: float) -> None:
         self.models, self.radius, self.tolerance = models, radius, tolerance
         self._L: tuple[Array, Array] | None = None
         """The gains of the last two steps; the next computation starts from their extrapolation."""
@@ -169,3 +169,12 @@ class SaddlePoints:
         self._L = last, found.L
         S = found.S
         return WassersteinStep(found.L, found.root, S[:nx, :nx], S[nx:, nx:], found.gap)
+
+    def of_one_run(self, corrects: bool, use_y0: bool, k: int, root: Array, there: Array) -> Gains:
+        """Return the gains of a run in which measurements are missing, from the ball around what is there."""
+        now: Any = self.models[k]
+        alone = SaddlePoints([Outputs.of(now, there)], self.radius, self.tolerance)
+        step, S = alone.step(0, root, measured=k > 0 or use_y0), covariance_of(now.C.dot(root)) + now.R_v
+        S[np.ix_(there, there)] = step.S
+        P = covariance_of(step.root) if corrects else step.V
+        return Gains(step.L, now.A.dot(step.L), predicted_root(now.A, now.Q_w, step.root), P, S)

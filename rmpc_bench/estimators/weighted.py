@@ -114,23 +114,7 @@ def weighted_filter(
     kept: float = 1.0,
     share: float = 1.0,
 ) -> WeightedFilter:
-    """Create a filter.
-
-    Parameters
-    ----------
-    model : design model
-    n_steps : number of control periods N
-    x0, P0 : prediction of x(0) and covariance of its error
-    law : how the weights are computed
-    use_y0 : whether to use y(0)
-    kept : as in `WeightedFilter`
-    share : factor of R_v
-
-    Raises
-    ------
-    DesignError
-        If R_v is singular, or the noises of the model are correlated.
-    """
+    """Create a filter with `share` times R_v; a DesignError says that R_v is singular or the noises are correlated."""
     models = uncorrelated(model, n_steps)
     names = {"A": "A", "B": "B", "C": "C", "f": "f0", "d": "d0", "Q_w": "Q_w", "R_v": "R_v"}
     matrices = {ours: over_time([getattr(each, theirs) for each in models]) for ours, theirs in names.items()}

@@ -60,14 +60,7 @@ def right_side(c: float, kl: Interpretation) -> float:
 
 
 def solve_stretch(mu: list[float], c: float, tau: float = 0.0) -> float:
-    """Solve sum_i d(s_i) = c for g = log(s) of the largest eigenvalue.
-
-    Parameters
-    ----------
-    mu : eigenvalues of P over the largest one
-    c : right side, > 0
-    tau : member of the family, 0 to 1
-    """
+    """Solve sum_i d(s_i) = c > 0 for g = log(s) of the largest eigenvalue; mu are all over the largest."""
     g = math.log1p(math.sqrt(2.0 * c / sum([m * m for m in mu])) + c)  # right for small c, and near for large c
     for _ in range(100):
         left, slope = _divergence(g, mu, tau)
@@ -149,14 +142,7 @@ def inflate(F: Float[Array, "n r"], theta: float, tau: float = 0.0) -> Inflation
 
 
 def inflate_to_radius(F: Float[Array, "n r"], c: float, tau: float = 0.0) -> Inflation:
-    """Solve (16) for theta and return V of (13), or theirs for another tau; P = 0 gives V = 0 with theta = 0.
-
-    Parameters
-    ----------
-    F : (n, r) root of P, which may be singular
-    c : right side of (16), > 0 (dimensionless)
-    tau : member of the family, 0 to 1
-    """
+    """Solve (16) with the right side c > 0 for theta, and return V of (13) or of another tau; P = 0 gives V = 0."""
     lam, W = _spectrum(F)
     largest = lam.item(0)
     if largest <= 0.0:

@@ -109,19 +109,10 @@ def sum_root(first: Float[Array, "n r"], second: Float[Array, "n s"], q: float) 
 
 
 def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) -> MixedStep:
-    """Correct a prediction.
+    """Correct a prediction; a LinAlgError says that the covariance of the innovation with the sets is singular.
 
-    Parameters
-    ----------
-    prior : covariance and set of the prediction error and of the measurement noise
-    rule : `fixed-point` finds the minimiser, see Limit; the others evaluate (24) once, for the gain of the previous
-        weight (`lag`) or of q = 1 (`one-pass`)
-    q_before : weight of the previous step
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the covariance of the innovation including the sets is singular, even if every innovation is consistent.
+    `fixed-point` finds the minimiser, see Limit.  The other rules evaluate (24) once, for the gain of the weight of the
+    previous step (`lag`) or of q = 1 (`one-pass`).
     """
     if not prior.M.any():
         return prior.corrected(prior.gain(0.0))

@@ -81,15 +81,9 @@ class NoisePair(NamedTuple):
         first: Noises,
         within: tuple[Range, Range] = (FREE, FREE),
     ) -> tuple[PredictorStep, Noises]:
-        """Compute gain and excesses that minimise the trace of the next P.
+        """Compute gain and excesses within their ranges that minimise the trace of the next P, from `first` on.
 
-        Parameters
-        ----------
-        M : A over C
-        J_x : contribution of the uncertainty of the state to J
-        root : root of the covariance of the error of x, widened
-        first : noises at the start of the iteration
-        within : ranges of t_w and t_v
+        J_x is the contribution of the uncertainty of the state to J, `root` that of the widened covariance of x.
         """
         noises, step = first, predictor_step(M, first.J + J_x, root)
         for _ in range(_MAX_TURNS):

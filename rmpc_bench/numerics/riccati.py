@@ -44,10 +44,7 @@ def filter_step(
 ) -> FilterStep:
     """Correct and propagate a root of the covariance of the prediction error: P_next = growth A P A' + Q_w.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If C P C' + R_v is singular.
+    A LinAlgError says that C P C' + R_v is singular.
     """
     found = corrected(C, root_of(R_v), root)
     if not found.regular:

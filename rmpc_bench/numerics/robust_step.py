@@ -60,16 +60,7 @@ class RobustBounds(NamedTuple):
 
 
 class RobustStep:
-    """Table 2 for one system; quantities that depend only on the system are computed once.
-
-    Parameters
-    ----------
-    A, C : (nx, nx), (ny, nx) matrices of the nominal system
-    H : (nz, r) stacked matrix [H_A; H_C] with which F_x enters [x(k+1); y]
-    G : (s, nx) matrix on the right of F_x
-    noises : both noises with their uncertainty
-    rules : rules for the free parameters
-    """
+    """Table 2 for one system; its own part is computed once.  H is [H_A; H_C], G the matrix on the right of F_x."""
 
     def __init__(
         self,

@@ -65,13 +65,7 @@ class LeastFavourable(NamedTuple):
 def joint_factor(
     C: Float[Array, "ny nx"], P_root: Float[Array, "nx n"], R_root: Float[Array, "ny m"]
 ) -> Float[Array, "nz r"]:
-    """Return G of the nominal covariance G G' = [P, P C'; C P, C P C' + R].
-
-    Parameters
-    ----------
-    C : output matrix
-    P_root, R_root : matrices with P = P_root P_root' and R = R_root R_root'
-    """
+    """Return G of the nominal covariance G G' = [P, P C'; C P, C P C' + R]."""
     (ny, nx), n, m = C.shape, P_root.shape[1], R_root.shape[1]
     G = np.zeros((nx + ny, n + m))
     G[:nx, :n] = P_root
@@ -83,19 +77,9 @@ def joint_factor(
 def least_favourable(
     G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"], tolerance: float = 1e-10
 ) -> LeastFavourable:
-    """Return the least favourable covariance in the ball around G G'.
+    """Return the least favourable covariance in the ball around G G', from the gain L on.
 
-    Parameters
-    ----------
-    G : factor of the nominal covariance of [x; y]
-    radius : rho, in the unit of x and y, >= 0
-    L : gain to start from
-    tolerance : duality gap, relative to the value, at which the iteration ends
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If S_yy is singular.
+    It ends at a duality gap of `tolerance`, relative to the value.  A LinAlgError says that S_yy is singular.
     """
     nx, nothing = len(L), _nothing(G)
     F, bound = _worst(G, radius, L, nothing)
@@ -181,19 +165,9 @@ def _worst(
 
 
 def stretches(d: list[float], s: list[float], radius: float, nothing: float) -> tuple[list[float], list[float]]:
-    """Solve the secular equation.
+    """Solve the secular equation for ascending eigenvalues d of the gradient and s = u_i' Sigma u_i; s <= nothing is 0.
 
-    Parameters
-    ----------
-    d : eigenvalues of the gradient that are not 0, in ascending order
-    s : u_i' Sigma u_i
-    radius : rho
-    nothing : largest s that counts as 0
-
-    Returns
-    -------
-    tuple
-        The weights d / (gamma - d) of U U' in M, and what is added to S in the directions U.
+    Return the weights d / (gamma - d) of U U' in M, and what is added to S in the directions U.
     """
     none = [0.0] * len(d)
     if radius == 0.0:

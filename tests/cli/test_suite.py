@@ -17,7 +17,7 @@ from rmpc_bench.estimators.gain_schedule import Inflation, riccati_schedule
 
 def design(model, n_steps, *, x0, P0, factor: float = 1.2):
     """Multiply the prediction covariance."""
-    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(factor * P_pred, 0.0))
+    return riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(factor**0.5 * root, 0.0))
 '''
 
 

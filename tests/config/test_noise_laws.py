@@ -115,8 +115,8 @@ def test_laws_that_do_not_fit_a_channel(load, keys, message):
 
 
 def test_estimators_that_do_not_bridge_are_named(load):
-    """Oracle: the method with a set, which a missing measurement would make wrong, and not the others."""
-    methods = "{KF: {estimator: {kind: kalman}}, SM: {estimator: {kind: set-membership}}}"
+    """Oracle: the method whose lam is searched with all outputs, and not the others."""
+    methods = "{KF: {estimator: {kind: kalman}}, SM: {estimator: {kind: sayed-bdu, lam: search}}}"
     [found] = problems(load, noise="{measurement: {missing: {probability: 0.1}}}", methods=methods)
     assert "noise.measurement: omits measurements, and the estimator of 'SM' cannot predict" in found
     assert found.startswith("9:") and "'KF'" not in found and "robust-kalman" in found
@@ -130,12 +130,15 @@ def test_kinds_that_the_message_names_bridge():
         "directional-kalman": {"q": 1.0, "direction": 1.0},
         "fading-kalman": {"alpha": 1.1},
         "h-infinity": {"fraction": 0.5},
+        "mixed": {"M0": np.eye(1)},
         "risk-sensitive": {"theta": 0.01},
+        "robust-h-infinity": {"alpha": 1.0},
         "robust-kalman": {"c": 0.1},
+        "set-membership": {"M0": np.eye(1)},
         "wasserstein-kalman": {"radius": 0.1},
     }
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
-    for kind in set(BRIDGING) - {"oracle", "lmmse", "lp-window"}:
+    for kind in set(BRIDGING) - {"oracle", "lmmse", "lp-window", "control-lqe"}:
         assert estimator(kind, model, n_steps=3, **start, **keys.get(kind, {})).bridges_missing, kind
 
 

@@ -1,5 +1,7 @@
 """Missing measurements: an output that is always missing is one that the plant does not have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import random_model, random_psd
@@ -82,18 +84,17 @@ def _uncertain(rng):
     return (uncertain_model(STEPS, **given, **noises), uncertain_model(STEPS, **fewer, **noises)), given
 
 
-def test_given_gains_predict_and_keep_what_they_report(rng):
-    """Oracle: the schedule by hand with a zero in place of the innovation; P is that of the schedule."""
-    model, start = random_model(rng, 3, 1, 1), {"x0": rng.standard_normal(3), "P0": random_psd(rng, 3)}
-    design = robust_kalman.design(model, STEPS, **start, c=0.1)
-    y = rng.standard_normal((2, STEPS + 1, 1))
-    y[1, 2:5] = np.nan
-    x_hat, P = estimates(design, y)
-    np.testing.assert_array_equal(P[1], P[0])
-    x_pred = x_hat[1, 1]
-    for k in range(2, 5):
-        x_pred = model.A @ x_pred
-        np.testing.assert_allclose(x_hat[1, k], x_pred, rtol=1e-12)  # F (x_pred + L e) and F x_pred + K e
+def test_a_filter_without_a_recursion_does_not_bridge(rng):
+    """A gain schedule alone says nothing about the gains after a gap."""
+    schedule = robust_kalman.design(random_model(rng, 2, 1, 1), STEPS, x0=np.zeros(2), P0=np.eye(2), c=0.1)
+    alone = replace(schedule, recursion=None)
+    assert schedule.bridges_missing and not alone.bridges_missing
+    y = np.array([[[1.0], [np.nan], [1.0]]])
+    state = alone.init(1)
+    for k in range(3):
+        state, estimate = alone.correct(k, state, y[:, k])
+        state = alone.predict(k, state, np.zeros((1, 1)))
+    assert np.isnan(estimate.x_hat).all()
 
 
 def test_an_intersection_of_sets_is_left_out(rng):
@@ -103,7 +104,7 @@ def test_an_intersection_of_sets_is_left_out(rng):
     model = mixed_model(60, **keys)
     start = {"x0": np.zeros(2), "P0": np.zeros((2, 2)), "M0": np.eye(2)}
     design = set_membership.design(model, 60, **start, update="maksarov-norton", inflate=False)
-    assert design.bridges_missing and not set_membership.design(model, 60, **start).bridges_missing
+    assert design.bridges_missing
     n_runs = 20
     x, state = 0.7 * rng.uniform(-1.0, 1.0, (n_runs, 2)), design.init(n_runs)
     for k in range(60):

@@ -8,8 +8,9 @@ import pytest
 from rmpc_bench.config.load import load_config
 from rmpc_bench.controllers.mpc_law import Mpc
 from rmpc_bench.controllers.state_feedback import GameGain, Lqr
-from rmpc_bench.estimators.bridging import BridgingFilter
+from rmpc_bench.estimators.bridging import RiccatiRecursion
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import uncertain_system
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.linear_loop_kernel import PRODUCT, product_kernel, ready
@@ -55,13 +56,13 @@ def compared(plant, method, draws, r, n_steps, state_range=None):
     return status
 
 
-def random_filter(rng, nx, nu, ny, samples, kind=GainScheduleFilter, **options):
+def random_filter(rng, nx, nu, ny, samples, **options):
     """Gains of an arbitrary filter: some matrices vary with k, some are constant, some are missing."""
 
     def matrices(*shape):
         return 0.4 * rng.standard_normal((samples if rng.random() < 0.5 else 1, *shape))
 
-    return kind(
+    return GainScheduleFilter(
         x0=rng.standard_normal(nx),
         F=matrices(nx, nx) / np.sqrt(nx),
         B=np.zeros((1, nx, nu)) if rng.random() < 0.2 else matrices(nx, nu),
@@ -209,9 +210,9 @@ def test_bridging_filters_as_long_as_nothing_is_missing():
     """A missing measurement changes the gains of its run: then the simulation goes step by step."""
     rng = np.random.default_rng(2)
     plant = random_plant(rng, 3, 1, 2)
-    options = {"extra": {"P_pred": np.tile(np.eye(3), (STEPS + 1, 1, 1))}}
-    options |= {"Q_w": np.eye(3)[None], "R_v": np.eye(2)[None]}
-    filter_ = random_filter(rng, 3, 1, 2, STEPS + 1, BridgingFilter, **options)
+    model = LinearModel(np.eye(3), np.ones((3, 1)), np.ones((2, 3)), np.eye(3), np.eye(2))
+    options = {"root": np.eye(3)[None], "recursion": RiccatiRecursion([model])}
+    filter_ = random_filter(rng, 3, 1, 2, STEPS + 1, **options)
     draws, r = random_draws(rng, plant), np.zeros((STEPS + 1, 2))
     method = Method("any", filter_, Rest(1))
     compared(plant, method, draws, r, STEPS)
