@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.components.by_kind import estimator as made_estimator
 from rmpc_bench.conformance.consistency import consistency_text
 from rmpc_bench.conformance.filtering import EstimatorExample
 from rmpc_bench.conformance.linear_system import LinearSystem, Recorded
@@ -32,6 +33,11 @@ AHEAD = 20
 """Samples after the change; a component that looks further ahead is not found."""
 MOST_ERRORS = 4.0
 """Standard errors beyond which a paired difference counts."""
+
+LOST = 0.4
+"""Probability that an output of a sample is missing."""
+EQUAL, STILL_EQUAL = 1e-5, 1e-4
+"""Largest difference from the Kalman filter, relative to its largest estimate, without and with missing outputs."""
 
 
 class EstimatorData(NamedTuple):
@@ -136,19 +142,7 @@ def _causal(estimator: Estimator, example: EstimatorInformationExample) -> None:
 
 
 def require_causal(estimator: Estimator, data: EstimatorExample, change: int = CHANGE) -> None:
-    """Fail if estimates depend on later measurements.
-
-    Parameters
-    ----------
-    estimator : what is checked
-    data : measurements and inputs
-    change : sample from which on other measurements are given
-
-    Raises
-    ------
-    AssertionError
-        With the number of samples ahead.
-    """
+    """Fail if estimates before `change` depend on y from there on; the error says how far they look ahead."""
     y, rows = data.y[:5, : change + AHEAD], range(min(5, data.n_runs))
     changed = y.copy()
     # The size of noise: measurements of another size may be impossible for the model.
@@ -203,6 +197,30 @@ def _possible(estimator: Estimator, example: EstimatorInformationExample) -> str
     return text
 
 
+def _kalman_with_gaps(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    if not estimator.bridges_missing:
+        raise NotApplicableError("the estimator does not go on without a measurement")
+    system, rows = example.system, range(6)
+    y = example.data.y[:, :61]
+    lost = np.random.default_rng(19).random(y.shape) < LOST
+    lost[0] = False  # a run without gaps beside the others
+    for form in ("filter", "predictor"):
+        kalman = made_estimator("kalman", system.model, system.n_steps, x0=system.x0, P0=system.P0, form=form)
+        whole, gaps = (
+            _distance(*(example.data.x_hat(each, rows, values) for each in (estimator, kalman)))
+            for values in (y, np.where(lost, np.nan, y))
+        )
+        if whole <= EQUAL:
+            text = f"differs by {gaps:.2g} of the largest estimate with missing measurements, by {whole:.2g} without"
+            require(gaps <= STILL_EQUAL, f"{text}: does it keep the gains of a run in which nothing is missing?")
+            return text
+    raise NotApplicableError("it is not the Kalman filter without missing measurements; give the keys of its limit")
+
+
+def _distance(found: Array, expected: Array) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
 FUNCTION = Check(
     "function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data
 )
@@ -214,5 +232,10 @@ EstimatorInformationExample.checks = (
     Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
     Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),
     Check("possible", "the error is not smaller than that of the Kalman filter, which is optimal here", _possible),
+    Check(
+        "kalman-with-gaps",
+        "what is the Kalman filter with all measurements is it also where some are missing",
+        _kalman_with_gaps,
+    ),
     Check("consistent", "errors and innovations agree with the reported covariance P", _consistent, "warning"),
 )

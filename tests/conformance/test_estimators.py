@@ -15,10 +15,12 @@ from rmpc_bench.conformance.results import run_checks, with_expected
 from rmpc_bench.estimators.enhanced_robust import Margins
 from rmpc_bench.estimators.lmmse import EntryLaw
 from rmpc_bench.estimators.risk_sensitive import Radius
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.plants.uncertain_linear import design as uncertain_plant
 from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.types import Estimate, Estimator
 
 KINDS = registry.names("estimators")
 PARAMETERS = {
@@ -136,3 +138,99 @@ def test_available_information(kind):
     results = run_checks(EstimatorInformationExample.checks, design, EstimatorInformationExample(system))
     failed = [str(each) for each in with_expected(results, design.expected_failures) if each.status == "failed"]
     assert failed == []
+
+
+KALMAN_LIMITS = {
+    "kalman": {},
+    "directional-kalman": {"q": 0.0, "direction": 1.0},
+    "fading-kalman": {"alpha": 1.0},
+    "wasserstein-kalman": {"radius": 1e-7},
+    "robust-kalman": {"c": 1e-12},
+    "risk-sensitive": {"theta": 1e-9},
+    "h-infinity": {"theta": 1e-9},
+    "kalman-predictor": {},
+    "enhanced-robust": {},
+    "sayed-bdu": {},
+    "robust-h-infinity": {"alpha": 1.0},
+    "lmmse": {"form": "filter"},
+    "student-kalman": {"dof": 1e12},
+    "huber-kalman": {"k": 1e6},
+    "correntropy-kalman": {"sigma": 1e9},
+    "gated-kalman": {"gate": 1e12},
+    "mixed": {"M0": np.zeros((2, 2))},
+    "moving-horizon": {"window": 5},
+    "kalman-disturbance": {"D0": 0.0},
+    "extended-kalman": {},
+    "unscented-kalman": {},
+}
+"""Keys of every kind with which it is the Kalman filter of a linear model."""
+WITHOUT_LIMIT = {
+    "oracle": "needs a plant; tests/estimators/test_missing_measurements.py",
+    "control-lqe": "the gains of the first samples differ; tests/estimators/test_missing_measurements.py",
+    "lp-window": "no covariances",
+    "set-membership": "sets in place of covariances",
+}
+TWO_FORMS = (
+    "robust-kalman",
+    "risk-sensitive",
+    "wasserstein-kalman",
+    "h-infinity",
+    "sayed-bdu",
+    "lmmse",
+    "fading-kalman",
+)
+FORMS = [(kind, "") for kind in KALMAN_LIMITS] + [(kind, "predictor") for kind in TWO_FORMS]
+
+
+def kalman_with_gaps(design, system):
+    """Return the outcome of the check."""
+    checks = [each for each in EstimatorInformationExample.checks if each.id == "kalman-with-gaps"]
+    [result] = run_checks(checks, design, EstimatorInformationExample(system))
+    return result
+
+
+def test_every_kind_has_a_limit_or_a_reason():
+    """Oracle: the registry."""
+    assert sorted([*KALMAN_LIMITS, *WITHOUT_LIMIT]) == KINDS
+
+
+@pytest.mark.parametrize("outputs", [1, 2])
+@pytest.mark.parametrize(("kind", "form"), FORMS)
+def test_the_limit_is_the_kalman_filter_with_missing_measurements(kind, form, outputs):
+    """Oracle: kalman; with two outputs also samples at which one of them is missing."""
+    design, system = registry.get("estimators", kind), LinearSystem.shipped()
+    if outputs == 2:
+        now = system.model
+        system = LinearSystem.of(
+            LinearModel(now.A, now.B, [[1.0, 0.0], [0.3, 1.0]], now.Q_w, [[0.1, 0.03], [0.03, 0.2]])
+        )
+    keys = KALMAN_LIMITS[kind] | ({"form": form} if form else {})
+    result = kalman_with_gaps(design(system.model, system.n_steps, x0=system.x0, P0=system.P0, **keys), system)
+    assert result.status == "passed", str(result)
+
+
+def test_gains_of_a_run_without_gaps_do_not_pass():
+    """The check can fail: a filter that predicts where y is missing, and keeps the gains of the other runs."""
+
+    class Fixed(Estimator):
+        def __init__(self, full):
+            self.full = full
+
+        bridges_missing = True
+
+        def init(self, n_runs):
+            return (np.tile(self.full.x0, (n_runs, 1)),)
+
+        def correct(self, k, state, y):
+            e = np.where(np.isnan(y), 0.0, y - state[0] @ self.full.C[0].T)
+            x_hat = state[0] + e @ self.full.L[k].T
+            return (x_hat,), Estimate(x_hat, None, None, np.zeros(len(y), dtype=np.int8), {})
+
+        def predict(self, k, state, u):
+            return (state[0] @ self.full.F[0].T + u @ self.full.B[0].T,)
+
+    system = LinearSystem.shipped()
+    result = kalman_with_gaps(Fixed(system.kalman), system)
+    assert result.status == "failed" and "keep the gains of a run in which nothing is missing" in result.reason
+    wide = registry.get("estimators", "robust-kalman")(system.model, system.n_steps, x0=system.x0, P0=system.P0, c=0.1)
+    assert kalman_with_gaps(wide, system).status == "not checked"
