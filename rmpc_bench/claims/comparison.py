@@ -40,6 +40,7 @@ class ComparisonResult:
     change : where the outcome changes if a threshold, factor or margin of the check does; None where it has none
     n_deciding : about how many runs would decide, if the numbers stay as they are; None where that is not known
     exceptions : largest share of exceptions among all runs that fits a statement about every run, which holds in these
+    below_margin : the margin of relevance in words, where the comparison holds and its whole interval is below that
     """
 
     text: str
@@ -59,6 +60,7 @@ class ComparisonResult:
     change: Change | None = None
     n_deciding: int | None = None
     exceptions: float | None = None
+    below_margin: str = ""
 
     def rounded(self) -> ComparisonResult:
         """Return the comparison with the digits that another CPU reproduces, for what is written."""
@@ -138,6 +140,7 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
         change=decision.change(link, evaluator, spread) if spread is None or not left.ndim else None,
         n_deciding=decision.n_deciding(link.operator, spread, n_runs) if inconclusive else None,
         exceptions=decision.exceptions(link, value, evaluator, confidence) if held and spread is None else None,
+        below_margin=decision.below_margin(link, evaluator, spread) if holds else "",
     )
 
 

@@ -35,16 +35,9 @@ class Change(NamedTuple):
 
 
 def decided(operator: str, spread: Spread) -> bool | None:
-    """Decide by intervals: a comparison holds, or fails, only when its whole interval does.
+    """Decide by intervals: a comparison holds, or fails, only when its whole interval does; None where it is open.
 
-    Parameters
-    ----------
-    operator : of the comparison
-    spread : of its sides
-
-    Returns
-    -------
-    None where the interval contains the border; equality up to a tolerance holds when the interval lies inside it
+    Equality up to a tolerance holds when the interval lies inside that.
     """
     low, high = spread.gap()
     if operator == "==":
@@ -93,17 +86,9 @@ def n_deciding(operator: str, spread: Spread | None, n: int) -> int | None:
 
 
 def change(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> Change | None:
-    """Find where the outcome of a comparison changes with the tolerance, factor or threshold that the check gives.
+    """Find where the outcome changes with the tolerance, factor or threshold that the check gives.
 
-    Parameters
-    ----------
-    link : the comparison
-    evaluator : made for it
-    spread : of its sides; None where the two numbers decide
-
-    Returns
-    -------
-    None where the check gives no such number, or only 0 or 1, which are borders and no thresholds
+    None where the check gives no such number, or only 0 or 1, which are borders and no thresholds.
     """
     if link.operator == "~":
         return _margin(link, evaluator, spread)
@@ -185,20 +170,37 @@ def _factor(link: tree.Link, evaluator: Evaluator, spread: Spread | None, factor
     return Change("factor", factor * low, factor * high, abs(factor) / smallest)
 
 
+def below_margin(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> str:
+    """Return the margin of relevance in words, if two averages of one metric certainly differ by less than that."""
+    names = {term.quantity for term in tree.terms(link)}
+    infos = [info for info in evaluator.trials.metrics if info.name in names]
+    averages = {_average(side) for side in (link.left, link.right)}
+    if link.operator not in ("<", ">") or len(names) != 1 or not infos or len(averages) != 1 or "" in averages:
+        return ""
+    signed = infos[0].direction in ("zero", "one") or any((column < 0).any() for column in evaluator.columns.values())
+    margin = evaluator.trials.relevant_of(infos[0].name, default=0.0 if signed else None)
+    if spread is None:
+        left, right, _ = evaluator.sides(link)
+        with np.errstate(all="ignore"):
+            changes = difference(left.array, right) if signed else left.array / right
+        low, high = float(np.min(changes)), float(np.max(changes))
+    else:
+        low, high = spread.gap() if signed else spread.ratio()
+    below = -margin <= low <= high <= margin if signed else 1 / (1 + margin) <= low <= high <= 1 + margin
+    return (f"{margin:g} {infos[0].unit}".rstrip() if signed else f"{100 * margin:g} %") if below else ""
+
+
+def _average(side: Node) -> str:
+    """Name the average over the runs that a side is, ``each`` for the runs themselves; empty for any other side."""
+    if isinstance(side, tree.Term):
+        return "each"
+    if isinstance(side, Call) and side.function in ("mean", "median") and isinstance(side.arguments[0], tree.Term):
+        return side.function
+    return ""
+
+
 def exceptions(link: tree.Link, value: Value, evaluator: Evaluator, confidence: float) -> float | None:
-    """Bound the share of exceptions to a statement about every run, which holds in all runs at hand.
-
-    Parameters
-    ----------
-    link : the comparison
-    value : its left side as compared
-    evaluator : made for it
-    confidence : level of the bound
-
-    Returns
-    -------
-    one-sided exact bound; None for statements that are not about every run
-    """
+    """Bound the share of exceptions, one-sided and exact, to a statement about every run; None for other statements."""
     n = len(evaluator.runs) or (len(evaluator.trials.runs) if "n_failed" in tree.functions(link) else 0)
     if n < 2 or not _about_every_run(link, value, evaluator):
         return None

@@ -62,6 +62,10 @@ class PlaceholderResults:
         """Ones for every metric and method."""
         return np.ones(_N_RUNS)
 
+    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
+        """No margin: placeholders are not compared."""
+        return 0.0
+
     def n_failed(self, method: str, /) -> int:
         """One, since a claim may divide by it."""
         return 1

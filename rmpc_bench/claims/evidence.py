@@ -48,6 +48,8 @@ def _further(comparison: ComparisonResult) -> list[str]:
     found = []
     if comparison.exceptions is not None:
         found.append(f"at most {significant_text(100 * comparison.exceptions, 2)} % of all runs are exceptions")
+    if comparison.below_margin:
+        found.append(f"the difference is below the margin of relevance of {comparison.below_margin}")
     # Sides that are equal up to rounding are equivalent within 0.
     if comparison.change is not None and comparison.change.high != 0:
         found.append(change_text(comparison.change))

@@ -64,24 +64,24 @@ def over_numbers(findings: Sequence[Finding]) -> Finding:
 def over_interpretations(findings: Sequence[Finding]) -> Finding:
     """Join the findings under all interpretations; the first is ours.
 
-    Parameters
-    ----------
-    findings : at least one; those that are not testable count only if all are
-
-    Returns
-    -------
-    the finding that all of them have; else it depends on unstated assumptions
+    Those that are not testable count only if all are.  A statement depends on what the paper leaves open only if at
+    least one interpretation confirms it and another one does not.
 
     Examples
     --------
     >>> over_interpretations([Finding.CONFIRMED, Finding.CONFIRMED_SMALLER]).value
     'confirmed'
     >>> over_interpretations([Finding.INCONCLUSIVE, Finding.NOT_CONFIRMED]).value
-    'depends-on-assumptions'
+    'not-confirmed'
+    >>> over_interpretations([Finding.INCONCLUSIVE, Finding.PARTIALLY_CONFIRMED]).value
+    'inconclusive'
     """
     tested: list[Finding] = [finding for finding in findings if finding is not Finding.NOT_TESTABLE]
     tested = tested or [*findings]
     # Under other interpretations the size may differ: the statement holds all the same.
     if len(set(tested)) == 1 or all(finding.is_confirmed for finding in tested):
         return tested[0]
-    return Finding.DEPENDS_ON_ASSUMPTIONS
+    if any(finding.is_confirmed or finding is Finding.DEPENDS_ON_ASSUMPTIONS for finding in tested):
+        return Finding.DEPENDS_ON_ASSUMPTIONS
+    failed = {Finding.NOT_CONFIRMED, Finding.DIFFERENT}.intersection(tested)
+    return Finding.NOT_CONFIRMED if failed else Finding.INCONCLUSIVE

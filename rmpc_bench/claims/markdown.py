@@ -67,21 +67,18 @@ def _finding(verdict: ClaimVerdict) -> list[str]:
     """The finding, joined with those of other configurations, and the recorded one."""
     recorded = f" (recorded: {verdict.claim.finding.sentence})" if verdict.claim.finding else ""
     if not verdict.claim.elsewhere:
-        return [f"- finding: **{verdict.finding.sentence}**{recorded}"]
+        return [f"- finding: **{verdict.words}**{recorded}"]
     others = [f"{_text(name)} ({finding.sentence})" for name, finding in verdict.claim.elsewhere.items()]
     return [
         f"- finding: **{verdict.joined.sentence}**, joined over this configuration and {', '.join(others)}",
-        f"- finding here: {verdict.finding.sentence}{recorded}",
+        f"- finding here: {verdict.words}{recorded}",
     ]
 
 
 def _interpretations(verdict: ClaimVerdict) -> list[str]:
-    """Under how many interpretations the statement holds, under which it does not, and their grounds in the text."""
+    """Under which interpretations the statement holds, under which it does not, and their grounds in the text."""
     found = verdict.interpretations
     items = []
-    if found and verdict.finding is Finding.DEPENDS_ON_ASSUMPTIONS:
-        n_confirmed = sum(each.finding.is_confirmed for each in found)
-        items.append(f"- confirmed under {n_confirmed} of {len(found)} interpretations")
     for finding in dict.fromkeys(each.finding for each in found):
         points = [each.at for each in found if each.finding == finding]
         items.append(f"- {finding.sentence} at: {_text('; '.join(points))}")

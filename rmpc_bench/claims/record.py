@@ -54,6 +54,7 @@ class NumbersRecord(TypedDict):
     change: ChangeRecord | None
     n_deciding: int | None
     exceptions: float | None
+    below_margin: str | None
 
 
 class SizeRecord(TypedDict):
@@ -78,7 +79,10 @@ class InterpretationRecord(TypedDict):
 
 
 class ClaimRecord(TypedDict):
-    """A statement: `finding` is that of this experiment, `joined` that over all configurations with the same `id`."""
+    """A statement: `finding` is that of this experiment, `joined` that over all configurations with the same `id`.
+
+    `words` is the finding of this experiment as pages write it, with the cases or interpretations that it rests on.
+    """
 
     id: str | None
     statement: str
@@ -91,6 +95,7 @@ class ClaimRecord(TypedDict):
     assumptions: list[str]
     recorded: Word | None
     finding: Word
+    words: str
     joined: Word
     elsewhere: dict[str, Word]
     interpretations: list[InterpretationRecord]

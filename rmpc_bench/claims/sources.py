@@ -59,6 +59,10 @@ class Table(Protocol):
         """Values of a metric over the runs, NaN where a run failed."""
         ...
 
+    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
+        """Return the smallest difference of a metric that matters."""
+        ...
+
     def n_failed(self, method: str, /) -> int:
         """Count the failed runs."""
         ...

@@ -59,6 +59,7 @@ def _claim(verdict: ClaimVerdict) -> ClaimRecord:
         "assumptions": list(claim.assumptions),
         "recorded": None if claim.finding is None else claim.finding.value,
         "finding": verdict.finding.value,
+        "words": verdict.words,
         "joined": verdict.joined.value,
         "elsewhere": {name: finding.value for name, finding in claim.elsewhere.items()},
         "interpretations": [
@@ -99,6 +100,7 @@ def _numbers(comparison: ComparisonResult) -> NumbersRecord:
         "change": None if change is None else _change(change),
         "n_deciding": comparison.n_deciding,
         "exceptions": None if comparison.exceptions is None else significant(comparison.exceptions),
+        "below_margin": comparison.below_margin or None,
     }
 
 

@@ -64,6 +64,23 @@ class ClaimVerdict:
         return joining.over_interpretations([self.finding, *self.claim.elsewhere.values()])
 
     @property
+    def words(self) -> str:
+        """The finding here with its cases or interpretations, or with the margin that all differences stay below."""
+        counted = f", in {self.cases.count(True) or 'none'} of {len(self.cases)} cases" if self.cases else ""
+        n_confirmed = sum(each.finding.is_confirmed for each in self.interpretations)
+        if n_confirmed < len(self.interpretations):
+            counted = f": confirmed under {n_confirmed or 'none'} of {len(self.interpretations)} interpretations"
+        held = [each.below_margin for each in self.comparisons if each.holds] if self.finding.is_confirmed else []
+        # One comparison beyond its margin is enough for a statement that matters.
+        margin = f", but below the margin of relevance of {held[0]}" if held and all(held) else ""
+        return f"{self.finding.sentence}{counted}{margin}"
+
+    @property
+    def joined_words(self) -> str:
+        """The joined finding; where no other configuration has the statement, with what it rests on."""
+        return self.joined.sentence if self.claim.elsewhere else self.words
+
+    @property
     def differs(self) -> bool:
         """Whether the configuration records another finding."""
         return self.claim.finding is not None and self.finding != self.claim.finding

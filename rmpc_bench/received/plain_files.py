@@ -129,7 +129,7 @@ PROGRESS: Any = {
 }
 TUNING: Any = {"version": int, "searches": {str: dict}}
 SECONDS: Any = {str: wrong_size}
-_CLAIM = {"id": (str, None), "statement": str, "source": str, "kind": str, "joined": str}
+_CLAIM = {"id": (str, None), "statement": str, "source": str, "kind": str, "joined": str, "words?": str}
 _TEXTS = dict.fromkeys(("name", "title", "command"), str)
 CLAIMS: Any = {"experiment": {**_TEXTS, "paper?": (str, None), "runs": COUNT, "final": bool}, "claims": [_CLAIM]}
 _CODE = {"numerics": COUNT, **dict.fromkeys(("sources?", "installed?", "data?"), {str: [str]})}

@@ -193,6 +193,7 @@ def test_what_did_not_occur(make_trials):
         "change": None,
         "n_deciding": None,
         "exceptions": None,
+        "below_margin": None,
     }
     assert table[3]["numbers"][0]["left"] == "-inf"
 

@@ -91,13 +91,13 @@ def test_a_path_that_a_term_leaves_open(sweep):
         ("12", "depends-on-assumptions"),
         ("21", "depends-on-assumptions"),
         ("13", "depends-on-assumptions"),
-        ("23", "depends-on-assumptions"),
+        ("23", "not-confirmed"),
         ("33", "inconclusive"),
         ("124", "depends-on-assumptions"),
     ],
 )
 def test_finding_over_several_interpretations(trials, at, finding):
-    """All alike: that finding; else it depends, whatever the findings are."""
+    """All alike: that finding; it depends where one confirms and another does not; else none confirms."""
     assert judge(claim(BELOW, at=at), trials).finding == finding
 
 
@@ -107,8 +107,22 @@ def test_interpretations_of_which_a_part_holds(trials):
     assert judge(claim(*checks, at="1"), trials).finding == "partially-confirmed"
     assert judge(claim(*checks, at="2"), trials).finding == "not-confirmed"
     assert judge(claim(*checks, at="14"), trials).finding == "partially-confirmed"
-    assert judge(claim(*checks, at="12"), trials).finding == "depends-on-assumptions"
+    assert judge(claim(*checks, at="12"), trials).finding == "not-confirmed"
     assert judge(claim(*checks[:2], "mean(mse[A]) > 0", at="12"), trials).finding == "depends-on-assumptions"
+
+
+def test_a_statement_that_no_interpretation_confirms(trials):
+    """It depends on nothing that is open: the words say that none confirms it, on the page as in claims.md."""
+    verdict = judge(claim("mean(mse[A]) > 4", at="123"), trials)
+    words = "not confirmed: confirmed under none of 3 interpretations"
+    assert (verdict.finding, verdict.words, verdict.joined_words) == ("not-confirmed", words, words)
+    text = claims_markdown([verdict], informational=False)
+    assert f"- finding: **{words}**\n" in text and "unstated assumptions" not in text
+    assert claims_table([verdict])[0]["words"] == words
+    open_ones = judge(claim(BELOW, "mean(mse[A]) > 0", at="33"), trials)
+    assert open_ones.words == "inconclusive: confirmed under none of 2 interpretations"
+    # Where all confirm there is nothing to count.
+    assert judge(claim(BELOW, at="14"), trials).words == "confirmed"
 
 
 def test_interpretations_name_their_points(trials):
@@ -118,7 +132,8 @@ def test_interpretations_name_their_points(trials):
     [row] = json.loads(json.dumps(claims_table([verdict]), allow_nan=False))
     assert row["at"] == [{"c": "1"}, {"c": "2"}] and [number["at"] for number in row["numbers"]] == ["c=1", "c=2"]
     text = claims_markdown([verdict], informational=False)
-    assert "- finding: **depends on unstated assumptions**\n" in text
+    words = "depends on unstated assumptions: confirmed under 1 of 2 interpretations"
+    assert f"- finding: **{words}**\n" in text and row["words"] == words
     assert f"- `{BELOW}` at c=1: holds; 1.10 and 2.00" in text and f"- `{BELOW}` at c=2: does not hold; 3.15" in text
     one = judge(claim(BELOW, at="1"), trials)
     assert claims_table([one])[0]["numbers"][0]["at"] is None

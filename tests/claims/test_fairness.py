@@ -198,6 +198,68 @@ def test_cases_of_can_share_their_error(make_trials):
 ANY = HoldsFor.ANY
 
 
+def test_a_can_gives_its_count(trials):
+    """A finding from one case of four says so, and none is a count as well."""
+    checks = [f"{mean(method)} < {mean('base')}" for method in ("far", "below", "off", "far")]
+    assert judged(trials, *checks, holds_for=ANY).words == "confirmed, in 1 of 4 cases"
+    assert judged(trials, checks[0], checks[2], holds_for=ANY).words == "not confirmed, in none of 2 cases"
+    assert (
+        judged(trials, checks[1], checks[1], checks[0], holds_for=HoldsFor.MOST).words == "confirmed, in 2 of 3 cases"
+    )
+
+
+LITTLE = {"base": BASE, "little": BASE * 1.0035, "more": BASE * 1.03, "edge": BASE * (1.0095 + NOISE / 20)}
+"""Changes by 0.35 %, 3 % and 0.95 %, the last one with an interval that reaches beyond 1 %."""
+
+
+@pytest.mark.parametrize(
+    ("check", "below"),
+    [
+        ("mean(mse[little]) > mean(mse[base])", "1 %"),
+        ("mean(mse[base]) < mean(mse[little])", "1 %"),
+        ("median(mse[little]) > median(mse[base])", "1 %"),
+        ("mse[little] > mse[base]", "1 %"),  # in every run
+        ("mean(mse[more]) > mean(mse[base])", ""),
+        ("mean(mse[edge]) > mean(mse[base])", ""),  # the estimate is below the margin, its interval is not
+        ("mean(mse[little]) < mean(mse[base])", ""),  # does not hold
+        ("mean(mse[little]) >= mean(mse[base])", ""),  # states no difference
+        ("mean(mse[little]) < 1.5 * mean(mse[base])", ""),  # has a threshold of its own
+        ("mean(mse[little]) > median(mse[base])", ""),  # two averages
+        ("max(mse[little]) > max(mse[base])", ""),
+        ("mean(mse[little]) > 1", ""),
+        ("share(mse[little] > mse[base]) > 0.5", ""),
+        ("last(P[base]) > 1", ""),
+    ],
+)
+def test_a_direction_below_the_margin_of_relevance(make_trials, check, below):
+    """Confirmed by its sign, and of a size that does not matter: the interval of the ratio is inside the margin."""
+    verdict = judged(make_trials({"mse": LITTLE}, [("base", "P", "", 0, 0, 2.0)]), check)
+    assert verdict.comparisons[0].below_margin == below
+    words = f"{verdict.finding.sentence}{', but below the margin of relevance of 1 %' if below else ''}"
+    assert verdict.words == words and f"- finding: **{words}**" in written(verdict)
+    text = "\n".join(written(verdict))
+    assert ("; the difference is below the margin of relevance of 1 %" in text) is bool(below)
+    assert claims_table([verdict])[0]["numbers"][0]["below_margin"] == (below or None)
+
+
+def test_the_margin_of_relevance_is_that_of_the_metric(make_trials):
+    """A share of its own, or a number in the unit of a signed metric, for which none is given by default."""
+    trials = make_trials({"mse": LITTLE, "bias": {"base": NOISE, "little": NOISE + 0.02, "more": NOISE, "edge": NOISE}})
+    own = replace(trials, margins={"mse": 0.002, "bias": 0.05})
+    check, signed = "mean(mse[little]) > mean(mse[base])", "mean(bias[little]) > mean(bias[base])"
+    assert [judged(trials, each).words for each in (check, signed)] == [
+        "confirmed, but below the margin of relevance of 1 %",
+        "confirmed",
+    ]
+    assert [judged(own, each).words for each in (check, signed)] == [
+        "confirmed",
+        "confirmed, but below the margin of relevance of 0.05",
+    ]
+    # One difference that matters is enough for the finding; the other one is marked where it stands.
+    both = judged(trials, check, "mean(mse[more]) > mean(mse[base])")
+    assert both.words == "confirmed" and [each.below_margin for each in both.comparisons] == ["1 %", ""]
+
+
 def test_the_cases_are_checks_at_all_points(make_trials):
     """Two checks at two points are four cases, and no interpretations."""
     table = make_trials({"d": {"A": np.arange(20.0) + 1, "B": np.arange(20.0) * 0}})
@@ -292,11 +354,19 @@ def test_exact_numbers_are_written_with_their_difference(trials):
         (["confirmed", "not-confirmed"], "depends-on-assumptions"),
         (["not-confirmed", "depends-on-assumptions"], "depends-on-assumptions"),
         (["not-confirmed", "not-testable"], "not-confirmed"),
+        (["confirmed", "inconclusive"], "depends-on-assumptions"),
+        (["partially-confirmed", "close"], "depends-on-assumptions"),
+        # None confirms, so that nothing depends on what the paper leaves open.
+        (["partially-confirmed", "not-confirmed", "partially-confirmed"], "not-confirmed"),
+        (["inconclusive", "not-confirmed"], "not-confirmed"),
+        (["inconclusive", "different"], "not-confirmed"),
+        (["inconclusive", "partially-confirmed"], "inconclusive"),
+        (["different", "different"], "different"),
         (["not-testable"], "not-testable"),
     ],
 )
 def test_findings_over_interpretations(findings, joined):
-    """All alike: that one; else it depends."""
+    """All alike: that one; it depends only where one interpretation confirms and another one does not."""
     assert joining.over_interpretations([Finding(finding) for finding in findings]) == joined
 
 

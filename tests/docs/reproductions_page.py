@@ -39,11 +39,14 @@ configurations check has one finding, joined over all interpretations. There is 
 | finding | meaning |
 | --- | --- |
 | confirmed | every comparison of the check holds, with its interval |
+| confirmed, in 1 of 8 cases | of a statement with "can" one case is enough, with "usually" more than half are needed |
+| confirmed, but below the margin of relevance | the direction is as stated; no difference reaches the margin |
 | confirmed, smaller (larger) effect | the direction is as stated, the size is outside its tolerance |
 | partially confirmed | some comparisons hold, some do not |
 | inconclusive | an interval contains the border; the runs that would decide are named |
-| depends on unstated assumptions | it holds under some admissible interpretations and not under others |
+| depends on unstated assumptions | at least one admissible interpretation confirms it, and another one does not |
 | not confirmed | the check does not hold, and its interval does not contain the border |
+| not confirmed: confirmed under none of 7 interpretations | at least one of them contradicts it |
 | not testable | the experiment cannot show it; there is no check |
 | equal to the digits printed | a number without Monte Carlo error agrees in every digit that the paper prints |
 | close, different | its relative difference is small (the claim names the limit), or it is not |
@@ -174,11 +177,18 @@ def _row(paper: str, places: Sequence[Place]) -> tuple[str, ...]:
 def _finding(places: Sequence[Place]) -> str:
     joined = {place.claim["joined"] for place in places}
     assert len(joined) == 1, [place.claim["id"] for place in places]
-    word = f"**{Finding(joined.pop()).sentence}**"
-    here = {place.configuration.name: Finding(place.claim["finding"]) for place in places}
-    if len(here) == 1 or {each.sentence for each in here.values()} == {word.strip("*")}:
-        return word
-    return f"{word}: {', '.join(f'{finding.sentence} in {name}' for name, finding in here.items())}"
+    word = Finding(joined.pop()).sentence
+    here = {place.configuration.name: _words(place.claim) for place in places}
+    if len(here) == 1:
+        return f"**{next(iter(here.values()))}**"
+    if set(here.values()) == {word}:
+        return f"**{word}**"
+    return f"**{word}**: {'; '.join(f'{words} in {name}' for name, words in here.items())}"
+
+
+def _words(claim: dict[str, Any]) -> str:
+    """The finding here with what it rests on; a claims.json of an earlier version has the finding alone."""
+    return text(claim.get("words") or Finding(claim["finding"]).sentence)
 
 
 def _numbers(claim: dict[str, Any]) -> str:

@@ -57,7 +57,7 @@ def _item(verdict: ClaimVerdict, figures: set[str], level: int) -> Block:
         "kind": "claim",
         "level": level,
         "statement": _line(claim.says),
-        "finding": verdict.joined.sentence,
+        "finding": verdict.joined_words,
         "style": finding_style(verdict.joined),
         "source": _line(claim.source),
         "quote": _line(claim.quote),
@@ -74,15 +74,12 @@ def _lines(verdict: ClaimVerdict) -> list[Text]:
     claim, lines = verdict.claim, list[Text]()
     if claim.elsewhere:
         others = ", ".join(f"{name} ({finding.sentence})" for name, finding in claim.elsewhere.items())
-        lines.append(f"Joined over this experiment ({verdict.finding.sentence}) and {others}.")
+        lines.append(f"Joined over this experiment ({verdict.words}) and {others}.")
     if verdict.differs and claim.finding is not None:
         lines.append(f"Recorded earlier: {claim.finding.sentence}. The finding has changed.")
     if verdict.reason:
         lines.append(f"Not evaluated: {_line(verdict.reason)}.")
     found = verdict.interpretations
-    if found and verdict.finding is Finding.DEPENDS_ON_ASSUMPTIONS:
-        n_confirmed = sum(each.finding.is_confirmed for each in found)
-        lines.append(f"Confirmed under {n_confirmed} of {len(found)} interpretations.")
     for finding in dict.fromkeys(each.finding for each in found):
         points = [each.at for each in found if each.finding == finding]
         lines.append(f"{finding.sentence.capitalize()} at: {'; '.join(points)}.")

@@ -100,7 +100,10 @@ def _statements(entries: Sequence[IndexEntry]) -> list[Block]:
             entry, claim = places[0]
             finding = Finding(claim["joined"])
             columns["statement"].append(claim["statement"])
-            columns["finding"].append([badge(finding.sentence, finding_style(finding))])
+            # A claims.json of an earlier version, or of somebody else, may have no words, or others.
+            words = claim.get("words", "") if len(places) == 1 else ""
+            words = words if words.startswith(finding.sentence) else finding.sentence
+            columns["finding"].append([badge(words, finding_style(finding))])
             columns["source"].append(claim["source"])
             columns["experiments"].append(_joined([_named(each, "claims") for each, _ in places]))
         if found:
