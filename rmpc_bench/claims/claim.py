@@ -8,7 +8,7 @@ from enum import StrEnum
 
 CLOSE = 0.01
 """Relative difference up to which a computed number counts as close to the printed one, unless the claim gives one."""
-MAX_INTERPRETATIONS = 8
+MAX_INTERPRETATIONS = 12
 """Points at which a statement of a paper may be checked; a wider search is an additional result."""
 MAX_QUOTED_WORDS = 25
 MISPRINT = "suspected misprint"
