@@ -209,7 +209,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     if is_primary:
         failures = None
         if any(pairs.failed):
-            counted = pairs_of(trials, method, info, failed=worst_finished(trials, info))
+            counted = pairs.counted(worst_finished(trials, info))
             of_counted = _intervals(trials, _averages(trials, counted), level)
             failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
         word = verdict(_evidence(pairs, intervals, scores, level), failures)

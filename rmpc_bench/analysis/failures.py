@@ -10,6 +10,9 @@ import numpy as np
 from rmpc_bench.analysis.intervals import NONE, Interval
 from rmpc_bench.types import Array
 
+FACTOR = 10.0
+"""A failed run counts as worse than its partner by this factor at least."""
+
 
 @lru_cache(maxsize=4096)
 def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> Interval:

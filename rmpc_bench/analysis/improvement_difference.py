@@ -116,7 +116,7 @@ class _Sample:
     b: Pairs
     paired: bool
     counted: tuple[Pairs, Pairs]
-    """The same with every failed run as the worst finished one of its experiment."""
+    """The same with every failed run counted: it is the worst finished one, and worse than its partner."""
     values: Mapping[str, _Both] = field(default_factory=dict)
     """Average -> numbers whose means are the improvements in A and in B."""
 
@@ -167,17 +167,27 @@ def _sample(a: Trials, b: Trials, method: str, info: MetricInfo, *, paired: bool
         one, counted_one, other, counted_other = (
             _of_runs(pairs, common) for pairs in (one, counted_one, other, counted_other)
         )
+        alone = _alone(one), _alone(other)
+        counted_one = _behind(counted_one, counted_other, *alone)
+        counted_other = _behind(counted_other, counted_one, *alone[::-1])
     sample = _Sample(a, one, other, paired, (counted_one, counted_other))
     return replace(sample, values=_values(a, one, other, paired=paired))
 
 
 def _pairs(table: Trials, method: str, info: MetricInfo, settings: Trials, *, signed: bool) -> tuple[Pairs, Pairs]:
     """Pair method and baseline, with failed runs left out and counted; one margin and one kind of difference."""
-    found = pairs_of(table, method, info), pairs_of(table, method, info, failed=worst_finished(table, info))
     margin = settings.relevant_of(info.name, default=0.0 if signed else None)
     margin = margin if signed else round(math.log1p(margin), 9)
-    first, second = (replace(pairs, signed=signed, margin=margin) for pairs in found)
-    return first, second
+    pairs = replace(pairs_of(table, method, info), signed=signed, margin=margin)
+    return pairs, pairs.counted(worst_finished(table, info))
+
+
+def _behind(pairs: Pairs, other: Pairs, alone: Array, other_alone: Array) -> Pairs:
+    """Let a run that the method alone failed have a smaller gain than in the other experiment; both failed are tied."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        equal = pairs.b + (other.a - other.b) if pairs.signed else pairs.b * (other.a / other.b)
+        limit = np.where(other_alone, equal, pairs.worse(equal))
+    return replace(pairs, a=np.where(alone, (np.fmin if pairs.higher else np.fmax)(pairs.a, limit), pairs.a))
 
 
 def _of_runs(pairs: Pairs, runs: Array) -> Pairs:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.analysis.failures import FACTOR
 from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.trials import Trials
@@ -53,14 +54,14 @@ class Losses:
         ----------
         method, other : their places; the difference is the first minus the second
         points : places of the points; all unless given
-        failed : ``left out``, or ``worst``: a failed run has the logarithm of the worst finished run at its point
+        failed : ``left out``, or ``worst``: as the worst finished run at the point, and worse than its partner
         """
         chosen = slice(None) if points is None else list(points)
         a, b = self.logs[chosen, method], self.logs[chosen, other]
         if failed == "worst":
-            worst = self._worst[chosen][:, None]
-            a = np.where(self.failed[chosen, method], worst, a)
-            b = np.where(self.failed[chosen, other], worst, b)
+            worst, step = self._worst[chosen][:, None], np.log(FACTOR)
+            of_a, of_b = np.fmax(worst, b + step), np.fmax(worst, a + step)
+            a, b = np.where(self.failed[chosen, method], of_a, a), np.where(self.failed[chosen, other], of_b, b)
         gap = a - b
         # Two values that differ by rounding errors only are equal.
         gap = np.where(np.abs(gap) <= NEGLIGIBLE, 0.0, gap)

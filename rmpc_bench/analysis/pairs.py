@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.analysis.failures import worst_of
+from rmpc_bench.analysis.failures import FACTOR, worst_of
 from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.verdict import FEW
@@ -98,6 +98,26 @@ class Pairs:
         score = np.where(untied, np.sign(gap if self.higher else -gap), 0.0)
         return np.where(failed_a | failed_b, failed_b.astype(float) - failed_a, score)
 
+    def worse(self, values: Array) -> Array:
+        """Return numbers that are worse: by a factor of `FACTOR`, or by twice the largest distance if signed."""
+        size = _mean_size(self.a, self.b) or 1.0
+        with np.errstate(invalid="ignore"):
+            if self.signed:
+                sizes = np.abs([self.a, self.b])
+                step = np.asarray(2 * max(self.margin, float(sizes[np.isfinite(sizes)].max(initial=0.0))) or size)
+            else:
+                step = np.where(values > 0, values * (1 - 1 / FACTOR if self.higher else FACTOR - 1), size)
+            return np.asarray(values - step if self.higher else values + step)
+
+    def counted(self, worst: float) -> Pairs:
+        """Let a failed run count as the worst finished one, and as worse than its partner; both failed are tied."""
+        pick = np.fmin if self.higher else np.fmax
+        a, b = (
+            np.where(np.isnan(own), pick(self.worse(other), worst), own)
+            for own, other in ((self.a, self.b), (self.b, self.a))
+        )
+        return replace(self, a=a, b=b)
+
     def averages(self) -> dict[str, Array]:
         """Return the averages that exist -> (n_pairs,) numbers whose mean they are, of the runs that both finished.
 
@@ -134,22 +154,14 @@ class Pairs:
         return _mean_size(self.a[self.both], self.b[self.both]) if self.signed else 1.0
 
 
-def pairs_of(trials: Trials, method: str, info: MetricInfo, *, failed: float = math.nan) -> Pairs:
-    """Pair a method with the baseline of a table.
-
-    Parameters
-    ----------
-    trials : the table of an experiment, or of a point of its sweep
-    method : name of the method
-    info : the metric
-    failed : distance from the best value that stands for a failed run; NaN leaves it failed
-    """
+def pairs_of(trials: Trials, method: str, info: MetricInfo) -> Pairs:
+    """Pair a method with the baseline of a table, an experiment or a point of its sweep."""
     a, b = (distance_from_best(trials.column(info.name, name), info.direction) for name in (method, trials.baseline))
     known = np.ones(len(a), dtype=bool)
     for values, name in ((a, method), (b, trials.baseline)):
         has_failed = trials.failed(name)
         known &= has_failed | ~np.isnan(values)
-        values[has_failed] = failed
+        values[has_failed] = math.nan
     a, b = a[known], b[known]
     with np.errstate(invalid="ignore"):
         close = np.isfinite(a - b) & (np.abs(a - b) <= NEGLIGIBLE * np.maximum(np.abs(a), np.abs(b)))

@@ -10,7 +10,7 @@ Rank    The interval of the rank of a method begins at 1 + the number of better 
 Failed  Failed runs come first.  A method that fails more often than another is worse, whatever its accuracy, where the
         interval of the difference of the shares excludes 0.  Otherwise accuracy decides, on the runs that both
         finished.  A method with more failed runs than the other is better only if that stays so with every failed run
-        as the worst finished one of its point.
+        as the worst finished one of its point, and as ten times worse than its partner.
 Source  Mogstad, Romano, Shaikh and Wilhelm, Inference for ranks, Review of Economic Studies 91, 2024, 476-518.
 Limit   Two methods: the paired comparison.  No run failed: accuracy alone.
 """

@@ -3,7 +3,8 @@
 The rules follow equivalence testing with the smallest relevant difference as margin, in this order:
 
 1. `fails-more`: the method fails in more runs than the baseline, and either the interval of the difference excludes 0
-   or the word below would change if every failed run counted as the worst finished one of all methods.
+   or the word below would change if every failed run counted: as the worst finished one of all methods, and as ten
+   times worse than its partner.
 2. `depends-on-average`: the intervals of two averages exclude 0 with opposite signs.
 3. `better`, `worse`: the interval lies beyond the margin.
 4. `better-size-uncertain`, `worse-size-uncertain`: it excludes 0 and lies on both sides of the end of the margin.
@@ -71,7 +72,7 @@ class Failures(NamedTuple):
     interval: Interval
     """Of the difference of the shares of failed runs, method minus baseline."""
     counted: Evidence
-    """The evidence with every failed run as the worst finished one of all methods."""
+    """The evidence with every failed run as the worst finished one, and as ten times worse than its partner."""
 
 
 def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:

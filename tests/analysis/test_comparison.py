@@ -6,10 +6,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pandas as pd
 import pytest
+from comparison_tables import table
 from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import COLUMNS, Comparison, comparisons, levels
+from rmpc_bench.analysis.pairs import pairs_of, worst_finished
 from rmpc_bench.types import MetricInfo
 
 INF = math.inf
@@ -224,6 +226,52 @@ def test_failures_are_no_advantage(make_trials):
     assert (row.failed_only, row.baseline_failed_only) == (10, 0) and row.failed_low > 0
     # Exchanged, the method that never fails is not called worse for the runs that the other one finished.
     assert only(comparisons(make_trials({"mse": {"B": base, "A": a}}))).verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("direction", ["lower", "higher", "zero", "one"])
+def test_a_failed_run_is_never_a_tie(direction):
+    """B fails in the 2 runs of 100 that are hardest for A, the worst finished ones, and is better elsewhere."""
+    words = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        a = np.exp((0.1 if direction == "zero" else 0.6) * rng.normal(size=100) + 2)
+        b = 0.97 * a * np.exp(0.03 * rng.normal(size=100))
+        b[np.argsort(a)[-2:]] = np.nan
+        values = {"A": 1 / a, "B": 1 / b} if direction == "higher" else {"A": a, "B": b}
+        words.append(only(comparisons(table(values, direction=direction))).verdict)
+    assert words == ["fails-more"] * 10
+
+
+@pytest.mark.parametrize(
+    ("direction", "signed"), [("lower", False), ("higher", False), ("lower", True), ("zero", True)]
+)
+def test_a_failed_run_counts_as_worse_than_its_partner(direction, signed):
+    """By a factor of 10, or twice the largest distance; as the worst finished run where that is worse still."""
+    rng = np.random.default_rng(5)
+    values = {name: rng.normal(size=30) if signed else np.exp(rng.normal(size=30)) for name in "ABC"}
+    values["B"][[3, 7]] = values["A"][[7, 8]] = values["C"][[7, 8]] = np.nan
+    trials = table(values, direction=direction)
+    pairs = pairs_of(trials, "B", trials.metrics[0])
+    counted = pairs.counted(worst_finished(trials, trials.metrics[0]))
+    size = [np.abs(column) if direction == "zero" else column for column in values.values()]
+    worst = np.nanmin(np.concatenate(size)) if direction == "higher" else np.nanmax(np.concatenate(size))
+    step = 2 * np.nanmax(np.abs(size[:2]))
+    for own, other, run, found in ((size[1], size[0], 3, counted.a), (size[0], size[1], 8, counted.b)):
+        beyond = other[run] + step if signed else other[run] / 10 if direction == "higher" else 10 * other[run]
+        assert np.isnan(own[run])
+        assert found[run] == pytest.approx((min if direction == "higher" else max)(beyond, worst))
+    assert counted.a[7] == counted.b[7] == worst
+    assert (counted.scores[[3, 7, 8]] == [-1, 0, 1]).all() and (counted.scores == pairs.scores).all()
+
+
+def test_a_failed_run_is_worse_than_a_partner_of_zero():
+    """Where all values are 0, a factor and the largest distance would leave a tie."""
+    for direction, value in [("lower", 0.0), ("higher", 0.0), ("zero", 0.0), ("zero", 2.0), ("lower", -1.0)]:
+        values = {"A": np.full(30, value), "B": np.full(30, value)}
+        values["B"][4] = np.nan
+        trials = table(values, direction=direction)
+        counted = pairs_of(trials, "B", trials.metrics[0]).counted(worst_finished(trials, trials.metrics[0]))
+        assert (counted.a[4] < counted.b[4]) == (direction == "higher") and counted.a[4] != counted.b[4]
 
 
 def test_one_failure_that_changes_nothing(make_trials):

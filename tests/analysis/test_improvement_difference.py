@@ -147,6 +147,20 @@ def test_failed_runs_are_counted_and_may_decide():
     assert (unpaired.n_a, unpaired.n_b, unpaired.verdict) == (N - 12, N - 12, "better")
 
 
+@pytest.mark.parametrize("direction", ["lower", "zero"])
+def test_a_failure_in_one_experiment_is_a_smaller_gain_than_in_the_other(direction):
+    """M fails in A in the 2 runs in which it is worst in B, by more than a factor of 10, and gains 3 % elsewhere."""
+    rng = np.random.default_rng(4)
+    base = np.exp(0.1 * rng.standard_normal(100) + (0 if direction == "lower" else 2))
+    a, b = lognormal(rng, -0.13, 0.02, base), lognormal(rng, -0.1, 0.02, base)
+    b["M"][:2] *= 1e4
+    a["M"][:2] = np.nan
+    assert compared(a, b, direction=direction).verdict == "fails-more"
+    # The same failures in both experiments leave the gain of the other runs.
+    b["M"][:2] = np.nan
+    assert compared(a, b, direction=direction).verdict in ("better", "better-size-uncertain")
+
+
 def test_runs_in_which_both_fail_are_no_failures_of_the_method(rng):
     """A harder plant that the baseline does not survive either says nothing about the gain of the method."""
     base = np.exp(rng.standard_normal(N))

@@ -120,6 +120,18 @@ def test_few_failures_leave_open_what_they_would_change():
     assert ends(ranks(losses(there.logs, failed[:, ::-1]), 0.95, seed=1)) == [(1, 1), (2, 2)]
 
 
+def test_a_failed_run_is_no_tie_where_its_partner_is_the_worst():
+    """It is worse by the factor 10 at least; both failed are tied."""
+    logs = np.zeros((1, 2, 4))
+    logs[0, :, 2] = 3.0
+    failed = np.zeros(logs.shape, dtype=bool)
+    failed[0, 0, [1, 2, 3]] = failed[0, 1, 3] = True
+    per_run = losses(logs, failed).difference(0, 1, failed="worst").per_run
+    assert per_run == pytest.approx([0, 3.0, np.log(10), 0])
+    swapped = losses(logs[:, ::-1], failed[:, ::-1]).difference(0, 1, failed="worst").per_run
+    assert swapped == pytest.approx(-per_run)
+
+
 def test_no_common_run_decides_nothing():
     """Two methods that never finish together at any point: neither accuracy nor the share of failures differs."""
     there = drawn([0.0, 5.0], points=2, runs=20)
