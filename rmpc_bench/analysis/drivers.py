@@ -160,7 +160,8 @@ def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: boo
                 varied = inside.setdefault(known.tobytes(), _Varied(found, known))
                 shared = varied.shared
                 worst = varied.worst(response, metric, trials.confidence) if with_regions else {}
-            rows += _rows(response, metric, found, fit, worst, shared)
+            failed = trials.failed(response.method) | trials.failed(trials.baseline)
+            rows += _rows(response, metric, found, fit, worst, shared, int(failed.sum()))
             rows += _failure_row(trials, response, metric, found) if with_regions else ()
     return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
 
@@ -240,6 +241,7 @@ def _rows(
     fit: _Fit | None,
     worst: Mapping[str, RegionMean],
     shared: Set[str],
+    n_failed: int,
 ) -> Iterator[Driver]:
     known = response.known
     n = int(known.sum())
@@ -250,7 +252,7 @@ def _rows(
             response=response.kind,
             quantity=name,
             n=n,
-            n_failed=len(known) - n,
+            n_failed=n_failed,
             unit=response.unit(info),
         )
         changes: dict[str, object] = {}

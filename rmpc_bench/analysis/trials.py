@@ -258,6 +258,11 @@ class Trials:
             found[places[~ok]] = True
         return found
 
+    def computed(self, *methods: str) -> Array:
+        """Return which runs all of some methods have, finished or failed, (n_runs,) in the order of `runs`."""
+        own = [np.isin(np.arange(len(self.runs)), self._rows[name][1]) for name in methods if name in self._rows]
+        return np.all(own, axis=0) if len(own) == len(methods) else np.zeros(len(self.runs), dtype=bool)
+
     def n_failed(self, method: str) -> int:
         """Count the runs of `method` that ended with any status but ok."""
         return int((~self._rows[method][2]).sum()) if method in self._rows else 0

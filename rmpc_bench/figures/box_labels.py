@@ -32,6 +32,7 @@ class Counts(NamedTuple):
     n: int
     """With a value, which may be infinite."""
     n_runs: int
+    """Finished and failed; those that are not computed do not count."""
     n_infinite: int
 
     def lines(self, *, with_n: bool) -> list[str]:
@@ -49,9 +50,9 @@ class Counts(NamedTuple):
         return [*lines, *([f"{self.n_infinite} {DID_NOT_OCCUR}"] if self.n_infinite else [])]
 
 
-def counts_of(column: Array) -> Counts:
-    """Count the runs of a column of a metric."""
-    return Counts(int((~np.isnan(column)).sum()), len(column), int(np.isinf(column).sum()))
+def counts_of(column: Array, n_runs: int) -> Counts:
+    """Count the runs of a column of a metric, of which so many are computed."""
+    return Counts(int((~np.isnan(column)).sum()), n_runs, int(np.isinf(column).sum()))
 
 
 def common_count(panels: Sequence[Sequence[Counts]]) -> str:

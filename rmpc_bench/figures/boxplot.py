@@ -172,7 +172,10 @@ def _draw(
         lay_out(figure)
         slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(styles) - FONT_SIZE / 2
         labels = [label_of(points[0], method) for method in styles]
-        counts = [[counts_of(column) for column in columns] for columns in panels]
+        counts = [
+            [counts_of(column, int(point.computed(name).sum())) for name, column in zip(styles, columns, strict=True)]
+            for point, columns in zip(points, panels, strict=True)
+        ]
         label_panels(rows, labels, counts, slot, [_sample(look) for look in styles.values()])
         # The layout is made once, at one resolution, or a second save would move it.
         fix_layout(figure)

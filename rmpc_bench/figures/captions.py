@@ -69,7 +69,8 @@ def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
     points : tables that are shown
     methods : methods that are shown
     """
-    sizes = sorted({len(point.runs) for point in points})
+    sizes = sorted({int(point.computed(name).sum()) for point in points for name in methods if name in point.methods})
+    sizes = sizes or [0]
     n = f"n = {sizes[0]}" if len(sizes) == 1 else f"n = {sizes[0]} to {sizes[-1]}"
     noun = "run" if sizes == [1] else "runs"
     failed = []

@@ -29,7 +29,7 @@ class PointValue(NamedTuple):
     n: int
     """Runs, or pairs of runs, that it rests on."""
     n_failed: int
-    """Runs that are left out: the method, or of a change one of the two, failed."""
+    """Runs that are left out: the method failed, or of a change one of the two failed or is not computed."""
 
     @property
     def has_zero(self) -> bool:
@@ -155,5 +155,5 @@ def runs_words(values: SweepValues, noun: str = "run") -> str:
     least, most = min(counts, default=0), max(counts, default=0)
     text = f"{least} to {most} {noun}s" if least < most else f"{most} {noun}{'s' * (most != 1)}"
     failed = sum(value.n_failed for row in values.rows for value in row.values())
-    # A pair is left out where one of the two runs failed, and a failed run of the baseline in every comparison.
+    # A pair is left out where a run of the two is missing, and a failed run of the baseline in every comparison.
     return f"{text}, {failed} {'left out' if values.kind else 'failed'} in total" if failed else text

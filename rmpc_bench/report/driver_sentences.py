@@ -43,6 +43,8 @@ def _explained(trials: Trials, method: str, rows: Sequence[Row], info: MetricInf
     n = f"{rows[0]['n']} runs"
     left = rows[0]["n_failed"]
     n += f", {left} left out in which a method failed" if left else ""
+    absent = len(trials.runs) - rows[0]["n"] - left
+    n += f", {absent} not computed" if absent else ""
     if rows[0]["n"] < FEWEST:
         return f"{method}: what drives {of} is not resolved from {n}; at least {FEWEST} runs are needed."
     if math.isnan(rows[0]["share"]):

@@ -47,11 +47,12 @@ def _turning(track: Track, info: MetricInfo, trials: Trials) -> str:
     if not known:
         return f"Along {track.path}{at}, {what} has no value at any point from {first} to {last}."
     ends = ", ".join(f"{_size(track, n, info)} at {_place(track, n)}" for n in dict.fromkeys((known[0], known[-1])))
+    every = f"all {len(known)} points" if len(known) > 1 else "the only point"
     if not signed:
-        return f"Along {track.path}{at}, {what} has an interval that contains 0 at all {len(known)} points: {ends}."
+        return f"Along {track.path}{at}, {what} has an interval that contains 0 at {every}: {ends}."
     word = "negative" if track.signs[signed[0]] < 0 else "positive"
     if len(signed) == len(known):
-        return f"Along {track.path}{at}, {what} is {word} at all {len(known)} points that have one: {ends}."
+        return f"Along {track.path}{at}, {what} is {word} at {every} with a value: {ends}."
     rest = ", ".join(_place(track, n) for n in known if n not in signed)
     where = f"{word} at {len(signed)} of {len(known)} points, and its interval contains 0 at {rest}"
     return f"Along {track.path}{at}, {what} is {where}: {ends}."

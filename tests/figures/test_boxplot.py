@@ -1,6 +1,7 @@
 """The boxplot, read back from its artists."""
 
 import math
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -10,6 +11,7 @@ from rmpc_bench.config.schema import model_of
 from rmpc_bench.figures import style
 from rmpc_bench.figures.boxes import MOST_CROSSES, box_of
 from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.captions import runs_sentence
 from rmpc_bench.figures.files import save
 from rmpc_bench.types import DesignError, MetricInfo
 
@@ -279,6 +281,16 @@ def test_counts_of_every_panel_where_they_differ(make_trials, make_sweep):
     tables = [make_trials({"mse": {"A": [1.0, 2.0], "B": [1.0, last]}}) for last in ("diverged", 2.0)]
     figure = boxplot(make_sweep(*zip(hp_hu(("10", "8"), ("15", "3")), tables, strict=True)))
     assert labels(figure, 0) == ["n=2", "1/2"] and labels(figure, 1) == ["A\nn=2", "B\nn=2"]
+
+
+def test_runs_that_are_not_computed_are_not_counted_as_failed(make_trials):
+    """B has a run less than A, as in an experiment that was interrupted; of 3 runs of A one failed."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0, "diverged"], "B": [1.0, 2.0, 1.5]}})
+    trials = replace(trials, frame=trials.frame.iloc[:-1])
+    assert labels(boxplot(trials)) == ["A\n2/3", "B\nn=2"]
+    assert runs_sentence([trials], ["A", "B"]).startswith(
+        "n = 2 to 3 runs of every method; failed runs are left out (A 1)"
+    )
 
 
 def test_labels_of_a_sweep_never_overlap(make_trials, make_sweep):

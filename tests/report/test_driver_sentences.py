@@ -42,3 +42,17 @@ def test_a_share_of_runs_is_not_written_as_a_metric(quantities):
     assert ": share of runs in which m has no value 100.0 % [" in text
     assert ": share of runs in which m has no value against S +" in text
     assert " percentage points [" in text
+
+
+@pytest.mark.parametrize(
+    ("failed", "words"), [(0, "(199 runs, 1 not computed;"), (3, "(196 runs, 3 left out in which")]
+)
+def test_a_run_that_is_not_computed_is_no_failed_one(quantities, failed, words):
+    """The last run of M has no row, as in an experiment that was interrupted."""
+    values = {"S": 1 + quantities["a"].to_numpy() ** 2, "M": 1.1 + quantities["a"].to_numpy() ** 2}
+    values["M"][:failed] = np.nan
+    made = table(values, primary="m", uncertainty=quantities[["run", "a"]])
+    found = drivers_table(replace(made, frame=made.frame.iloc[:-1]))
+    assert set(found.frame.loc[found.frame["method"] == "M", "n_failed"]) == {failed}
+    [sentence] = [text for text in found.sentences if text.startswith("M: of the variance")]
+    assert words in sentence and ("left out in which a method failed, 1 not computed;" in sentence) == bool(failed)

@@ -67,8 +67,10 @@ def _status_limits(source: PageSource) -> list[Text]:
     failed = source.trials.n_failed_trials
     if failed:
         found.append(f"{_count(failed, 'trial')} failed. Averages rest on the runs that both methods finished.")
-    elif len(source.trials.frame):
-        found.append("No run failed, so that no average leaves a run out.")
+    elif all(point.computed(*point.methods).all() for point in source.trials.each):
+        found += ["No run failed, so that no average leaves a run out."] if len(source.trials.frame) else []
+    else:
+        found.append("No run failed. Comparisons leave out the runs that are not computed for both methods.")
     return [*found, *(f"A figure is missing: {text}." for text in source.left_out)]
 
 

@@ -102,7 +102,7 @@ def _several_points(trials: Trials, quantity: str, rows: Sequence[Sequence[Mappi
         counts.setdefault(str(row["method"]), Counter())[word] += 1
     alike: dict[str, list[str]] = {}
     for method, words in counts.items():
-        alike.setdefault(_counted(words), []).append(method)
+        alike.setdefault(_counted(words, len(rows)), []).append(method)
     parts = [f"{_joined(methods)}: {text}" for text, methods in alike.items()]
     shown = parts[:MOST_NAMED]
     if len(parts) > len(shown):
@@ -112,10 +112,10 @@ def _several_points(trials: Trials, quantity: str, rows: Sequence[Sequence[Mappi
     return f"Compared with {baseline} in {quantity} at {len(rows)} points of a sweep. {'; '.join(shown)}."
 
 
-def _counted(words: Counter[str]) -> str:
+def _counted(words: Counter[str], n_points: int) -> str:
     """Write how often each verdict was given, such as ``better at 3 points, worse at 1``."""
-    if len(words) == 1:
-        return f"{next(iter(words))} at all {words.total()} points"
+    if len(words) == 1 and words.total() == n_points > 1:
+        return f"{next(iter(words))} at all {n_points} points"
     first, *rest = [f"{word} at {times}" for word, times in words.most_common()]
     return ", ".join([f"{first} points" if not first.endswith(" at 1") else f"{first} point", *rest])
 

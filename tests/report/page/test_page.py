@@ -2,6 +2,7 @@
 
 import re
 from base64 import b64encode
+from collections import Counter
 from dataclasses import replace
 from hashlib import sha256
 
@@ -11,6 +12,7 @@ from page_sources import HOSTILE, headings
 from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.headline import _counted
 from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
 from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.requirements_table import requirements_table
@@ -155,6 +157,30 @@ def test_limits_of_a_clean_experiment(make_source):
         "one machine",
     ):
         assert words in limits
+
+
+def test_runs_that_are_not_computed_are_named_apart_from_failed_ones(make_source):
+    """An interrupted experiment whose last run of B is missing: no run failed, and a comparison leaves one out."""
+    plain = make_source(incomplete=("B",))
+    last = plain.trials.frame[plain.trials.frame["method"] == "B"].index[-1]
+    trials = replace(plain.trials, frame=plain.trials.frame.drop(last))
+    text = render_markdown("page.md", page_context(replace(plain, trials=trials, tables=summarise(trials))))
+    assert "Comparisons leave out the runs that are not computed for both methods" in text
+    assert "no average leaves a run out" not in text and "in which a method failed" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "n_points", "text"),
+    [
+        ({"better": 3}, 3, "better at all 3 points"),
+        ({"better": 1}, 1, "better at 1 point"),
+        ({"better": 2}, 3, "better at 2 points"),
+        ({"better": 2, "worse": 1}, 3, "better at 2 points, worse at 1"),
+    ],
+)
+def test_all_points_are_named_where_all_have_the_verdict(words, n_points, text):
+    """A point that is not computed has no verdict."""
+    assert _counted(Counter(words), n_points) == text
 
 
 def test_every_method_says_where_its_parameters_come_from(make_source):
