@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.failures import FACTOR, largest_share
 from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p, student
 from rmpc_bench.analysis.looks import unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
@@ -52,6 +53,9 @@ class Comparison:
     superiority_low, superiority_high : interval of `superiority`
     failed_only, baseline_failed_only : runs in which one of the two failed and the other did not
     failed_low, failed_high : interval of the difference of the shares of failed runs
+    lost_runs, lost_upper : runs that failed or are worse than their partner by a factor, that of `statistics.lost` or
+        10, and the exact 95 % bound of their share; failed ones only for a signed metric, none without a verdict
+    baseline_lost_runs, baseline_lost_upper : the same of the baseline
     runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
     runs_for_equivalence : about how many runs would show equivalence if there were no difference
     look : number of the look at the growing number of runs
@@ -87,13 +91,17 @@ class Comparison:
     baseline_failed_only: int
     failed_low: float
     failed_high: float
+    lost_runs: float = math.nan
+    lost_upper: float = math.nan
+    baseline_lost_runs: float = math.nan
+    baseline_lost_upper: float = math.nan
     runs_for_direction: float = math.nan
     runs_for_equivalence: float = math.nan
     look: int
 
 
 COLUMNS = [field.name for field in fields(Comparison)]
-_WHOLE = ["runs_for_direction", "runs_for_equivalence"]
+_WHOLE = ["lost_runs", "baseline_lost_runs", "runs_for_direction", "runs_for_equivalence"]
 MANY = 1e15
 """Numbers of runs from which on none is given: the average differs from 0 by rounding only."""
 
@@ -214,6 +222,8 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
             failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
         word = verdict(_evidence(pairs, intervals, scores, level), failures)
         planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
+        for name, k in zip(("lost", "baseline_lost"), pairs.lost(trials.lost or FACTOR), strict=True):
+            planning |= {f"{name}_runs": k, f"{name}_upper": largest_share(k, len(scores))}
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(
         method=method,

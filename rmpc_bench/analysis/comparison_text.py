@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.analysis.failures import BOUND, FACTOR
 from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.pairs import is_signed
+from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
 
@@ -75,6 +78,32 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
         str(Verdict.WORSE_SIZE_UNCERTAIN): "worse, size uncertain",
         str(Verdict.DEPENDS_ON_AVERAGE): "depends on the average",
     }.get(word, word)
+
+
+def seen_text(row: Mapping[str, Any], margin: str) -> str:
+    """Write a verdict for a sentence: that a method is better or equivalent holds in the runs that were seen."""
+    word = verdict_text(row, margin)
+    return f"{word}{',' * (',' in word)} in the runs seen" if word.startswith((Verdict.BETTER, Verdict.EQUIVALENT)) else word
+
+
+def per_cent(size: float) -> str:
+    """Write a bound with two significant digits, at most one of them behind the point from 1 % on."""
+    return f"{size:.1f} %" if size >= 1 else f"{significant_text(size, 2)} %"
+
+
+def lost_bound(rows: Iterable[Mapping[str, Any]], trials: Trials, info: MetricInfo) -> str:
+    """Say how many runs were lost, and which share may be at most; methods with equal numbers together."""
+    groups: dict[tuple[int, int, float], list[str]] = {}
+    for row in (row for row in rows if not math.isnan(row["lost_upper"])):
+        n = row["won"] + row["lost"] + row["tied"]
+        groups.setdefault((row["lost_runs"], n, row["lost_upper"]), []).append(str(row["method"]))
+    texts = []
+    for (k, n, upper), names in groups.items():
+        of = (f" of {' and '.join(names)}" if len(names) < 4 else f" of {len(names)} methods") * (len(groups) > 1)
+        count = f"{k} of {n} runs{of} were" if k else f"no run of {n}{of} was"
+        texts.append(f"{count} lost" + (f": at most {per_cent(100 * upper)} are" if k < n else ""))
+    far = "" if is_signed(trials, info) else f" or {trials.lost or FACTOR:g} times worse than the partner"
+    return f"{', '.join(texts)} (lost: failed{far}; {100 * BOUND:g} % bound)" if texts else ""
 
 
 def _inconclusive(row: Mapping[str, Any]) -> str:

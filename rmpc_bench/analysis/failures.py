@@ -1,4 +1,4 @@
-"""Failed runs of a method and of its baseline: difference of the shares, and values that stand for failed runs."""
+"""Failed and lost runs of a method and of its baseline: shares, and values that stand for failed runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,22 @@ from rmpc_bench.analysis.intervals import NONE, Interval
 from rmpc_bench.types import Array
 
 FACTOR = 10.0
-"""A failed run counts as worse than its partner by this factor at least."""
+"""A failed run counts as worse than its partner by this factor; a finished one that exceeds it is lost."""
+BOUND = 0.95
+"""Level of the bound of the share of lost runs."""
+
+
+def largest_share(k: int, n: int) -> float:
+    """Return the largest share that k of n runs leave possible, exactly (Clopper and Pearson, one side).
+
+    Examples
+    --------
+    >>> [round(100 * largest_share(*each), 4) for each in ((0, 60), (3, 200))]
+    [4.8703, 3.831]
+    """
+    from scipy import special
+
+    return float(special.betaincinv(k + 1, n - k, BOUND)) if k < n else 1.0 if n else float("nan")
 
 
 @lru_cache(maxsize=4096)
@@ -52,13 +67,7 @@ def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> 
 
 
 def worst_of(columns: Iterable[Array], *, higher_is_better: bool) -> float:
-    """Return the worst value of the finished runs of all methods; NaN where there is none.
-
-    Parameters
-    ----------
-    columns : (n_runs,) values per method, NaN where a run failed
-    higher_is_better : whether the lowest value is the worst
-    """
+    """Return the worst value of the finished runs of all methods; NaN where there is none."""
     values = np.concatenate([*columns, np.zeros(0)])
     values = values[~np.isnan(values)]
     if not len(values):

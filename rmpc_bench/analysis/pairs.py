@@ -109,6 +109,14 @@ class Pairs:
                 step = np.where(values > 0, values * (1 - 1 / FACTOR if self.higher else FACTOR - 1), size)
             return np.asarray(values - step if self.higher else values + step)
 
+    def lost(self, factor: float) -> tuple[int, int]:
+        """Count the runs that a method failed, or in which it is worse by a factor than the other: both methods."""
+        one, other = (self.b, self.a) if self.higher else (self.a, self.b)
+        with np.errstate(over="ignore", invalid="ignore"):
+            far = np.array([one > factor * other, other > factor * one]) & (not self.signed)
+        method, baseline = (far | np.isnan([self.a, self.b])).sum(axis=1)
+        return int(method), int(baseline)
+
     def counted(self, worst: float) -> Pairs:
         """Let a failed run count as the worst finished one, and as worse than its partner; both failed are tied."""
         pick = np.fmin if self.higher else np.fmax

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from rmpc_bench.analysis.comparison_text import per_cent
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
@@ -33,6 +34,7 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[s
         "method": [marked(trials, row["method"]) for row in rows],
         "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
         "share": [share(row) for row in rows],
+        "at most .. fail": [per_cent(row["fail_upper"]) for row in rows],
     }
     if len(trials.methods) > 1:
         columns[f"difference from {trials.baseline}"] = [difference(row) for row in rows]

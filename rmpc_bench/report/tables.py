@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from rmpc_bench.analysis.comparison_text import margin_text
+from rmpc_bench.analysis.comparison_text import lost_bound, margin_text
 from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -188,7 +188,8 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     looks = max(int(str(row["look"])) for row in compared)
     parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
     margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))
-    return [*parts, "tied = equal" if margin.split()[0] == "0" else f"tied = within {margin}"]
+    parts.append("tied = equal" if margin.split()[0] == "0" else f"tied = within {margin}")
+    return [*parts, *filter(None, [lost_bound(compared, trials, info)])]
 
 
 def status_lines(trials: Trials) -> list[str]:

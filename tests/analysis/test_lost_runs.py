@@ -1,5 +1,6 @@
 """Lost runs against counts by hand, SciPy's Wilson interval and the pass rates of a requirement."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,8 @@ from comparison_tables import table
 from conftest import ROUND
 from scipy import stats
 
+from rmpc_bench.analysis.comparison import comparisons
+from rmpc_bench.analysis.failures import largest_share
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.types.requirement import Limit, Requirement
@@ -37,6 +40,50 @@ def test_an_event_that_did_not_occur_is_beyond_any_limit():
     """It is inf; where the baseline has none either, the run is not lost. Large numbers do not overflow to that."""
     made = table({"KF": [3.0, INF, 1e308], "X": [INF, INF, 1.7e308]}, lost=10.0)
     assert counts(made) == [[3, 0, 0], [3, 0, 1]]
+
+
+@pytest.mark.parametrize(("k", "n", "printed"), [(0, 60, 4.8703), (0, 1000, 0.29912), (3, 200, 3.8310)])
+def test_the_bound_has_the_printed_values(k, n, printed):
+    assert 100 * largest_share(k, n) == pytest.approx(printed, abs=6e-5)
+
+
+@pytest.mark.parametrize("n", [1, 4, 60])
+def test_the_bound_is_where_so_few_lost_runs_have_a_chance_of_5_per_cent(n):
+    """The tail of the binomial distribution, summed; with all runs lost any share is possible."""
+    for k in range(n):
+        p = largest_share(k, n)
+        tail = math.fsum(math.comb(n, i) * p**i * (1 - p) ** (n - i) for i in range(k + 1))
+        assert tail == pytest.approx(0.05, rel=1e-9)
+    assert largest_share(0, n) == pytest.approx(1 - 0.05 ** (1 / n), rel=1e-12)
+    assert largest_share(n, n) == 1 and math.isnan(largest_share(0, 0))
+
+
+@pytest.mark.parametrize("direction", ["lower", "higher"])
+def test_lost_runs_of_both_methods_stand_beside_the_verdict(direction):
+    """Runs that failed, and those 10 times worse than the partner; the factor itself is not beyond."""
+    a = np.array([1.0, 1, 1, 1, np.nan, np.nan, 11, 1])
+    b = np.array([1.0, 10, 11, np.nan, 1, np.nan, 1, np.inf])
+    made = table({"A": a, "B": b} if direction == "lower" else {"A": 1 / a, "B": 1 / b}, direction=direction)
+    row = comparisons(made).iloc[0]
+    assert (row.lost_runs, row.baseline_lost_runs) == (4, 3)
+    assert (row.lost_upper, row.baseline_lost_upper) == (largest_share(4, 8), largest_share(3, 8))
+    assert comparisons(replace(made, lost=20.0)).iloc[0].lost_runs == 3
+    assert math.isnan(comparisons(replace(made, with_verdicts=False)).iloc[0].lost_upper)
+    # Of a signed metric a factor says nothing.
+    assert comparisons(table({"A": -a, "B": b})).iloc[0].lost_runs == 2
+
+
+def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
+    """One run in a hundred is twenty times worse; without such a run the word is equivalent, beside the bound."""
+    n_missed = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        logs = rng.normal(-0.0005, 0.002, 100) + np.log(20) * (rng.random(100) < 0.01)
+        base = np.exp(0.3 * rng.normal(size=100))
+        row = comparisons(table({"A": base, "B": base * np.exp(logs)})).iloc[0]
+        assert row.lost_runs == (logs > 2).sum() and row.lost_upper > 0.01
+        n_missed += row.verdict == "equivalent" and not row.lost_runs
+    assert n_missed > 3
 
 
 def test_absent_runs_are_not_counted():
