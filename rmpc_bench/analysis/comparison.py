@@ -22,7 +22,7 @@ from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p, student
 from rmpc_bench.analysis.looks import unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
 from rmpc_bench.analysis.rounding import without_noise
-from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
+from rmpc_bench.analysis.runs_needed import runs_for_count, runs_for_direction, runs_for_equivalence
 from rmpc_bench.analysis.simultaneous import held_level
 from rmpc_bench.analysis.superiority import shares_interval, superiority, superiority_interval
 from rmpc_bench.analysis.trials import Trials
@@ -306,6 +306,14 @@ def _planning(
     if word != Verdict.INCONCLUSIVE:
         return found
     found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
+    untied = int(np.count_nonzero(pairs.scores[pairs.both]))
+    if untied < FEW:
+        # Fewer runs may decide by count; an average decides from `FEW` untied runs on, equivalence needs `FEW` pairs.
+        least = math.ceil(FEW * n_runs / untied) if averages and untied else 0
+        found["runs_for_equivalence"] = float(np.maximum(found["runs_for_equivalence"], FEW))
+        found["runs_for_direction"] = float(np.maximum(found["runs_for_direction"], least))
+        if not math.isnan(by_count := runs_for_count(*_counts(pairs.scores), level)):
+            found = {"runs_for_equivalence": math.nan, "runs_for_direction": by_count}
     # The runs at hand did not decide, for another reason than the spread; no such number of runs is given.
     return {name: n if n_runs < n < MANY else math.nan for name, n in found.items()}
 

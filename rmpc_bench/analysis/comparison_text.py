@@ -81,9 +81,13 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
 
 
 def seen_text(row: Mapping[str, Any], margin: str) -> str:
-    """Write a verdict for a sentence: that a method is better or equivalent holds in the runs that were seen."""
+    """Write a verdict for a sentence, in which better and equivalent hold in the runs that were seen."""
     word = verdict_text(row, margin)
-    return f"{word}{',' * (',' in word)} in the runs seen" if word.startswith((Verdict.BETTER, Verdict.EQUIVALENT)) else word
+    return (
+        f"{word}{',' * (',' in word)} in the runs seen"
+        if word.startswith((Verdict.BETTER, Verdict.EQUIVALENT))
+        else word
+    )
 
 
 def per_cent(size: float) -> str:

@@ -369,4 +369,5 @@ def _planning(sample: _Sample, word: Verdict, level: float) -> dict[str, float]:
         "runs_for_direction": runs_for_direction(float(gap.mean()), sd, level),
         "runs_for_equivalence": runs_for_equivalence(sd, sample.a.margin, level),
     }
+    found = {name: float(np.maximum(n, FEW)) for name, n in found.items()}
     return {name: n if n > len(gap) else math.nan for name, n in found.items()}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+from rmpc_bench.analysis.superiority import superiority_interval
+from rmpc_bench.analysis.verdict import FEW
+
 POWER = 0.8
 """Probability of a decision with the number of runs given."""
 
@@ -11,15 +14,7 @@ POWER = 0.8
 def runs_for_direction(difference: float, sd: float, confidence: float) -> float:
     """Return the runs after which an interval excludes 0 with probability `POWER`, if a difference is the true one.
 
-    Parameters
-    ----------
-    difference : average difference, such as a mean of log ratios
-    sd : standard deviation of a run's difference, in the same unit
-    confidence : level of the interval
-
-    Returns
-    -------
-    a whole number; NaN where the difference is 0 or not known
+    It is a whole number; NaN where the difference is 0 or not known.
 
     Examples
     --------
@@ -34,15 +29,7 @@ def runs_for_direction(difference: float, sd: float, confidence: float) -> float
 def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
     """Return the runs after which an interval lies inside the margin with probability `POWER`, without a difference.
 
-    Parameters
-    ----------
-    sd : standard deviation of a run's difference
-    margin : differences up to this size are irrelevant, in the same unit
-    confidence : level of the interval
-
-    Returns
-    -------
-    a whole number; NaN where the margin is 0 or the spread is not known
+    It is a whole number; NaN where the margin is 0 or the spread is not known.
 
     Examples
     --------
@@ -53,6 +40,30 @@ def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
 
     # Both ends must stay inside, so each of them may leave with half of the probability of failure.
     return _runs(float(special.ndtri((1 + confidence) / 2) + special.ndtri((1 + POWER) / 2)), sd, margin)
+
+
+def runs_for_count(won: int, lost: int, tied: int, confidence: float) -> float:
+    """Return the runs after which a count decides with probability `POWER`, if the shares seen are the true ones.
+
+    NaN where `FEW` untied runs or more would be needed, of which the average decides.
+
+    Examples
+    --------
+    >>> runs_for_count(4, 0, 0, 0.95), runs_for_count(3, 2, 0, 0.95)
+    (6.0, nan)
+    """
+    from scipy import special
+
+    untied = won + lost
+    for more in range(untied + 1, FEW if untied else 0):
+        ties = round(more * tied / untied)
+        least = more
+        while least and superiority_interval(least - 1, more - least + 1, ties, confidence)[0] > 0.5:
+            least -= 1
+        decides = superiority_interval(least, more - least, ties, confidence)[0] > 0.5
+        if decides and special.bdtrc(least - 1, more, max(won, lost) / untied) >= POWER:
+            return float(more + ties)
+    return math.nan
 
 
 def _runs(z: float, sd: float, distance: float) -> float:

@@ -12,6 +12,8 @@ from scipy import stats
 
 from rmpc_bench.analysis.comparison import COLUMNS, Comparison, comparisons, levels
 from rmpc_bench.analysis.pairs import pairs_of, worst_finished
+from rmpc_bench.analysis.runs_needed import POWER, runs_for_count
+from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.types import MetricInfo
 
 INF = math.inf
@@ -325,11 +327,38 @@ def test_runs_that_would_decide(make_trials):
     assert compared(make_trials, np.exp(-0.5 + 0.1 * scores)).isna()["runs_for_direction"]
 
 
-def test_no_number_of_runs_that_are_there(make_trials):
-    """Three of three won by half are inconclusive: by their spread two runs would decide, but three have not."""
-    row = compared(make_trials, np.array([0.5, 0.5, 0.5]))
+@pytest.mark.parametrize("won", [1, 3, 4, 5])
+def test_few_runs_that_are_all_won_need_so_many_as_the_sign_test(make_trials, won):
+    """2 / 2^5 exceeds 5 % and 2 / 2^6 does not, whatever the spread of so few runs says."""
+    row = compared(make_trials, np.linspace(0.3, 0.8, won))
     assert row.verdict == "inconclusive"
-    assert row.isna()["runs_for_direction"] and row.isna()["runs_for_equivalence"]
+    assert row.runs_for_direction == 6 and row.isna()["runs_for_equivalence"]
+    assert compared(make_trials, np.linspace(0.3, 0.8, 6)).verdict == "better"
+
+
+@pytest.mark.parametrize(("won", "lost", "tied"), [(4, 0, 0), (0, 2, 4), (5, 1, 0), (6, 1, 3), (3, 2, 0), (0, 0, 9)])
+def test_runs_that_a_count_needs(won, lost, tied):
+    """The first number whose sign test rejects with a chance of 80 %, by brute force over all counts."""
+
+    def power(m):
+        rejected = [k for k in range(m + 1) if k > m / 2 and stats.binomtest(k, m).pvalue < 0.05]
+        return sum(stats.binom.pmf(k, m, max(won, lost) / (won + lost)) for k in rejected)
+
+    found = runs_for_count(won, lost, tied, 0.95)
+    expected = [m for m in range(won + lost + 1, FEW if won + lost else 0) if power(m) >= POWER]
+    if not expected:
+        assert math.isnan(found)
+    else:
+        # The score interval may ask for more than the sign test, never for less.
+        assert found == expected[0] + round(expected[0] * tied / (won + lost))
+
+
+def test_no_number_below_that_of_the_pairs_that_a_word_needs(make_trials):
+    """Ten equal runs are equivalent from 20 on; three won of five decide by their average from 20 untied runs on."""
+    row = compared(make_trials, np.ones(10))
+    assert row.isna()["runs_for_direction"] and row.runs_for_equivalence == 20
+    row = compared(make_trials, np.array([0.5, 0.5, 0.5, 1.2, 1.2]))
+    assert row.verdict == "inconclusive" and row.runs_for_direction == 20
 
 
 def test_holm_runs_across_methods_of_one_metric(make_trials):
