@@ -4,8 +4,9 @@ Quantile    Its interval lies between order statistics, whose ranks are binomial
             quantile in closed form.
 CVaR        Conditional value at risk: the mean of the worst 5 % of the runs.  Its interval is bootstrap-t over whole
             runs.  For 200 runs the percentile bootstrap covers 0.84 to 0.89 of the time instead of 0.95, as a resample
-            has no run worse than the worst one; bootstrap-t covers 0.93 to 0.95 for normal to log-normal runs.  From
-            `NORMAL` runs on it is normal.
+            has no run worse than the worst one; bootstrap-t covers 0.93 to 0.95 for normal to log-normal runs.  Of
+            values with one sign it is computed of the logarithm, so that it keeps the sign: for 95 log-normal runs
+            with deviations of the logarithm of 0.3, 0.6 and 1.1 it covers 0.94.  From `NORMAL` runs on t is normal.
 Limits      An interval at 95 % needs 72 runs: with fewer, all of them lie below the 95 % quantile too often.
 """
 
@@ -31,6 +32,8 @@ MANY = 5000
 """Number of runs above which only the worst runs of every resample are drawn: all of them take 800 MB for 100,000."""
 NORMAL = 20_000
 """Number of runs from which on the interval of the mean of the worst runs is normal; these are then 1000 or more."""
+LEAST = 0.2
+"""Smallest relative error of a resample, times that of the sample: tails of nearly one value would have any t."""
 COLUMNS = (
     "method metric n tail_quantile tail_quantile_low tail_quantile_high cvar cvar_low cvar_high "
     "did_not_occur_share did_not_occur_low did_not_occur_high worst worst_run"
@@ -88,18 +91,7 @@ def _ends(name: str, interval: Interval, sign: float) -> dict[str, float]:
 
 
 def quantile_interval(values: Array, confidence: float, q: float = 1 - TAIL) -> Interval:
-    """Interval of a quantile between order statistics.
-
-    Parameters
-    ----------
-    values : (n,) sample without NaN
-    confidence : level, such as 0.95
-    q : probability of the quantile
-
-    Returns
-    -------
-    low, high; NaN where the sample is too small for an order statistic on either side
-    """
+    """Interval of a quantile between order statistics; NaN where there is none of them on either side."""
     n, rest = len(values), (1 - confidence) / 2
     if n < 2:
         return NONE
@@ -121,18 +113,7 @@ def _binomial_quantile(p: float, n: int, share: float) -> int:
 
 
 def cvar_interval(values: Array, confidence: float, seed: int) -> tuple[float, Interval]:
-    """Mean of the largest 5 % of a sample with its bootstrap-t interval.
-
-    Parameters
-    ----------
-    values : (n,) sample without NaN
-    confidence : level, such as 0.95
-    seed : of the resamples
-
-    Returns
-    -------
-    mean, (low, high); the interval is NaN where `quantile_interval` is, and where the mean is inf
-    """
+    """Mean of the largest 5 % of a sample with its bootstrap-t interval, which is NaN where that of the quantile is."""
     n = len(values)
     if not n:
         return math.nan, NONE
@@ -147,32 +128,27 @@ def cvar_interval(values: Array, confidence: float, seed: int) -> tuple[float, I
         return mean, NONE
     if se == 0:
         return mean, (mean, mean)
+    size = abs(mean) if values.min() >= 0 or values.max() <= 0 else 0.0
     if n >= NORMAL:
-        reach = NormalDist().inv_cdf((1 + confidence) / 2) * se
-        return mean, (mean - reach, mean + reach)
-    means, errors = _cvar(largest[_ranks(n, n_tail + 1, seed)], n)
-    # A resample whose tail repeats one value has no t statistic.
-    some = errors > 0
-    t = (means[some] - mean) / errors[some]
-    low, high = (float(quantile(t, p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
-    return mean, (mean - high * se, mean - low * se)
+        high = NormalDist().inv_cdf((1 + confidence) / 2)
+        low = -high
+    else:
+        means, errors = _cvar(largest[_ranks(n, n_tail + 1, seed)], n)
+        # A resample whose tail repeats one value has no t statistic.
+        means, errors = means[errors > 0], errors[errors > 0]
+        relative = np.maximum(errors / np.abs(means), LEAST * se / size) if size else errors
+        t = (np.log(means / mean) * np.sign(mean) if size else means - mean) / relative
+        low, high = (float(quantile(t, p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
+    if not size:
+        return mean, (mean - high * se, mean - low * se)
+    with np.errstate(over="ignore"):
+        return mean, (mean * float(np.exp(-high * se / mean)), mean * float(np.exp(-low * se / mean)))
 
 
 # All metrics and methods with so many finished runs have the same resamples.
 @lru_cache(maxsize=4)
 def _ranks(n: int, n_worst: int, seed: int) -> Array:
-    """Draw n of n runs again and return the ranks of the worst ones, 0 for the worst run.
-
-    Parameters
-    ----------
-    n : number of runs
-    n_worst : how many of every resample are needed
-    seed : of the resamples
-
-    Returns
-    -------
-    (RESAMPLES, n_worst) ranks, ascending
-    """
+    """Draw n of n runs again and return the ranks of the worst ones, 0 for the worst run: (RESAMPLES, n_worst)."""
     rng = np.random.Generator(np.random.PCG64(seed))
     if n < MANY:
         drawn = rng.integers(0, n, (RESAMPLES, n), dtype=np.int32)
@@ -184,13 +160,7 @@ def _ranks(n: int, n_worst: int, seed: int) -> Array:
 
 
 def _cvar(largest: Array, n: int) -> tuple[Array, Array]:
-    """Mean of the worst runs and its standard error, from the influence of each run on the mean.
-
-    Parameters
-    ----------
-    largest : (samples, n_tail + 1) largest values of each sample, descending
-    n : size of a sample
-    """
+    """Mean and standard error, from the influence of each run, of samples of n: (samples, n_tail + 1) descending."""
     n_tail, size = largest.shape[1] - 1, TAIL * n
     mean = (largest[:, :n_tail].sum(axis=1) + (size - n_tail) * largest[:, n_tail]) / size
     beyond = (largest[:, :n_tail] - largest[:, n_tail:]) / TAIL

@@ -99,6 +99,73 @@ def test_intervals_hold():
     assert (hits / 300 >= 0.95 - 0.048).all()
 
 
+LAWS = {
+    "exponential": (lambda rng, n: rng.exponential(size=n), math.log(20) + 1),
+    **{
+        f"lognormal {sigma}": (
+            lambda rng, n, sigma=sigma: rng.lognormal(sigma=sigma, size=n),
+            math.exp(sigma**2 / 2) * stats.norm.cdf(sigma - stats.norm.ppf(0.95)) / 0.05,
+        )
+        for sigma in (0.3, 0.6, 1.1)
+    },
+}
+"""Name -> draw, mean of the worst 5 %."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("n", [80, 95, 150])
+def test_intervals_of_positive_metrics_are_positive_and_cover(name, n):
+    """92 to 95 % of 1000 samples, up to three standard errors of such a share."""
+    draw, truth = LAWS[name]
+    rng = np.random.default_rng(n)
+    found = np.array([cvar_interval(draw(rng, n), 0.95, seed=1)[1] for _ in range(1000)])
+    covered = ((found[:, 0] <= truth) & (truth <= found[:, 1])).mean()
+    print(f"{name}, {n} runs: {100 * covered:.1f} %, median width {np.median(found[:, 1] - found[:, 0]):.3g}")
+    assert (found[:, 0] > 0).all()
+    assert 0.92 - 3 * math.sqrt(0.92 * 0.08 / 1000) <= covered <= 0.95 + 3 * math.sqrt(0.95 * 0.05 / 1000)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_interval_keeps_the_sign_of_the_values(sign):
+    """Also with zeros, in few resamples or many; a sample with both signs has the interval of the number itself."""
+    rng, n_below = np.random.default_rng(1), 0
+    for n in (72, 95, 150, 25_000):
+        values = rng.lognormal(sigma=1.1, size=n)
+        low, high = cvar_interval(sign * values, 0.95, seed=1)[1]
+        assert sign * low > 0 and sign * high > 0
+        assert min(cvar_interval(sign * np.where(values > 1, values, 0.0), 0.95, seed=1)[1], key=abs) * sign >= 0
+        low, high = cvar_interval(np.append(values, -1e-6), 0.95, seed=1)[1]
+        n_below += low < 0
+    assert n_below
+
+
+def test_values_of_any_size_have_an_interval():
+    """Ratios of 1e130 between two runs leave ends from 0 to inf, and no error."""
+    low, high = cvar_interval(np.exp(np.linspace(-150, 150, 100)), 0.95, seed=1)[1]
+    assert 0 <= low < high
+
+
+def test_the_interval_of_a_positive_mean_by_its_formula():
+    """c exp(-t s / c) with t = (ln c* - ln c) / (s* / c*) of every resample, replayed; s* / c* is bounded."""
+    values, n_tail = np.random.default_rng(6).lognormal(size=100), 5
+
+    def of(sample):
+        tail = np.sort(sample)[::-1]
+        c = tail[:n_tail].mean()
+        influence = np.maximum(sample - tail[n_tail], 0) / 0.05
+        return c, influence.std(ddof=1) / math.sqrt(len(sample))
+
+    c, s = of(values)
+    order = np.argsort(-values)
+    drawn = np.random.Generator(np.random.PCG64(1)).integers(0, 100, (1999, 100), dtype=np.int32)
+    found = [of(values[order[rows]]) for rows in drawn]
+    t = [math.log(own / c) / max(error / own, 0.2 * s / c) for own, error in found if error > 0]
+    low, high = np.quantile(t, [0.025, 0.975])
+    expected = (c * math.exp(-high * s / c), c * math.exp(-low * s / c))
+    assert cvar_interval(values, 0.95, seed=1) == (pytest.approx(c), pytest.approx(expected, rel=1e-9))
+
+
 @pytest.mark.parametrize("n", [15_000, 1_000_000])
 def test_memory_does_not_grow_with_all_draws(n):
     """All resamples of 100,000 runs would be 800 MB; the interval is that of the normal law of the mean."""
