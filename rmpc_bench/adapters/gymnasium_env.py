@@ -53,8 +53,8 @@ def env(
         measurement noise and the change du of the input, and the number `failure`, which is added where the run fails;
         ``{"Q": 1}`` unless given.  The reward is minus this cost.
     preview : number of samples of the reference, r(k) included
-    limits : lower and upper limits of the action; those of the plant unless given.  An action beyond them is clipped
-        before the estimator gets it, whereas a controller in a run has to do that itself
+    limits : lower and upper limits of the action; those of the plant unless given.  An action beyond them, or beyond
+        the bounds of the plant, is clipped: cost, estimator and observation have the input that acts
     at : path of the sweep -> value, for one of its points; the first point unless given
 
     Raises
@@ -180,8 +180,9 @@ class Episodes:
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Apply u(k); the reward is that of sample k."""
         u = np.clip(np.asarray(action, dtype=float).reshape(self.low.shape), self.low, self.high)
-        cost = self.cost(self.episode.sample, u, self.u)
-        sample, self.u = self.episode.step(u), u
+        before, u_previous = self.episode.sample, self.u
+        sample, self.u = self.episode.step(u), self.episode.u
+        cost = self.cost(before, self.u, u_previous)
         failed = sample.status != Status.OK
         cost += self.cost.failure if failed else 0.0
         return self._seen(), -cost, failed, not failed and self.episode.is_over, self._info()

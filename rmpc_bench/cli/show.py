@@ -139,7 +139,7 @@ def _lines(found: Replay, until: int | None) -> list[str]:
         lines += ["uncertain quantities  " + ", ".join(f"{n} = {v:.6g}" for n, v in found.uncertainty.items())]
     if len(found.signals["x"]):
         frame = found.to_frame()
-        names = [name for name in frame if name.split(".")[0] in ("k", "t", "r", "y", "u", "x", "x_hat")]
+        names = [name for name in frame if name.split(".")[0] in ("k", "t", "r", "y", "u", "u_command", "x", "x_hat")]
         table = frame[names].tail(SHOWN).to_string(index=False, float_format="{:.6g}".format, na_rep="")
         left = len(frame) - SHOWN
         lines += ["", table, *([f"({left} earlier samples: --export FILE.csv)"] if left > 0 else [])]
@@ -187,7 +187,7 @@ def _plot(found: Replay, file: Path) -> None:
 
     frame = found.to_frame()
     panels = []
-    for signals in (("y", "r"), ("u",), ("x", "x_hat")):
+    for signals in (("y", "r"), ("u", "u_command"), ("x", "x_hat")):
         names = [name for name in frame if name.split(".")[0] in signals]
         lines = tuple(Line(str(name), frame["t"].to_numpy(), frame[name].to_numpy(dtype=float)) for name in names)
         unit = found.units.get(signals[0], "")

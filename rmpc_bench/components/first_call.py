@@ -121,7 +121,8 @@ class FirstCall:
             state, answer = controller.control(k, state, y.copy(), estimate, r[k : k + controller.preview].copy())
             command: Command = as_command(answer)
             self._expect(command.u, "control returned u", (1, self.plant.nu))
-        return np.array(command.u), state
+            u = np.array(self.plant.applied_inputs(np.array(command.u)))
+            return u, controller.applied(k, state, u.copy())
 
     def _expect_estimate(self, estimate: Estimate) -> None:
         x_hat = np.asarray(estimate.x_hat)

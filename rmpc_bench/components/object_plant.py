@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from rmpc_bench.components.single_plant import RunPlants, SingleRunPlant
 from rmpc_bench.components.user_class import user_class
-from rmpc_bench.types import Array, Motion, Signals
+from rmpc_bench.types import Array, Signals
 
 
 class ObjectPlant(SingleRunPlant):
@@ -61,9 +61,3 @@ class ObjectPlant(SingleRunPlant):
         made = [] if delta.objects is None else delta.objects.made
         first = [getattr(each, "x", x0[row]) for row, each in enumerate(made)]
         return np.array(first).reshape(x0.shape) if first else x0
-
-    def step(self, k: int, delta: RunPlants, x: Array, u: Array, w: Array) -> Motion:
-        """Limit the inputs, then move every object."""
-        runs, signals = None if delta.objects is None else delta.objects.runs, self.signals
-        assert signals is not None
-        return super().step(k, delta, x, signals.limited_inputs(u, runs), w)

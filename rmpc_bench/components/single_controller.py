@@ -83,6 +83,12 @@ class SingleRunController(SingleDesign, Controller):
         u = answer.u.copy() if self.point is None else answer.u + self.point.u
         return state, Command(u, state.objects.failed.copy(), answer.info)
 
+    def applied(self, k: int, state: RunInputs, u: Float[Array, "runs nu"]) -> RunInputs:
+        """Keep the input that acts as `u_previous`; one that nothing has changed keeps its bits."""
+        u_op = 0.0 if self.point is None else self.point.u
+        state.u = np.where(u == state.u + u_op, state.u, u - u_op)
+        return state
+
 
 def _info_of(info: Mapping[str, Array], row: int) -> dict[str, Array]:
     """Copy what the estimator reports of one run."""

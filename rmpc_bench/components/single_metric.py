@@ -71,7 +71,7 @@ class SingleRunMetric(Metric):
 
 def _signals(record: Record, n_runs: int, n_samples: int) -> dict[str, Any]:
     """Trajectories of every run."""
-    names = ("x", "y", "x_hat", "u")
+    names = ("x", "y", "x_hat", "u", "u_command")
     signals: dict[str, Any] = {name: getattr(record, name) for name in names}
     signals["r"] = np.broadcast_to(record.r, (n_runs, *record.r.shape))
     k = np.arange(n_samples)

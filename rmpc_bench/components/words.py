@@ -13,7 +13,7 @@ MEANINGS: Mapping[str, str] = {
     "k": "time index",
     "t": "time k Ts [s]",
     "x": "state of the plant",
-    "u": "input",
+    "u": "applied input, within the bounds of the plant",
     "y": "measured output y(k)",
     "r": "reference: r(k) with preview = 1, else r(k), r(k+1), .. row by row",
     "w": "process noise w(k)",
@@ -25,7 +25,8 @@ MEANINGS: Mapping[str, str] = {
     "x0": "initial state: of a plant the true one, of an estimator the assumed one",
     "P0": "covariance of the initial estimate",
     "M0": "shape matrix of the set of the initial estimate",
-    "u_previous": "u(k-1); None at k = 0",
+    "u_previous": "u(k-1) that has acted; None at k = 0",
+    "u_command": "input of the controller before the bounds of the plant",
     "Ts": "sampling time [s]",
     "model": "design model",
     "n_steps": "number of control periods N",
@@ -64,7 +65,7 @@ _SAMPLE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "step": ("u", "w", "x", "p", "k", "t"),
         "output": ("x", "v", "p", "k", "t"),
     },
-    "metrics": {"evaluate": ("x", "y", "x_hat", "u", "r", "P", "t", "Ts", "info", "k")},
+    "metrics": {"evaluate": ("x", "y", "x_hat", "u", "u_command", "r", "P", "t", "Ts", "info", "k")},
 }
 """Names of one run or one sample, by group and method."""
 

@@ -220,7 +220,8 @@ class _ExperimentBuilder:
         ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.values["evaluate"])
         plant = self.methods.plant
         # Recorded runs may have no state.
-        without = [name for name in ("x", "u") if plant is not None and getattr(plant, f"n{name}") == 0]
+        absent = [name for name in ("x", "u") if plant is not None and getattr(plant, f"n{name}") == 0]
+        without = [*absent, *(["u_command"] if "u" in absent else [])]
         signals = dict.fromkeys(name for name in keys.signals if name not in without)
         asked = Recording(tuple(signals), min(int(first), n_runs), ensemble)
         return with_bursts(asked, bursts=has_bursts(scenario))

@@ -64,7 +64,8 @@ def _signals(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     plant, recording = experiments[0].plant, experiments[0].recording
     if not recording.n_runs:
         return {}
-    known = {"y": (plant.ny,), "u": (plant.nu,), "x": (plant.nx,), "x_hat": None, COVARIANCE: None, BURSTS: (1,)}
+    known = {"y": (plant.ny,), "x": (plant.nx,), "x_hat": None, COVARIANCE: None, BURSTS: (1,)}
+    known |= dict.fromkeys(("u", "u_command"), (plant.nu,))
     extra = {name: (1,) for name in plant.extra_signals}
     found: dict[str, dict[str, tuple[int, ...] | None]] = {}
     for experiment in experiments:

@@ -136,7 +136,8 @@ class RecordKeys:
     Parameters
     ----------
     runs : `none`, `all`, or a number N for the first N runs
-    signals : y, u, x, x_hat, P or signals that a method reports, such as Q_yw
+    signals : y, u (applied input), u_command (before the bounds of the plant), x, x_hat, P or signals that a method
+        reports, such as Q_yw
     """
 
     runs: Literal["none", "all"] | Count = "none"

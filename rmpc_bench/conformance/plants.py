@@ -102,7 +102,8 @@ class PlantExample:
                 x = component.first_state(delta, self.x[rows])
                 for k in range(self.u.shape[1]):
                     y = np.array(component.output(k, delta, x, v[:, k]))
-                    motion = as_motion(component.step(k, delta, x.copy(), self.u[rows, k], w[:, k]))
+                    u = component.applied_inputs(self.u[rows, k])
+                    motion = as_motion(component.step(k, delta, x.copy(), u, w[:, k]))
                     status[:] = np.where(status != Status.OK, status, shared.failed)
                     status[:] = np.where(status != Status.OK, status, motion.status)
                     np.equal(status, Status.OK, out=shared.alive)

@@ -134,6 +134,13 @@ class Gpc(Controller):
         info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(x_hat), *self.Q_yw.shape)), "loss": loss}
         return GpcState(x_hat, command.u), self._physical(command, info)
 
+    def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
+        """Keep the input that acts; one that nothing has changed keeps its bits."""
+        if self.model.operating_point is not None:
+            same = u == state.u_previous + self.model.u_op
+            u = np.where(same, state.u_previous, u - self.model.u_op)
+        return state._replace(u_previous=u)
+
     def warm_up(self) -> None:
         """Compile the kernels of a step before the design is sent to workers."""
         if self.gains is None:

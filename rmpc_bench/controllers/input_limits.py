@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.controllers.limits import Bounds
+from rmpc_bench.controllers.limits import Bounds, one_for_all
 from rmpc_bench.numerics.intervals import Pairs
 
 AntiWindup: TypeAlias = Literal["back-calculation", "clamping", "none"]
@@ -25,7 +25,6 @@ class InputLimits:
     u: Pairs
 
 
-def common_limits(bounds: Bounds) -> tuple[float, float] | None:
-    """Return a lower and an upper limit that no input exceeds; None where there are none."""
-    low, high = float(bounds.low.min()), float(bounds.high.max())
-    return None if np.isinf([low, high]).all() else (low, high)
+def common_limits(bounds: Bounds) -> tuple[float, float] | Bounds | None:
+    """Return the lower and the upper limit of all inputs, or of each; None where there are none."""
+    return None if np.isinf(bounds).all() else one_for_all(bounds)

@@ -20,7 +20,13 @@ class LqgState(NamedTuple):
     """State of the controller between steps."""
 
     q: Float[Array, "runs nq"]
-    """Sums of the control errors, without columns where Q_i is 0."""
+    """Sums of the control errors before the last sample, without columns where Q_i is 0."""
+    error: Float[Array, "runs nq"]
+    """Error of the last sample, which is summed once the input that has acted is known."""
+    v: Float[Array, "runs nu"]
+    """Last input of the law before limits."""
+    u: Float[Array, "runs nu"]
+    """Last input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +53,15 @@ class Lqg(Controller):
     point: OperatingPoint | None
 
     @property
-    def input_limits(self) -> tuple[float, float] | None:
+    def input_limits(self) -> tuple[float, float] | Bounds | None:
         """Lower and upper limit of the inputs; None without limits."""
         return common_limits(self.bounds)
 
     def init(self, n_runs: int) -> LqgState:
         """Start with sums of 0."""
-        return LqgState(np.zeros((n_runs, self.K_q.shape[1])))
+        nu, nq = self.K_q.shape
+        q, u = np.zeros((n_runs, nq)), np.zeros((n_runs, nu))
+        return LqgState(q, q, u, u)
 
     def control(
         self,
@@ -73,22 +81,28 @@ class Lqg(Controller):
         if self.K_q.shape[1] == 0:
             u = np.clip(v, *self.bounds)
             return state, Command(u, np.full(len(u), OK), {})
-        v = v - mv(self.K_q, state.q)
+        q = self.sums(state)
+        v = v - mv(self.K_q, q)
         u = np.clip(v, *self.bounds)
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
         # Chosen, not multiplied by `rows`: 0 times a missing measurement of another output is NaN.
         error = (outputs - r[0])[:, self.rows.argmax(axis=1)]
         error = np.where(np.isnan(error), 0.0, error)
-        return LqgState(state.q + self._summed(error, v - u)), Command(u, np.full(len(u), OK), {})
+        return LqgState(q, error, v, u), Command(u, np.full(len(u), OK), {})
 
-    def _summed(self, error: Float[Array, "runs nq"], excess: Float[Array, "runs nu"]) -> Float[Array, "runs nq"]:
-        """Return what is added to the sums where clipping took ``excess`` from the input."""
+    def applied(self, k: int, state: LqgState, u: Float[Array, "runs nu"]) -> LqgState:
+        """Keep the input that acts, for the anti-windup."""
+        return state._replace(u=u)
+
+    def sums(self, state: LqgState) -> Float[Array, "runs nq"]:
+        """Return the sums with the last sample, with anti-windup where limits have changed its input."""
+        error, excess = state.error, state.v - state.u
         if self.anti_windup == "back-calculation":
-            return error + mv(self.correction, excess)
+            error = error + mv(self.correction, excess)
         if self.anti_windup == "clamping":
             driven = -self.K_q * error[:, None, :] * excess[:, :, None]
-            return np.where((driven > 0.0).any(axis=1), 0.0, error)
-        return error
+            error = np.where((driven > 0.0).any(axis=1), 0.0, error)
+        return state.q + error
 
     def linear_law(self) -> LinearLaw | None:
         """Return the gains without limits; None if the law uses an estimated mean."""

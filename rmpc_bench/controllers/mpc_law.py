@@ -78,6 +78,10 @@ class Mpc(Controller):
         u = self._clipped(self._minimiser(state.u_previous, estimate, r), state.u_previous)
         return MpcState(u), Command(u, np.full(len(u), OK), {})
 
+    def applied(self, k: int, state: MpcState, u: Float[Array, "runs nu"]) -> MpcState:
+        """Keep the input that acts: u(k-1) of the next sample."""
+        return MpcState(u)
+
     def _minimiser(
         self, u_previous: Float[Array, "runs nu"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> Float[Array, "runs nu"]:

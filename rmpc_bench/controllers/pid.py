@@ -8,7 +8,8 @@ Model   u = u_op + P + I + D with three independent gains (parallel form, not th
             D(k) = (Tf D(k-1) + Kd (e_D(k) - e_D(k-1))) / (Tf + Ts),   e_D = c r - y,
         so that the pole Tf / (Tf + Ts) of the filter is in [0, 1) for every Tf >= 0, where Tustin's rule gives a pole
         near -1 for a small Tf.  D(0) = 0: the derivative starts without a jump.
-        The input is clipped to `limits`.  Where that changes the sum v of the parts, `anti_windup` selects I(k):
+        The input is clipped to `limits`.  Where these, or the bounds of the plant, change the sum v of the parts, so
+        that u(k) acts, `anti_windup` selects I(k):
             back-calculation  I(k) is corrected by (Ts / Tt) (u(k) - v(k)),
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
             none              I(k) has no correction.
@@ -53,11 +54,18 @@ class PidState(NamedTuple):
     """State of the loops after a sample."""
 
     integral: Float[Array, "runs nu"]
+    """Without the anti-windup of the last sample, which needs the input that has acted."""
     derivative: Float[Array, "runs nu"]
     error: Float[Array, "runs nu"]
     """c r - y of the derivative at the last sample; NaN before the first one."""
     y: Float[Array, "runs nu"]
     """Last measurement."""
+    step: Float[Array, "runs nu"]
+    """What the last sample has added to the integral."""
+    v: Float[Array, "runs nu"]
+    """Last sum of the parts."""
+    u: Float[Array, "runs nu"]
+    """Last input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +94,7 @@ class Pid(Controller):
     point: OperatingPoint | None
 
     @property
-    def input_limits(self) -> tuple[float, float] | None:
+    def input_limits(self) -> tuple[float, float] | Bounds | None:
         """Lower and upper limit of the inputs; None without limits."""
         return common_limits(self.bounds)
 
@@ -103,7 +111,7 @@ class Pid(Controller):
     def init(self, n_runs: int) -> PidState:
         """Start with an integral of 0 and without a previous error."""
         zero = np.zeros((n_runs, len(self.Kp)))
-        return PidState(zero, zero.copy(), np.full_like(zero, np.nan), np.tile(self.y_op, (n_runs, 1)))
+        return PidState(zero, zero, np.full_like(zero, np.nan), np.tile(self.y_op, (n_runs, 1)), zero, zero, zero)
 
     def control(
         self,
@@ -123,16 +131,18 @@ class Pid(Controller):
         change = np.where(first, 0.0, error - state.error)
         derivative = (self.Tf * state.derivative + self.Kd * change) / (self.Tf + self.Ts)
         step = self.Ki * self.Ts * (target - deviation)
-        integral = state.integral + step
+        integral = self.integral(state) + step
         if self.bumpless:
             # u(0) = u_op: the integral starts with what cancels the other part.
             integral = np.where(first, -proportional, integral)
         v = self.u_op + proportional + integral + derivative
-        u = np.clip(v, *self.bounds)
-        integral = self._without_windup(integral, step, u - v)
         # A run without an estimate ends, although these loops may not need it.
-        u = np.where(np.isnan(estimate.x_hat).any(axis=1, keepdims=True), np.nan, u)
-        return PidState(integral, derivative, error, measured), Command(u, np.full(len(u), OK), {})
+        u = np.where(np.isnan(estimate.x_hat).any(axis=1, keepdims=True), np.nan, np.clip(v, *self.bounds))
+        return PidState(integral, derivative, error, measured, step, v, u), Command(u, np.full(len(u), OK), {})
+
+    def applied(self, k: int, state: PidState, u: Float[Array, "runs nu"]) -> PidState:
+        """Keep the input that acts, for the anti-windup."""
+        return state._replace(u=u)
 
     def _controlled(self, y: Float[Array, "runs ny"], estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the controlled output of every loop."""
@@ -140,15 +150,14 @@ class Pid(Controller):
         # Chosen, not multiplied by `rows`: 0 times a missing measurement of another loop is NaN.
         return outputs[:, self.rows.argmax(axis=1)]
 
-    def _without_windup(
-        self, integral: Float[Array, "runs nu"], step: Float[Array, "runs nu"], cut: Float[Array, "runs nu"]
-    ) -> Float[Array, "runs nu"]:
-        """Return the integral after a sample at which clipping changed the input by ``cut``."""
+    def integral(self, state: PidState) -> Float[Array, "runs nu"]:
+        """Return the integral after the last sample, with anti-windup where limits have changed its input."""
+        cut = state.u - state.v
         if self.anti_windup == "back-calculation":
-            return integral + np.where(self.Ki != 0.0, self.correction * cut, 0.0)
+            return state.integral + np.where(self.Ki != 0.0, self.correction * cut, 0.0)
         if self.anti_windup == "clamping":
-            return integral - np.where(step * cut < 0.0, step, 0.0)
-        return integral
+            return state.integral - np.where(state.step * cut < 0.0, state.step, 0.0)
+        return state.integral
 
     def linear_law(self) -> LinearLaw:
         """Return the gains without limits."""

@@ -112,7 +112,7 @@ class Lqr(Regulator):
     """Bounds to which the input is clipped, None without."""
 
     @property
-    def input_limits(self) -> tuple[float, float] | None:
+    def input_limits(self) -> tuple[float, float] | Bounds | None:
         """Lower and upper limit that no input exceeds."""
         return None if self.bounds is None else common_limits(self.bounds)
 

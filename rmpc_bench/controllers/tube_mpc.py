@@ -105,7 +105,7 @@ class TubeMpc(Controller):
         return () if self.measured or self.plan.tightening == "none" else (ESTIMATED,)
 
     @property
-    def input_limits(self) -> tuple[float, float] | None:
+    def input_limits(self) -> tuple[float, float] | Bounds | None:
         """Lower and upper limit that no input exceeds."""
         return common_limits(Bounds(*(bound + self.point.u for bound in self.u_limits)))
 
@@ -138,6 +138,10 @@ class TubeMpc(Controller):
         failed = np.isin(found.steps, FAILED)
         V = np.where(failed[:, None], np.nan, found.V)
         return TubeState(command.u), command._replace(info={**command.info, **self._info(x, V)})
+
+    def applied(self, k: int, state: TubeState, u: Float[Array, "runs nu"]) -> TubeState:
+        """Keep the input that acts, for `hold`."""
+        return TubeState(u)
 
     def _info(self, x: Array, V: Array) -> dict[str, Array]:
         """Return the minimum of the cost and the start of the nominal predictions; NaN where the step failed."""

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Array, DesignError, Estimate, Method, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Method, Plant, PlantInfo, Status
 
 Build = Callable[..., Any]
 """``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
@@ -140,12 +140,13 @@ def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> s
     linear = model.get() if limits is not None else None
     if limits is None or linear is None:
         return None
-    (low, high), n_steps = (np.atleast_1d(each) for each in limits), experiment.n_steps
+    of_plant, n_steps = PlantInfo.of(experiment.plant).limits.u, experiment.n_steps
+    low, high = np.maximum(limits[0], of_plant[0]), np.minimum(limits[1], of_plant[1])
     if not np.isfinite([low, high]).any():
         return None
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     free = seen = 0
-    for u in _inputs(method, linear, r, n_steps):
+    for u in _inputs(experiment.plant, method, linear, r, n_steps):
         seen += 1
         free += not bool(((u <= low) | (u >= high)).any())
         if free > (1.0 - SATURATED) * n_steps:
@@ -165,7 +166,7 @@ def _pairs(low: Float[Array, " n"], high: Float[Array, " n"]) -> str:
     return ", ".join(f"[{least:g}, {most:g}]" for least, most in zip(low, high, strict=True))
 
 
-def _inputs(method: Method, model: Any, r: Array, n_steps: int) -> Any:
+def _inputs(plant: Plant, method: Method, model: Any, r: Array, n_steps: int) -> Any:
     """Yield the inputs of the design model in closed loop with known states and without noise."""
     try:
         x = np.zeros((1, model.nx)) if method.estimator.x0 is None else method.estimator.x0[None]
@@ -177,8 +178,10 @@ def _inputs(method: Method, model: Any, r: Array, n_steps: int) -> Any:
             state, command = controller.control(k, state, y, known, r[k : k + controller.preview])
             if (command.status != Status.OK).any():
                 return
-            yield command.u[0]
-            x = x @ now.A.T + command.u @ now.B.T + now.f0
+            u = plant.applied_inputs(np.array(command.u))
+            state = controller.applied(k, state, u)
+            yield u[0]
+            x = x @ now.A.T + u @ now.B.T + now.f0
     except DesignError:
         # A model that depends on the state is not linear at any k.
         return

@@ -91,6 +91,10 @@ class _Layout:
         recording = experiment.recording
         is_recorded = bool(recording.n_runs and recording.signals)
         extra = {name: unit for name, unit in plant.extra_signals.items() if name in recording.signals}
+        units, names = {"u": plant.u_unit, **plant.units}, dict(plant.names)
+        if "u_command" in recording.signals:
+            units |= {f"u_command{place[1:]}": unit for place, unit in units.items() if place[0] == "u"}
+            names |= {f"u_command{place[1:]}": f"{name}, command" for place, name in names.items() if place[0] == "u"}
         return StoredPoint(
             coordinates=dict(point.coordinates),
             title=point.title,
@@ -98,7 +102,7 @@ class _Layout:
             Ts=0.0 if self._config.in_samples else float(plant.Ts),
             nx=int(plant.nx),
             n_steps=experiment.n_steps,
-            units={"y": plant.y_unit, "u": plant.u_unit, **plant.units, **extra},
+            units={"y": plant.y_unit, **units, **extra},
             metrics=experiment.metric_infos,
             metric_keys=dict(point.metric_keys),
             methods={method.name: self._method(point, method) for method in experiment.methods},
@@ -107,7 +111,7 @@ class _Layout:
             reference=self._keep(experiment.scenario.reference.sample(experiment.n_steps + 1)) if is_recorded else None,
             uncertainty_key=point.uncertainty_key,
             uncertainty=tuple(experiment.scenario.uncertainty),
-            names={**plant.names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
+            names={**names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
             random_besides=random_besides(experiment),
             limitations=tuple(plant.limitations),
         )

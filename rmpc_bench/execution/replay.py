@@ -54,7 +54,7 @@ class Replay:
     failure : why it has failed; None where it has not, or where there is no description
     Ts : sampling time [s]
     signals : signal -> (samples, components), up to the last sample or the failure; u and what the controller reports
-        have one sample less where the run reached its end
+        have one sample less where the run reached its end; u_command only where the plant has bounds of its inputs
     r : (samples, ny) reference
     units : signal -> unit, and of single components, such as ``y.2``
     uncertainty : named uncertain quantity -> value in this run
@@ -172,7 +172,12 @@ def _simulated(
     common = {
         "Ts": plant.Ts,
         "r": r[: n_steps + 1],
-        "units": {"y": plant.y_unit, "u": plant.u_unit, **plant.units, **plant.extra_signals},
+        "units": {
+            **dict.fromkeys(("u", "u_command"), plant.u_unit),
+            "y": plant.y_unit,
+            **plant.units,
+            **plant.extra_signals,
+        },
         "uncertainty": named_values(experiment, run),
     }
     keywords: dict[str, Any] = {"info": info, "state_range": experiment.state_range, "start": start, "last": until}
@@ -186,6 +191,8 @@ def _simulated(
     failure = start.journal.failures.get(run)
     last = n_steps if failure is None or failure.k is None else failure.k
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
+    if not plant.limits_inputs:
+        del named["u_command"]
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
     signals = {name: values[0, : last + 1] for name, values in named.items()}
     steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}

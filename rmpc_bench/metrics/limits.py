@@ -39,8 +39,9 @@ class SignalMetric(WindowMetric):
 
     Parameters
     ----------
-    of : the signal: `y`, `x` or `u` for all components, one component such as `x.0`, the name of a state, an input or
-        an output, or an extra signal of the plant, such as `shaft_torque`
+    of : the signal: `y`, `x`, `u` (applied input) or `u_command` (before the bounds of the plant) for all components,
+        one component such as `x.0`, the name of a state, an input or an output, or an extra signal of the plant, such
+        as `shaft_torque`
     between : number of equally spaced times between two samples that count as well; 0 for the samples only
     """
 
@@ -59,7 +60,7 @@ class SignalMetric(WindowMetric):
     def _check_between(self, layout: MetricLayout) -> Iterator[Issue]:
         if not self.between:
             return
-        if self.signal(layout).letter == "u":
+        if self.signal(layout).letter[0] == "u":
             yield Issue("between", "an input is constant between two samples; leave the key out")
         elif layout.plant is not None and not layout.plant.has_between:
             plant = type(layout.plant).__name__
@@ -71,7 +72,7 @@ class SignalMetric(WindowMetric):
 
     def last_sample(self, layout: MetricLayout) -> int:
         """Return N, or N-1 for an input: none is applied at k = N."""
-        return layout.n_steps - (self.signal(layout).letter == "u")
+        return layout.n_steps - (self.signal(layout).letter[0] == "u")
 
     def points(self, record: Record) -> Float[Array, "runs points n"]:
         """Return the signal at all times that count."""

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from rmpc_bench.types import Array, DesignError, MetricLayout, Plant, Record, SampleWindow
 from rmpc_bench.types.issue import unknown
 
-Letter = Literal["y", "x", "u", "extra"]
+Letter = Literal["y", "x", "u", "u_command", "extra"]
+LETTERS: tuple[Letter, ...] = ("y", "x", "u", "u_command")
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class NamedSignal:
 
     Parameters
     ----------
-    letter : `y`, `x`, `u`, or `extra`
+    letter : `y`, `x`, `u`, `u_command` (u before the bounds of the plant), or `extra`
     index : of the component; None for all
     name : as the configuration gives it
     """
@@ -41,11 +42,11 @@ class NamedSignal:
         plant = layout.plant
         if self.letter == "extra":
             return "" if plant is None else plant.extra_signals.get(self.name, "")
-        common = {"y": layout.y_unit, "u": layout.u_unit, "x": ""}[self.letter]
+        common = {"y": layout.y_unit, "u": layout.u_unit, "x": ""}[self.letter[0]]
         if plant is None:
             return common
         indices = range(_size(plant, self.letter)) if self.index is None else [self.index]
-        units = {plant.units.get(f"{self.letter}.{i}", common) for i in indices}
+        units = {plant.units.get(f"{self.letter[0]}.{i}", common) for i in indices}
         return units.pop() if len(units) == 1 else ""
 
     def at_samples(self, record: Record, window: SampleWindow) -> Float[Array, "runs window n"]:
@@ -101,29 +102,17 @@ class NamedSignal:
 
 
 def signal_of(layout: MetricLayout, of: str) -> NamedSignal:
-    """Find a signal by its name.
-
-    Parameters
-    ----------
-    layout : of the experiment
-    of : `y`, `x` or `u` for all components, `y.I` for one, the name of a component, or that of an extra signal
-
-    Raises
-    ------
-    DesignError
-        If there is no such signal, with the nearest known name.
-    """
+    """Find a signal by its name; a DesignError has the nearest known one."""
     plant = layout.plant
     if plant is not None and of in plant.extra_signals:
         return NamedSignal("extra", None, of)
     place = of if plant is None else _places(plant).get(of, of)
-    found = re.fullmatch(r"([xyu])(?:\.([0-9]+))?", place)
-    known = ["y", "x", "u"] if plant is None else _known(plant)
+    found = re.fullmatch(r"(u_command|[xyu])(?:\.([0-9]+))?", place)
+    known = [*LETTERS] if plant is None else _known(plant)
     if found is None or (plant is not None and place not in known):
         raise DesignError(unknown(of, known, "signal"), "of")
     index = None if found[2] is None else int(found[2])
-    letter: Letter = "y" if found[1] == "y" else "x" if found[1] == "x" else "u"
-    return NamedSignal(letter, index, of)
+    return NamedSignal(next(each for each in LETTERS if each == found[1]), index, of)
 
 
 def states_between(record: Record, window: SampleWindow, between: int) -> Float[Array, "runs periods between nx"]:
@@ -153,7 +142,7 @@ def plant_of(record: Record) -> Plant:
 
 
 def _size(plant: Plant, letter: str) -> int:
-    return {"y": plant.ny, "x": plant.nx, "u": plant.nu}[letter]
+    return {"y": plant.ny, "x": plant.nx, "u": plant.nu}[letter[0]]
 
 
 def _components(letter: str, n: int) -> list[str]:
@@ -171,5 +160,5 @@ def _places(plant: Plant) -> Mapping[str, str]:
 
 
 def _known(plant: Plant) -> list[str]:
-    components = [name for letter in ("y", "x", "u") for name in _components(letter, _size(plant, letter))]
+    components = [name for letter in LETTERS for name in _components(letter, _size(plant, letter))]
     return [*plant.extra_signals, *_places(plant), *components]

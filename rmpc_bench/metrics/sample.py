@@ -47,9 +47,9 @@ def signal_component(of: str) -> SignalComponent:
     DesignError
         If the text does not name a component.
     """
-    found = re.fullmatch(r"(x|x_hat|e|y|u)\.([0-9]+)", of)
+    found = re.fullmatch(r"(x|x_hat|e|y|u|u_command)\.([0-9]+)", of)
     if found is None:
-        raise DesignError(f"must be x.I, x_hat.I, e.I, y.I or u.I with a component I from 0 on (got {of!r})", "of")
+        raise DesignError(f"must be x.I, x_hat.I, e.I, y.I, u.I or u_command.I, I from 0 on (got {of!r})", "of")
     return SignalComponent(found[1], int(found[2]))
 
 
@@ -59,8 +59,8 @@ class Sample(Metric):
 
     Parameters
     ----------
-    of : x.I (true state), x_hat.I (estimate), e.I (x - x_hat), y.I (true output) or u.I (applied input), with the index
-        I of the component (counted from 0)
+    of : x.I (true state), x_hat.I (estimate), e.I (x - x_hat), y.I (true output), u.I (applied input) or u_command.I
+        (before the bounds of the plant), with the index I of the component (counted from 0)
     at : the sample, in seconds or samples as `time` of the experiment; `N` is the last one, which is N-1 for u
 
     Examples
@@ -93,17 +93,17 @@ class Sample(Metric):
             return
         if component.signal == "e":
             yield from check_state_lengths(layout, "of")
-        n = {"x": plant.nx, "e": plant.nx, "y": plant.ny, "u": plant.nu}[component.signal]
+        n = {"x": plant.nx, "e": plant.nx, "y": plant.ny, "u": plant.nu}[component.signal[0]]
         yield from issues_of(component.check, n)
 
     def unit(self, layout: MetricLayout) -> str:
         """Return the unit of the output or the input; states have none."""
-        return {"y": layout.y_unit, "u": layout.u_unit}.get(signal_component(self.of).signal, "")
+        return {"y": layout.y_unit, "u": layout.u_unit}.get(signal_component(self.of).signal[0], "")
 
     def window(self, layout: MetricLayout) -> SampleWindow:
         """Return the only sample that it reads."""
         # No input is applied at k = N.
-        last = layout.n_steps - 1 if signal_component(self.of).signal == "u" else layout.n_steps
+        last = layout.n_steps - 1 if signal_component(self.of).signal[0] == "u" else layout.n_steps
         k = last if self.at == "N" else layout.sample(self.at)
         k = min(k, last) if layout.cut else k
         if k > last:

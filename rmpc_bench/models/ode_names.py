@@ -34,8 +34,8 @@ def names_of(given: Names, key: str, letter: str) -> tuple[tuple[str, ...], dict
     if not names and letter != "u":
         raise DesignError("must name at least one", key)
     for name in names:
-        if not name.isidentifier() or name in ("x", "u", "y"):
-            raise DesignError(f"{name!r} is no name: letters, digits and _, and not x, u or y alone", key)
+        if not name.isidentifier() or name in ("x", "u", "y", "u_command"):
+            raise DesignError(f"{name!r} is no name: letters, digits and _, and not x, u, y or u_command", key)
     doubled = [name for i, name in enumerate(names) if name in names[:i]]
     if doubled:
         raise DesignError(f"{doubled[0]!r} is given twice", key)

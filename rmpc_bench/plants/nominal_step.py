@@ -47,10 +47,8 @@ class NominalStep:
         if system is not None:
             now = system.at(0)
             return cls(plant, None if system.varies else LinearPlant(now.A, now.B, now.C, np.eye(plant.nx)))
-        signals, step = plant.signals, cls(plant, None)
-        linear = plant.linear(dict(plant.nominal))
-        limited = signals is not None and any(name in signals.bounds for name in signals.inputs)
-        return step if linear is None or limited or not step._equals(linear) else cls(plant, linear)
+        step, linear = cls(plant, None), plant.linear(dict(plant.nominal))
+        return step if linear is None or plant.limits_inputs or not step._equals(linear) else cls(plant, linear)
 
     def advance(self, k: int, x: Array, u: Array, parameters: Mapping[str, float]) -> Float[Array, " nx"]:
         """Return x(k+1); NaN where the plant is not defined.
@@ -65,7 +63,7 @@ class NominalStep:
             now = self.plant.system.at(k)
             return np.asarray(now.A @ x + now.B @ u)
         delta, w = self._delta(parameters), np.zeros((1, self.plant.nw))
-        motion = self.plant.step(k, delta, _row(x), _row(u), w)
+        motion = self.plant.step(k, delta, _row(x), self.plant.applied_inputs(_row(u)), w)
         return motion.x[0] if motion.status[0] == Status.OK else np.full(self.plant.nx, np.nan)
 
     def output(self, k: int, x: Array, parameters: Mapping[str, float]) -> Float[Array, " ny"]:

@@ -5,8 +5,8 @@ Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + 
         x(k+1) = rhs(k Ts, x(k), u(k), p) + w(k).
 Method  `rk4`: Runge-Kutta of order 4 with equal steps, for all runs of a block at once where rhs takes a block.
         LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
-Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  Inputs are limited to their
-        bounds; how often is counted.
+Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  The simulation limits inputs to
+        their bounds before they act, and counts how often.
 Blocks  Written with functions of NumPy, rhs computes all runs of a block in one call: x[i] and p.name are rows over
         the runs.  Whether it gives the same bits as for each run alone is tested when the plant is designed.  A rhs
         with `if x[0] > 0`, `max` or `math.sin` is called run by run.
@@ -152,8 +152,7 @@ class OdePlant(Plant):
     ) -> Float[Array, "runs steps parts nx"]:
         """Integrate every period in equal parts by the integrator of the plant."""
         alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
-        limited = np.clip(u, *self.ode.limits(self.ode.inputs))
-        return states_between(self.ode, self.Ts, self.stepping, delta.numbers, x, limited, parts, first, alive)
+        return states_between(self.ode, self.Ts, self.stepping, delta.numbers, x, u, parts, first, alive)
 
     def facts(self) -> list[tuple[str, str]]:
         """Names with units and bounds, and the integration over a sample."""
@@ -188,11 +187,10 @@ class OdePlant(Plant):
     ) -> Motion:
         """Integrate over sample k with constant inputs, then add the process noise."""
         runs = delta.runs if isinstance(delta, StartedDelta) else None
-        limited = self.ode.limited_inputs(u, runs)
         ends = self._block if self.ode.rhs_takes_blocks and self.stepping.substeps else self._run_by_run
         # Beyond its bounds a state may be one for which rhs is not defined.
         with np.errstate(all="ignore"):
-            x_next, failed = ends(k, delta, x, limited, None if runs is None else runs.alive)
+            x_next, failed = ends(k, delta, x, u, None if runs is None else runs.alive)
         x_next = x_next + w
         for i, name in self._outside(x_next):
             reason = left_bounds(self.ode, self.ode.states.index(name), (k + 1) * self.Ts)

@@ -2,7 +2,8 @@
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) with the matrices of the parameters of the run.  A
         continuous system is sampled exactly, with the input held over a sample.
-Names   States, inputs and outputs have the names that the system gives them.  Inputs are limited to their bounds.
+Names   States, inputs and outputs have the names that the system gives them.  The simulation limits inputs to their
+        bounds before they act.
 Cost    Matrices: one exponential per run with parameters of its own.  A step is three small products per run.
 Fails   Status `out-of-range`: a parameter is not finite.  Status `crashed`: the system cannot be made from the
         parameters of the run, or has other sizes than the nominal one.
@@ -146,8 +147,7 @@ class ParametricLinear(Plant):
         w: Float[Array, "runs nw"],
     ) -> Motion:
         """Return x(k+1)."""
-        inputs = self.signals.limited_inputs(u, delta.runs if isinstance(delta, StartedMatrices) else None)
-        return Motion(mv(delta.A, x) + mv(delta.B, inputs) + w, delta.status.copy())
+        return Motion(mv(delta.A, x) + mv(delta.B, u) + w, delta.status.copy())
 
     def output(
         self, k: int, delta: Matrices | StartedMatrices, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
@@ -202,7 +202,7 @@ def linear_plant(
     A, B, C = system.sampled(system.nominal, Ts)
     named = system.signals({})
     signals = system.signals(bounds_by_name(bounds or {}, named.states, named.inputs))
-    if system.nominal or any(name in signals.bounds for name in signals.inputs):
+    if system.nominal or signals.limits_inputs:
         return ParametricLinear(Ts, system, signals)
     given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0}
     return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals)

@@ -44,6 +44,13 @@ class BlockTimes:
         self._seconds["controller"] += default_timer() - start
         return answer
 
+    def applied(self, k: int, state: Any, u: Array) -> Any:
+        """Tell the controller the u(k) that acts."""
+        start = default_timer()
+        answer = self._controller.applied(k, state, u)
+        self._seconds["controller"] += default_timer() - start
+        return answer
+
     def note(self, journal: Journal, n_runs: int, n_steps: int) -> None:
         """Note the time per run and step of the components whose calls are not timed run by run, once for every run.
 

@@ -180,6 +180,11 @@ class CheckedController(_Checked):
         _check_info(command.info, "control", self._n)
         return state, command
 
+    def applied(self, k: int, state: Any, u: Array) -> Any:
+        """Return the state with the input that acts, which only the controller itself can read."""
+        with self._user_code():
+            return self._controller.applied(k, state, u)
+
 
 def _pair(answer: Any, call: str, right: str) -> tuple[Any, Any]:
     if not (isinstance(answer, tuple) and len(answer) == 2):

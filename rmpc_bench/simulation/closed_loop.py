@@ -38,8 +38,9 @@ BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
 COVARIANCE = "P"
 """The reported covariance of the estimation error, which is recorded row by row; NaN of a method that reports none."""
-SIGNALS = ("y", "u", "x", "x_hat")
-"""Signals of every run; others are extra signals of the plant, reported by the method, or the bursts of the noise."""
+SIGNALS = ("y", "u", "u_command", "x", "x_hat")
+"""Signals of every run, `u_command` before the bounds of the plant and u after them; others are extra signals of the
+plant, reported by the method, or the bursts of the noise."""
 
 
 class Block(NamedTuple):
@@ -60,16 +61,7 @@ class Block(NamedTuple):
 def simulate_block(
     experiment: Experiment, method: Method, runs: range, draws: Draws | None = None, watch: Watch = NO_WATCH
 ) -> Block:
-    """Simulate a block of runs with one method and reduce it to its metrics.
-
-    Parameters
-    ----------
-    experiment : what to simulate
-    method : the estimator-controller pair
-    runs : indices of the runs
-    draws : their random inputs, where they have been drawn already
-    watch : notes every control period, for time limits
-    """
+    """Simulate the runs of these indices with one method and reduce them to their metrics; draw what is not given."""
     plant, n_steps, recording = experiment.plant, experiment.n_steps, experiment.recording
     if draws is None:
         draws = experiment.scenario.draw(plant, runs, n_steps)
@@ -122,19 +114,9 @@ def simulate(
 
     A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
     Estimator and controller get y as it is measured, with NaN where it is missing; y of the record has no noise.
-    Every array that a component returns is copied at once, so that it may use the same memory again.
-
-    Parameters
-    ----------
-    plant, method : the true system and the pair that controls it
-    draws : random inputs of the runs
-    r : reference from k = 0 on, n_steps + the controller's preview samples at least
-    n_steps : number of control periods N
-    with_P, with_M : whether to record the reported covariance and the reported set of the estimation error
-    info : names of the entries to record that estimator and controller report
-    state_range : limits of the state; a run that leaves them is `out-of-range` or `diverged`
-    start : for components that take the runs of the block; runs 0, 1, .. of seed 0 unless given
-    last : sample after which the simulation ends; what the trajectories hold for later samples has no meaning
+    u is what acts: the input of the controller within the bounds of the plant, also for estimator and controller.
+    Every array that a component returns is copied at once, so that it may use the same memory again.  r has at least
+    n_steps + the controller's preview samples.  What trajectories hold for samples after `last` has no meaning.
     """
     estimator, controller, nd = method.estimator, method.controller, method.n_disturbances
     n_runs, x = len(draws.x0), draws.x0
@@ -148,7 +130,8 @@ def simulate(
     moving, *own = checked_calls(plant, method, alive, start.journal)
     timed = BlockTimes(*own)
     known = r[: n_steps + 1].copy()
-    limits = RunLimits(state_range, x, known)
+    limits, limits_inputs = RunLimits(state_range, x, known), plant.limits_inputs
+    counted = RunInfo(start.runs, (), alive, start.journal)
     # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
     has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
     own_matrices = n_runs if has_gaps else None
@@ -178,8 +161,10 @@ def simulate(
             command = as_command(chosen)
             status = runs.after(limits.of_input(status, command.status, command.u))
             start.note_steps(command.step_status, runs)
-            u = np.array(command.u)
-            inputs.at(k, u=u, **_wanted(command.info, info))
+            u_command = np.array(command.u)
+            u = plant.applied_inputs(u_command, counted)
+            c = timed.applied(k, c, u.copy())
+            inputs.at(k, u=u, **({"u_command": u_command} if limits_inputs else {}), **_wanted(command.info, info))
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
@@ -198,7 +183,7 @@ def _recorded(
     signals = {**outputs.all(), **inputs.all()}
     x, y, x_hat, u = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
     record = Record(Ts, x, y, x_hat, u, r, outputs.matrix("P"), outputs.matrix("M"), controller)
-    return record._replace(info=signals)
+    return record._replace(command=signals.pop("u_command", None), info=signals)
 
 
 def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:

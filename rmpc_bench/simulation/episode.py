@@ -15,7 +15,7 @@ from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, Estimator, Journal, RunInfo, Status, as_estimate, as_motion
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -67,6 +67,7 @@ class Episode:
         self.r = scenario.reference.sample(self.n_steps + 1 + preview)
         start, self._runs = RunStart(scenario.seed, (run,), Journal()), RunState.of(1)
         self.journal = start.journal
+        self._counted = RunInfo((run,), (), self._runs.alive, start.journal)
         draws = own_draws(scenario, self.plant, runs, self.n_steps, draws)
         self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
@@ -86,22 +87,14 @@ class Episode:
         return self.k == self.n_steps or self.sample.status != Status.OK
 
     def step(self, u: Float[Array, " nu"]) -> Sample:
-        """Apply an input from k to k+1.
-
-        Parameters
-        ----------
-        u : input
-
-        Raises
-        ------
-        RuntimeError
-            If the episode is over.
-        """
+        """Apply an input from k to k+1, within the bounds of the plant; `u` then is what has acted."""
         if self.is_over:
             raise RuntimeError("the episode is over; start another one")
         k, u_k = self.k, np.array(u, dtype=float).reshape(1, self.plant.nu)
         with np.errstate(over="ignore", invalid="ignore"):
             self._status = self._runs.after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
+            u_k = self.plant.applied_inputs(u_k, self._counted)
+            self.u = u_k[0].copy()
             motion = as_motion(self.plant.step(k, self._delta, self._x.copy(), u_k.copy(), self._w[:, k]))
             self._status = self._runs.after(self._limits.of_state(self._status, motion.status, motion.x))
             if self._runs.alive.all():

@@ -37,15 +37,9 @@ LEAST_WORK = 1_000_000
 
 
 def applies(experiment: Experiment, method: Method) -> bool:
-    """Whether the compiled simulation is worth its import and gives the numbers of the simulation step by step.
-
-    Parameters
-    ----------
-    experiment : what to simulate
-    method : the estimator-controller pair
-    """
+    """Whether the compiled simulation is worth its import and gives the numbers of the simulation step by step."""
     parts = (experiment.plant, method.estimator, method.controller)
-    if any(map(is_own, parts)) or not all(part.has_compiled_form for part in parts):
+    if any(map(is_own, parts)) or not all(part.has_compiled_form for part in parts) or experiment.plant.limits_inputs:
         return False
     size = experiment.n_runs * experiment.n_steps * len(experiment.methods)
     if size < LEAST_WORK and "numba" not in sys.modules:
@@ -92,16 +86,9 @@ def compiled_loop(
     state_range: StateRange = DEFAULT_RANGE,
     start: RunStart | None = None,
 ) -> tuple[Record, Statuses] | None:
-    """Simulate all runs of ``draws`` as `closed_loop.simulate` does.
+    """Simulate all runs of ``draws`` as `closed_loop.simulate` does, of a plant without bounds of its inputs.
 
-    Parameters
-    ----------
-    plant, method, draws, r, n_steps, with_P, with_M, info, state_range, start : as there
-
-    Returns
-    -------
-    trajectories and statuses; None where a law alters the measurements, or where some are missing that the filter
-    bridges
+    None where a law alters the measurements, or where some are missing that the filter bridges.
     """
     if draws.alterations:
         return None

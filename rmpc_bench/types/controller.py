@@ -91,6 +91,14 @@ class Controller(Design):
         """Choose u(k)."""
         raise NotImplementedError("control")
 
+    def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
+        """Return the state that `control` has returned at k, with the u(k) that acts.
+
+        The simulation calls it after the plant has limited the input to its bounds.  A law with a memory of its input,
+        such as u(k-1) or an integral with anti-windup, replaces that in its state.  By default nothing changes.
+        """
+        return state
+
     def linear_law(self) -> LinearLaw | None:
         """Return the gains of a law that is linear apart from limits of the input; None of any other law."""
         return None

@@ -117,7 +117,7 @@ class Estimator(Design):
         raise NotImplementedError("correct")
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
-        """Go to k+1 with the applied u(k)."""
+        """Go to k+1 with the applied u(k), which is within the bounds of the plant."""
         raise NotImplementedError("predict")
 
     def series(self) -> Mapping[str, Array]:

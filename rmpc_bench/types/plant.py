@@ -146,9 +146,18 @@ class Plant(Design):
     def signals(self) -> NamedSignals | None:
         """Names, units and bounds of states, inputs and outputs; None where they have no names.
 
-        `plant.bounds` may then name inputs, which `step` limits to their bounds.
+        `plant.bounds` may then name inputs: `step` gets them within their bounds.
         """
         return self.ode
+
+    @property
+    def limits_inputs(self) -> bool:
+        """Whether an input has a bound, so that u(k) may differ from what the controller returns."""
+        return self.signals is not None and self.signals.limits_inputs
+
+    def applied_inputs(self, u: Float[Array, "runs nu"], runs: RunInfo | None = None) -> Float[Array, "runs nu"]:
+        """Return what acts on the plant: the input of the controller within the bounds of `signals`."""
+        return self.signals.limited_inputs(u, runs) if self.signals is not None and self.limits_inputs else u
 
     @attribute
     def extra_signals(self) -> Mapping[str, str]:

@@ -62,14 +62,13 @@ class NamedSignals:
         low, high = np.array(pairs, dtype=float).reshape(len(names), 2).T
         return low, high
 
-    def limited_inputs(self, u: Float[Array, "runs nu"], runs: RunInfo | None) -> Float[Array, "runs nu"]:
-        """Return the inputs within their bounds; those of running runs that were beyond are counted.
+    @property
+    def limits_inputs(self) -> bool:
+        """Whether an input has a bound."""
+        return bool(np.isfinite(self.limits(self.inputs)).any())
 
-        Parameters
-        ----------
-        u : (runs, nu) inputs
-        runs : what counts; None outside a simulation
-        """
+    def limited_inputs(self, u: Float[Array, "runs nu"], runs: RunInfo | None = None) -> Float[Array, "runs nu"]:
+        """Return the inputs within their bounds; those of running runs that were beyond are counted."""
         limited = np.clip(u, *self.limits(self.inputs))
         if runs is not None:
             beyond = np.isfinite(u) & (u != limited) & runs.alive[:, None]

@@ -129,7 +129,7 @@ def step_response(anti_windup, n=400, **more):
     for k in range(n):
         state, command = law.control(k, state, x, Estimate(np.zeros((1, 1))), np.ones((1, 1)))
         y.append(x[0, 0])
-        integral.append(state.integral[0, 0])
+        integral.append(law.integral(state)[0, 0])
         x = 0.98 * x + 0.02 * command.u
     return np.array(y), np.array(integral)
 
@@ -153,8 +153,8 @@ def test_the_integral_of_back_calculation_has_a_closed_form():
     u, states = commanded(law, y, np.full_like(y, 4.0))
     assert (u == 3.0).all()
     # s = 2 * 0.1 * 4 per sample, u = 3 and v = 4 + I + s.
-    np.testing.assert_allclose(states[-1].integral[0, 0], -1.0 - 0.8 + 0.8 * 5.0, rtol=1e-9)
-    assert states[-1].integral[0, 0] < 2.0 * TS * 4.0 * 200
+    np.testing.assert_allclose(law.integral(states[-1])[0, 0], -1.0 - 0.8 + 0.8 * 5.0, rtol=1e-9)
+    assert law.integral(states[-1])[0, 0] < 2.0 * TS * 4.0 * 200
 
 
 @pytest.mark.parametrize(

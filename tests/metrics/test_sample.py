@@ -56,7 +56,7 @@ def test_a_sample_beyond_the_end(of, last):
 @pytest.mark.parametrize("of", ["x", "x.", "x.-1", "x.1.0", "z.0", "X.0", "x_hat", "w.0", " x.0", "", "x.²"])
 def test_a_sample_of_something_that_is_no_component(of):
     """Oracle: the message says what can be written."""
-    only_issue(Sample(of=of), LAYOUT, "of", r"must be x\.I, x_hat\.I, e\.I, y\.I or u\.I")
+    only_issue(Sample(of=of), LAYOUT, "of", r"must be x\.I, x_hat\.I, e\.I, y\.I, u\.I or u_command\.I")
 
 
 @pytest.mark.parametrize(
