@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.adapters import gymnasium_access as access_to
-from rmpc_bench.adapters.gymnasium_plant import EnvironmentPlant
+from rmpc_bench.adapters.gymnasium_plant import DiscreteInput, EnvironmentPlant
 from rmpc_bench.adapters.gymnasium_trials import (
     Trial,
     attempt,
@@ -86,6 +86,8 @@ def designed(
     access = Access(make, action, read, write, ends=ends)
     first = attempt("state", lambda: started(access, nominal))
     signals = _signals(keys, first.x, low, high, bounds)
+    if isinstance(action, partial) and action.func is access_to.nearest:
+        signals = DiscreteInput(**vars(signals), values=action.keywords["values"])
     access, measured = _with_output(access, keys, signals, np.size(first.observation))
     if measured is None:
         y = attempt("output", lambda: access.measure(first.x, nominal, first.observation))  # type: ignore[misc]

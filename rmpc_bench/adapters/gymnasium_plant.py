@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
 from rmpc_bench.components.object_plant import ObjectPlant
 from rmpc_bench.components.single_plant import RunPlants
-from rmpc_bench.types import Array, Motion, Signals
+from rmpc_bench.types import Array, Motion, RunInfo, Signals
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteInput(Signals):
+    """Signals of an environment with discrete actions, of whose values the nearest acts; of two that are, the first."""
+
+    values: Float[Array, " actions"] = field(kw_only=True)
+
+    def limited_inputs(self, u: Float[Array, "runs 1"], runs: RunInfo | None = None) -> Float[Array, "runs 1"]:
+        """Return the nearest values; inputs beyond the bounds are counted."""
+        limited = super().limited_inputs(u, runs)
+        chosen = self.values[np.abs(self.values - limited).argmin(axis=1)][:, None]
+        return np.where(np.isnan(limited), limited, chosen)
 
 
 class EnvironmentPlant(ObjectPlant):

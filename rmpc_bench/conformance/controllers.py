@@ -36,6 +36,8 @@ class ControllerExample:
     y: Float[Array, "runs steps ny"]
     r: Float[Array, "samples ny"]
     nu: int | None = None
+    pair: tuple[Controller, Controller] | None = None
+    """The law without limits of its own, and with equal ones for all inputs; None where it has no such key."""
     known: dict[int, tuple[Controller, Outcome]] = field(default_factory=dict, repr=False)
     """Outcome of the whole example by component, computed once for each of the controllers."""
     checks: ClassVar[tuple[Check, ...]]
@@ -74,15 +76,15 @@ class ControllerExample:
         """State of some runs before the first sample."""
         return RunStart(SEED, tuple(int(row) for row in rows), journal).controller(controller, len(rows), shared)
 
-    def evaluate(self, component: Controller, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
-        """Control some runs; an exception of the controller ends them.
-
-        Parameters
-        ----------
-        component : what is checked
-        rows : indices of the runs; all of them unless given
-        seed : of the global random generators, which a controller must not use
-        """
+    def evaluate(
+        self,
+        component: Controller,
+        rows: Sequence[int] | None = None,
+        *,
+        seed: int = 0,
+        bounds: tuple[float, float] | None = None,
+    ) -> Outcome:
+        """Control some runs, with bounds of the plant where they are given; an exception ends them."""
         rows = range(self.n_runs) if rows is None else rows
         shared, journal = RunState.of(len(rows)), Journal()
         status = np.zeros(len(rows), np.int8)
@@ -95,6 +97,9 @@ class ControllerExample:
                     np.equal(status, Status.OK, out=shared.alive)
                     state, command = self.step(component, k, state, rows)
                     command = command._replace(u=np.array(command.u))
+                    if bounds is not None:
+                        command = command._replace(u=np.clip(command.u, *bounds))
+                        state = component.applied(k, state, command.u.copy())
                     outcome.states.append(state)
                     outcome.returned.append(command)
                     outcome.numbers.append(command.u)
@@ -187,6 +192,19 @@ def _missing(controller: Controller, example: ControllerExample) -> None:
     )
 
 
+def _applied(controller: Controller, example: ControllerExample) -> None:
+    told = example.evaluate(controller, bounds=(-np.inf, np.inf)).values
+    require_same("u after `applied` with the input that `control` has returned", told, example.u(controller))
+    if example.pair is None:
+        return
+    free, limited = example.pair
+    assert limited.input_limits is not None
+    low, high = (float(np.min(each)) for each in limited.input_limits)
+    found, expected = example.evaluate(free, bounds=(low, high)).values, example.u(limited)
+    equal = np.allclose(found, expected, rtol=1e-9, atol=1e-9 * high, equal_nan=True)
+    require(equal, "with bounds of the plant u differs from u with equal limits of its own; see `Controller.applied`")
+
+
 FIRST = first_checks(
     Check("base-class", "the controller is a subclass of Controller", _base_class, is_first=True),
     _shapes,
@@ -198,4 +216,5 @@ ControllerExample.checks = (
     Check("purity", "the same call twice gives the same bits", _purity),
     *REPETITION,
     Check("missing-estimate", "a missing estimate of one run changes no other run", _missing),
+    Check("applied-input", "bounds of the plant act as equal limits of its own: it remembers the applied u", _applied),
 )

@@ -6,7 +6,7 @@ They need a linear Gaussian system (`linear_system`), whose best estimator is th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
@@ -165,6 +165,18 @@ def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
     return shift_text(example.in_loop(estimator), example.recorded.x)
 
 
+def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None:
+    u = example.system.u
+    system = replace(example.system, largest=0.5 * float(np.abs(u).max(initial=0.0)) or 1.0)
+    record, _ = system.simulated(estimator)
+    recorded = system.recorded()
+    expected = EstimatorExample(recorded.y, np.clip(u, -system.largest, system.largest)).x_hat(estimator)
+    require(
+        np.allclose(record.x_hat, expected, rtol=1e-9, atol=1e-12, equal_nan=True),
+        "x_hat is another one with the input that acts, within the bounds of the plant",
+    )
+
+
 def _exact(estimator: Estimator, example: EstimatorInformationExample) -> str:
     return exactness(estimator, example.system)
 
@@ -230,6 +242,7 @@ EstimatorInformationExample.checks = (
     FRESH,
     Check("causal", "x_hat(k) does not depend on y after k", _causal),
     Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
+    Check("applied-input", "predict uses the input that acts, within the bounds of the plant", _applied),
     Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),
     Check("possible", "the error is not smaller than that of the Kalman filter, which is optimal here", _possible),
     Check(

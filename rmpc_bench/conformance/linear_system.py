@@ -21,7 +21,18 @@ from rmpc_bench.numerics.linalg import mv, psd_sqrt
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.run_start import RunStart
-from rmpc_bench.types import Array, Command, Controller, Estimate, Estimator, Journal, Method, Motion, Plant
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Journal,
+    Method,
+    Motion,
+    Plant,
+    Signals,
+)
 
 N_RUNS, N_STEPS = 40, 150
 INPUT = 2.0
@@ -29,16 +40,18 @@ INPUT = 2.0
 
 
 class LinearGaussian(Plant):
-    """x(k+1) = A x + B u + f0 + w, y = C x + d0 + v.
+    """x(k+1) = A x + B u + f0 + w, y = C x + d0 + v, with one largest size of all inputs."""
 
-    Parameters
-    ----------
-    model : its matrices
-    Ts : sampling time [s]
-    """
-
-    def __init__(self, model: LinearModel, Ts: float = 1.0) -> None:
+    def __init__(self, model: LinearModel, Ts: float = 1.0, largest: float = np.inf) -> None:
         self.model, self._Ts = model, Ts
+        inputs = tuple(f"u.{i}" for i in range(model.nu))
+        bounds = dict.fromkeys(inputs, (-largest, largest))
+        self._signals = None if np.isinf(largest) else Signals((), inputs, (), bounds=bounds)
+
+    @property
+    def signals(self) -> Signals | None:
+        """The inputs with their bounds, where they have some."""
+        return self._signals
 
     @property
     def Ts(self) -> float:
@@ -113,6 +126,7 @@ class LinearSystem:
     n_runs, n_steps : size
     seed : of the generator
     Ts : sampling time [s]
+    largest : largest size of an input that acts
     """
 
     model: LinearModel
@@ -122,6 +136,7 @@ class LinearSystem:
     n_steps: int = N_STEPS
     seed: int = 15
     Ts: float = 1.0
+    largest: float = np.inf
 
     @classmethod
     def shipped(cls) -> LinearSystem:
@@ -138,7 +153,7 @@ class LinearSystem:
     @cached_property
     def plant(self) -> LinearGaussian:
         """The true system."""
-        return LinearGaussian(self.model, self.Ts)
+        return LinearGaussian(self.model, self.Ts, self.largest)
 
     @cached_property
     def u(self) -> Float[Array, "runs steps nu"]:
@@ -188,7 +203,7 @@ class LinearSystem:
         record, _ = self.simulated(self.kalman, noise=noise)
         v = self.draws(noise=noise).v
         y = [self.plant.output(k, None, record.x[:, k], v[:, k]) for k in range(self.n_steps + 1)]
-        return Recorded(np.stack(y, axis=1), self.u, record.x)
+        return Recorded(np.stack(y, axis=1), record.u, record.x)
 
     @cached_property
     def kalman(self) -> Estimator:

@@ -28,6 +28,8 @@ from rmpc_bench.types import Array, Controller, Estimator, Plant, PlantInfo
 
 SHORT = 12
 """Steps of the random examples."""
+LIMITS = {"u": (-0.3, 0.3)}
+"""Limits of the input of a law that has such a key."""
 NOISES = 2
 """Dimension of a noise."""
 
@@ -70,6 +72,16 @@ class Setting:
     def made(self, n_steps: int) -> Any:
         """Make the design for a number of steps."""
         return self.subject.made(self.group, self.provided(n_steps))
+
+    def limited_pair(self) -> tuple[Controller, Controller] | None:
+        """Return a law without limits of its own and with some; None where its limits have another form, or none."""
+        keys = {name: value for name, value in self.subject.keys.items() if name != "limits"}
+        subjects = (replace(self.subject, keys=each) for each in (keys, {**keys, "limits": LIMITS}))
+        try:
+            free, limited = (replace(each, written=True).made(self.group, self.provided(SHORT)) for each in subjects)
+        except Exception:  # a design function may raise anything for keys that it does not expect
+            return None
+        return (free, limited) if limited.input_limits == LIMITS["u"] else None
 
     def separate_process(self, n_steps: int | None = None) -> SeparateProcess:
         """Return the component in another process, made for a number of steps (default: those of the system)."""
@@ -138,6 +150,7 @@ def _controller_stages(setting: Setting) -> Iterator[Stage]:
         example = ControllerInformationExample(system, design.preview, separate_process, design.regulates)
         yield Stage(CONTROLLER_FIRST[1:], design, example.data)
         data = ControllerExample.random(system.model.nx, system.model.ny, design.preview, n_steps=SHORT)
+        data = replace(data, pair=setting.limited_pair())
         yield Stage(_without(ControllerExample.checks, CONTROLLER_FIRST), setting.made(SHORT), data)
         yield Stage(ControllerInformationExample.checks, design, example)
     finally:

@@ -11,12 +11,13 @@ Each text names the key and a way out.  They cost a few milliseconds per method 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment
@@ -29,6 +30,8 @@ STABLE = 1.0 + 1e-9
 """Spectral radius up to which a system counts as stable: that of an integrator is 1 up to rounding."""
 SMALL_GROWTH = 10.0
 """Growth over the run up to which an unstable system is no reason for a warning."""
+ROUNDING = 1e-9
+"""Relative difference of two limits that counts as none."""
 SATURATED = 0.95
 """Share of the samples with the input on a limit from which on the reference counts as out of reach."""
 
@@ -185,3 +188,21 @@ def _inputs(plant: Plant, method: Method, model: Any, r: Array, n_steps: int) ->
     except DesignError:
         # A model that depends on the state is not linear at any k.
         return
+
+
+def unlimited_inputs(experiment: Experiment) -> Iterator[str]:
+    """Yield the inputs that the plant limits, with the laws that do not; a class for one run cannot say."""
+    plant, found = experiment.plant, dict[tuple[str, str], list[str]]()
+    low, high = PlantInfo.of(plant).limits.u
+    for name, law in ((method.name, method.controller) for method in experiment.methods):
+        if not plant.limits_inputs or isinstance(law, Rest | OpenLoop | SingleDesign):
+            continue
+        own = [np.broadcast_to(each, plant.nu) for each in law.input_limits or (-np.inf, np.inf)]
+        wider = (own[0] < low - ROUNDING * np.abs(low)) | (own[1] > high + ROUNDING * np.abs(high))
+        for i in np.flatnonzero(wider).tolist():
+            least, most = own[0][i], own[1][i]
+            text = "no limits" if np.isinf([least, most]).all() else f"wider limits, [{least:g}, {most:g}]"
+            found.setdefault((PlantInfo.of(plant).inputs[i], text), []).append(repr(name))
+    for (signal, text), names in found.items():
+        bounds = plant.signals.bounds_text(signal) if plant.signals is not None else ""
+        yield f"the plant limits `{signal}` to {bounds}; the controller of {', '.join(names)} has {text}"

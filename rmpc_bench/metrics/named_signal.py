@@ -56,14 +56,7 @@ class NamedSignal:
         return self._chosen(getattr(record, self.letter)[:, window.slice])
 
     def at_points(self, record: Record, window: SampleWindow, between: int) -> Float[Array, "runs points n"]:
-        """Return the components at the samples of a window and at equally spaced times between them.
-
-        Parameters
-        ----------
-        record : the trajectories
-        window : the samples
-        between : number of times between two samples
-        """
+        """Return the components at the samples of a window and at `between` equally spaced times between two."""
         samples = self.at_samples(record, window)
         if not between or window.length == 1:
             return samples
@@ -129,13 +122,7 @@ def states_between(record: Record, window: SampleWindow, between: int) -> Float[
 
 
 def plant_of(record: Record) -> Plant:
-    """Return the plant of the experiment.
-
-    Raises
-    ------
-    DesignError
-        If the trajectories come from elsewhere.
-    """
+    """Return the plant of the experiment; a DesignError where the trajectories come from elsewhere."""
     if record.layout.plant is None:
         raise DesignError("needs the plant of the experiment", "of")
     return record.layout.plant

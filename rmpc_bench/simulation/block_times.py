@@ -12,12 +12,7 @@ BLOCK = "block"
 
 
 class BlockTimes:
-    """The calls of estimator and controller in the loop, with the time that they take.
-
-    Parameters
-    ----------
-    estimator, controller : what is called
-    """
+    """The calls of estimator and controller in the loop, with the time that they take."""
 
     def __init__(self, estimator: Any, controller: Any) -> None:
         self._estimator, self._controller = estimator, controller
@@ -56,11 +51,6 @@ class BlockTimes:
 
         A median then counts runs: blocks of one run, in which a call takes nearly as long as in a block of a hundred,
         do not outweigh a long one.
-
-        Parameters
-        ----------
-        journal : of the block
-        n_runs, n_steps : runs of the block, control periods of a run
         """
         for role, seconds in self._seconds.items():
             if not any(name.partition(",")[0] == role for name in journal.seconds):

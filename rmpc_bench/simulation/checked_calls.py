@@ -42,14 +42,7 @@ def is_own(design: Any) -> bool:
 
 
 def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], journal: Journal) -> tuple[Any, Any, Any]:
-    """Return plant, estimator and controller for the loop: built-in ones as they are, others with checked answers.
-
-    Parameters
-    ----------
-    plant, method : the components
-    alive : whether a run has not failed, updated in place
-    journal : gets the warnings of components that are not built in
-    """
+    """Return plant, estimator and controller for the loop: built-in ones as they are, others with checked answers."""
     estimator, controller = method.estimator, method.controller
     return (
         CheckedPlant(plant, alive, journal) if is_own(plant) else plant,
@@ -59,13 +52,7 @@ def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], jou
 
 
 def metric_values(metric: Metric, record: Record) -> Array:
-    """Evaluate a metric and check the shape of its values.
-
-    Raises
-    ------
-    InvalidReturnValue
-        If it does not return one number per run.
-    """
+    """Evaluate a metric and check the shape of its values."""
     values = metric.evaluate(record)
     if is_own(metric):
         _check_array(values, f"evaluate of the metric {metric.name!r}", "values", (len(record.y),))
@@ -83,14 +70,7 @@ class _Checked:
 
 
 class CheckedPlant(_Checked):
-    """The calls of a plant in the loop.
-
-    Parameters
-    ----------
-    plant : what is called
-    alive : whether a run of the block has not failed, updated in place
-    journal : gets the warnings
-    """
+    """The calls of a plant in the loop; whether a run has not failed is updated in place."""
 
     def __init__(self, plant: Plant, alive: Bool[Array, " runs"], journal: Journal) -> None:
         super().__init__(alive, journal)
@@ -115,14 +95,7 @@ class CheckedPlant(_Checked):
 
 
 class CheckedEstimator(_Checked):
-    """The calls of an estimator in the loop.
-
-    Parameters
-    ----------
-    estimator : what is called
-    alive : whether a run of the block has not failed, updated in place
-    journal : gets the warnings
-    """
+    """The calls of an estimator in the loop; whether a run has not failed is updated in place."""
 
     def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"], journal: Journal) -> None:
         super().__init__(alive, journal)
@@ -152,15 +125,7 @@ class CheckedEstimator(_Checked):
 
 
 class CheckedController(_Checked):
-    """The calls of a controller in the loop.
-
-    Parameters
-    ----------
-    controller : what is called
-    alive : whether a run of the block has not failed, updated in place
-    journal : gets the warnings
-    nu : number of inputs of the plant
-    """
+    """The calls of a controller in the loop; whether a run has not failed is updated in place."""
 
     def __init__(self, controller: Controller, alive: Bool[Array, " runs"], journal: Journal, nu: int) -> None:
         super().__init__(alive, journal)

@@ -130,7 +130,7 @@ def test_methods_and_blocks_are_apart():
 
 
 def test_discrete_actions():
-    """The action whose value is nearest to u is applied; oracle: the environment alone."""
+    """The action whose value is nearest to u is applied, and u is that value; oracle: the environment alone."""
     plant = design(0.02, 6, env="CartPole-v1", state="state", action=[-10.0, 10.0])
     u = np.array([[[-3.0], [0.1], [12.0], [-0.1], [0.0], [9.0]]])
     record, _, journal = simulated(plant, u, runs=range(1))
@@ -138,6 +138,8 @@ def test_discrete_actions():
     alone.reset(seed=int(stream(1, 0, "own/plant").integers(2**31)))
     expected = [alone.state, *(alone.step(a) and alone.state for a in (0, 1, 1, 0, 0, 1))]
     np.testing.assert_array_equal(record.x[0], expected)
+    np.testing.assert_array_equal(record.u[0, :, 0], [-10.0, 10.0, 10.0, -10.0, -10.0, 10.0])
+    np.testing.assert_array_equal(record.u_command, u)
     assert journal.warnings == {"input u.0 limited to [-10, 10]": 1}
 
 

@@ -73,8 +73,11 @@ def played(made, run):
     observation, info = made.reset(options={"run": run})
     seen, x, y, u, rewards, ended = [observation], [info["x"]], [info["y_true"]], [], [], False
     while not ended:
-        u.append(np.array([0.2 + 2.5 * (observation[1] - observation[0])]))
-        observation, reward, terminated, truncated, info = made.step(u[-1])
+        action = np.array([0.2 + 2.5 * (observation[1] - observation[0])])
+        observation, reward, terminated, truncated, info = made.step(action)
+        # The plant limits it to its bounds, although the environment has wider limits.
+        u.append(np.clip(action, 0.0, 0.6))
+        np.testing.assert_array_equal(observation[2:], u[-1])
         seen.append(observation)
         x.append(info["x"])
         y.append(info["y_true"])
