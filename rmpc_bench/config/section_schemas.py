@@ -30,8 +30,8 @@ PLANT_KEYS: dict[str, Schema] = {
     "bounds": {
         "type": "object",
         "description": "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is "
-        "`out-of-range`; a plant with names takes these, and limits its inputs: {level: [0 m, 0.6 m], pump: [0, 30 "
-        "ml/s]}",
+        "`out-of-range`; a plant with names takes these, and limits its inputs, so that u is what acts and u_command "
+        "what the controller returns: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}",
     },
     "diverged": {
         "type": ["number", "string", "array", "object"],

@@ -1,4 +1,4 @@
-"""Metrics of the applied input.
+"""Metrics of the applied input, which is within the bounds of the plant.
 
 The default window is k = 0..N-1: no input is applied at k = N.
 """

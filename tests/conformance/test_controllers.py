@@ -13,12 +13,15 @@ from rmpc_bench.conformance import ControllerExample, check_component
 from rmpc_bench.conformance.controller_information import ControllerInformationExample
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.results import run_checks
+from rmpc_bench.conformance.stages import Setting
+from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.controllers.input_limits import InputLimits
 from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbance
 from rmpc_bench.estimators.set_membership import design as set_membership
+from rmpc_bench.types import Controller
 
 KINDS = registry.names("controllers")
 TUBE = {"Q_x": 1.0, "R_u": 0.1, "horizon": 5, "limits": {"u": (-0.4, 0.4), "x.0": (-3.0, 3.0)}, "W": 0.01}
@@ -131,3 +134,28 @@ def test_available_information(kind):
     results = run_checks(ControllerInformationExample.checks, design, example)
     assert [str(each) for each in results if each.status == "failed"] == []
     assert "passed" in {each.status for each in results}
+
+
+MEMORIES = {
+    "pid": {"Kp": 1.0, "Ki": 0.5},
+    "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1, "anti_windup": "back-calculation"},
+    "mpc": {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "limits": {"du": (-0.2, 0.2)}},
+}
+"""Keys of laws that remember the input that acts."""
+
+
+@pytest.mark.parametrize("kind", MEMORIES)
+def test_a_law_that_forgets_the_input_that_acts_is_named(kind, monkeypatch):
+    """Oracle: the law with limits of its own; without the hook the law remembers what it has returned."""
+    system = replace(LinearSystem.shipped(), n_runs=9, n_steps=STEPS)
+    setting = Setting(subject_of(kind, "controllers", MEMORIES[kind]), "controllers", system)
+    free, limited = setting.limited_pair()
+    assert (free.input_limits in (None, (-np.inf, np.inf)), limited.input_limits) == (True, (-0.3, 0.3))
+    example = replace(ControllerExample.random(2, 1, free.preview, n_steps=STEPS), pair=(free, limited))
+
+    def applied():
+        return next(each for each in check_component(free, example) if each.id == "applied-input")
+
+    assert applied().status == "passed"
+    monkeypatch.setattr(type(free), "applied", Controller.applied)
+    assert applied().status == "failed" and "equal limits of its own" in applied().reason

@@ -23,6 +23,7 @@ from rmpc_bench.conformance.separate_process import SeparateProcess
 from rmpc_bench.conformance.stages import Setting, stages
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.conformance.supervisor import check_subject
+from rmpc_bench.types import Plant
 
 FILE = Path(misbehaving.__file__)
 SMALL = replace(LinearSystem.shipped(), n_runs=20, n_steps=100)
@@ -95,6 +96,13 @@ def test_a_textbook_filter_passes(name, monkeypatch):
     results = results_here(getattr(misbehaving, name), "estimators", monkeypatch)
     assert [str(each) for each in results.values() if each.status == "failed"] == []
     assert "times the error" in results["in-time"].reason and "nees" in results["consistent"].reason
+
+
+def test_an_input_that_the_loop_does_not_limit_is_named(monkeypatch):
+    """Oracle: a plant whose bounds the simulation leaves out."""
+    monkeypatch.setattr(Plant, "applied_inputs", lambda self, u, runs=None: u)
+    result = results_here(misbehaving.Textbook, "estimators", monkeypatch)["applied-input"]
+    assert result.status == "failed" and "within the bounds of the plant" in result.reason
 
 
 def test_the_in_place_filter_has_the_numbers_of_the_textbook():
