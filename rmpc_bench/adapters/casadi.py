@@ -1,7 +1,8 @@
 """CasADi functions of a nonlinear design model, for controllers and estimators that optimise with CasADi.
 
 Method  The user's functions rhs and output are called with CasADi symbols.  x(k+1) takes the same steps of the
-        Runge-Kutta method as f of the model.
+        Runge-Kutta method as f of the model with `substeps`.  Without them it takes as many equal ones as the trial
+        runs of the plant needed, at most 50, or 10 where there are none.
 Limit   The functions use arithmetic and functions of NumPy that CasADi knows.  ``if x[0] > 0`` is an error for a
         symbol; ``math.sin`` of a symbol is NaN without an error.  Therefore the numbers are compared with the model's.
 """
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,11 @@ from rmpc_bench.extras import library
 from rmpc_bench.models.agreement import difference
 from rmpc_bench.models.dynamics import LinearDynamics, OdeDynamics
 from rmpc_bench.models.nonlinear import NonlinearModel
+from rmpc_bench.numerics.integration import EDGE
 from rmpc_bench.types import DesignError
 
+EQUAL_STEPS = 10
+"""Steps per sample where the plant has no trial runs."""
 WAY_OUT = "use arithmetic and functions of NumPy, such as np.where for `if` and np.sin for math.sin"
 
 
@@ -41,7 +45,10 @@ def step_function(model: NonlinearModel) -> Any:
     if isinstance(dynamics, LinearDynamics):
         return traced(model, "f", lambda x, u: x + (dynamics.A @ x + dynamics.B @ u - x), ("x", "u"))
     assert isinstance(dynamics, OdeDynamics), "there are no other plants as functions"
-    ode, p, h = dynamics.ode, dynamics.ode.p, Ts / model.substeps
+    ode, p = dynamics.ode, dynamics.ode.p
+    # A graph has a fixed number of steps.
+    model = replace(model, substeps=model.substeps or ode.equal_steps or EQUAL_STEPS)
+    n, h = model.substeps, Ts / model.substeps
 
     def slope(t: Any, x: Any, u: Any) -> Any:
         return entries(ode.rhs(t, x, u, p) if ode.timed else ode.rhs(x, u, p))
@@ -49,13 +56,13 @@ def step_function(model: NonlinearModel) -> Any:
     def step(x: Any, u: Any, k: Any = (0,)) -> Any:
         if ode.discrete:
             return slope(k[0] * Ts, x, u)
-        times = [(k[0] + j / model.substeps) * Ts for j in range(model.substeps + 1)]
-        for now, later in pairwise(times):
-            middle = (now + later) / 2
-            k1 = slope(now, x, u)
+        for j in range(n):
+            first, middle, last = ((k[0] + part) * Ts for part in (max(j / n, EDGE), (j + 0.5) / n, (j + 1) / n))
+            last = (k[0] + 1 - EDGE) * Ts if j == n - 1 else last
+            k1 = slope(first, x, u)
             k2 = slope(middle, x + h / 2 * k1, u)
             k3 = slope(middle, x + h / 2 * k2, u)
-            x = x + h / 6 * (k1 + 2 * (k2 + k3) + slope(later, x + h * k3, u))
+            x = x + h / 6 * (k1 + 2 * (k2 + k3) + slope(last, x + h * k3, u))
         return x
 
     return traced(model, "f", step, ("x", "u", "k") if ode.timed else ("x", "u"))

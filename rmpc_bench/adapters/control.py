@@ -69,7 +69,7 @@ def model(
     parameters : values of its parameters (default: those of the system or the function)
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point of a nonlinear system, as for `linearise`
-    substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant)
+    substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:

@@ -120,15 +120,10 @@ class GaussianFilter(Estimator):
 
     def predict(self, k: int, state: GaussianState, u: Float[Array, "runs nu"]) -> GaussianState:
         """Predict k+1 by the moments of f."""
-
-        def f(x: Array) -> Array:
-            runs, points, n = x.shape
-            return self.flow.advance(k, x.reshape(-1, n), np.repeat(u, points, axis=0)).reshape(runs, points, n)
-
         A, Q_w = self.flow.A_at(k), self.flow.Q_w_at(k)
         if A is not None:
             return state._replace(x=self.flow.advance(k, state.x, u), root=predicted_root(A, Q_w, state.root))
-        found = self.rule.moments(f, state.x, state.root)
+        found = self.rule.moments(lambda x: self.flow.advance_points(k, x, u), state.x, state.root)
         Q_root = np.broadcast_to(root_of(Q_w), (len(u), *Q_w.shape))
         both, indefinite = _without(np.concatenate([found.image, Q_root], axis=2), found.minus)
         return GaussianState(found.mean, lower_root(both), state.indefinite + indefinite)

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable
+from inspect import unwrap
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from rmpc_bench.numerics.halving import DEEPEST, LARGEST_ERROR, relative_errors
+from rmpc_bench.numerics.integration import EDGE
 from rmpc_bench.types import Array, DesignError, Ode
 
-Step: TypeAlias = Callable[[int, Array, Array], Array]
-"""x(k+1) of (k, x, u)."""
+Step: TypeAlias = Callable[[int, Array, Array, Array, Array], Array]
+"""x(k+1) of (k, x, u, state and input whose intervals error control uses)."""
 
 
-def compiled_step(ode: Ode, Ts: float, substeps: int) -> Step:
+def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     """Compile x(k+1) for the nominal parameters.
 
     Parameters
     ----------
     ode : an equation whose rhs reads its parameters as ``p.name``
     Ts : sampling time [s]
-    substeps : steps per sample
+    substeps : equal steps per sample; 0 for error control
+    rtol : tolerance of error control
 
     Raises
     ------
@@ -35,15 +39,17 @@ def compiled_step(ode: Ode, Ts: float, substeps: int) -> Step:
     nominal = dict(ode.nominal) or {"nothing": 0.0}
     p = namedtuple("p", [*nominal])(**nominal)  # noqa: PYI024
     slope = _timed(numba.njit, rhs) if ode.timed else _untimed(numba.njit, rhs)
-    kernel = numba.njit(_map(slope) if ode.discrete else _kernel(slope))
-    h = Ts / substeps
+    advance = _map(slope) if ode.discrete else _equal(_rk4(numba.njit, slope)) if substeps else None
+    kernel = numba.njit(advance or _halving(_rk4(numba.njit, slope), numba.njit(unwrap(relative_errors))))
+    scale = np.array(ode.scale or [0.0] * ode.nx)
 
-    def step(k: int, x: Array, u: Array) -> Array:
-        moved: Array = kernel(k * Ts, np.ascontiguousarray(x), np.ascontiguousarray(u), p, h, substeps)
+    def step(k: int, x: Array, u: Array, x_first: Array, u_first: Array) -> Array:
+        given = (np.ascontiguousarray(each) for each in (x, u, x_first, u_first))
+        moved: Array = kernel(k * Ts, *given, p, Ts, substeps, rtol, scale)
         return moved
 
     try:
-        step(0, np.ones(ode.nx), np.ones(ode.nu))
+        step(0, *(np.ones(n) for n in (ode.nx, ode.nu, ode.nx, ode.nu)))
     # Numba raises errors of many kinds, and the function is the user's.
     except Exception as error:
         lines = [line.strip(" :") for line in str(error).splitlines() if line.strip()]
@@ -72,21 +78,58 @@ def _timed(njit: Any, rhs: Any) -> Any:
 
 
 def _map(rhs: Any) -> Any:
-    def advance(t, x, u, p, h, substeps):  # type: ignore[no-untyped-def]
+    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
         return rhs(t, x.copy(), u, p)
 
     return advance
 
 
-def _kernel(slope: Any) -> Any:
-    def advance(t, x, u, p, h, substeps):  # type: ignore[no-untyped-def]
+def _rk4(njit: Any, slope: Any) -> Any:
+    """One step; the slope is asked at times from `first` to `last` only."""
+
+    def step(t, h, x, u, p, first, last):  # type: ignore[no-untyped-def]
+        middle = min(max(t + h / 2, first), last)
+        k1 = slope(min(max(t, first), last), x.copy(), u, p)
+        k2 = slope(middle, x + h / 2 * k1, u, p)
+        k3 = slope(middle, x + h / 2 * k2, u, p)
+        k4 = slope(min(max(t + h, first), last), x + h * k3, u, p)
+        return x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+
+    return njit(step)
+
+
+def _equal(step: Any) -> Any:
+    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+        h = Ts / substeps
         for j in range(substeps):
-            now = t + j * h
-            k1 = slope(now, x.copy(), u, p)
-            k2 = slope(now + h / 2, x + h / 2 * k1, u, p)
-            k3 = slope(now + h / 2, x + h / 2 * k2, u, p)
-            k4 = slope(now + h, x + h * k3, u, p)
-            x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+            x = step(t + j * h, h, x, u, p, t + EDGE * Ts, t + Ts - EDGE * Ts)
+        return x
+
+    return advance
+
+
+def _halving(step: Any, shares: Any) -> Any:
+    """As numerics/halving.py; the interval after the left half of another one is its right half."""
+    parts = 2**DEEPEST
+
+    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+        done, level, first, last = 0, 0, t + EDGE * Ts, t + Ts - EDGE * Ts
+        while done < parts:
+            now, h = t + done * Ts / parts, Ts / 2**level
+            one = step(now, h, x_first, u_first, p, first, last)
+            middle = step(now, h / 2, x_first, u_first, p, first, last)
+            two = step(now + h / 2, h / 2, middle, u_first, p, first, last)
+            error, share = shares(x_first, one, two, scale, rtol)
+            fine = (share <= 1.0).all()
+            if not fine and level < DEEPEST:
+                level += 1
+            elif not fine and not (error <= LARGEST_ERROR).all():
+                return x * np.nan
+            else:
+                x = step(now + h / 2, h / 2, step(now, h / 2, x, u, p, first, last), u, p, first, last)
+                x_first, done = two, done + parts // 2**level
+                while level > 0 and done % (2 * parts // 2**level) == 0:
+                    level -= 1
         return x
 
     return advance

@@ -185,10 +185,15 @@ class DisturbedNonlinear(DisturbedModel):
         free = np.full(self.entry.nd, np.inf)
         return np.concatenate([low, -free]), np.concatenate([high, free])
 
-    def f(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "*m n"]:
-        """Return [x; d](k+1) without noise, of one state and input or of one per row."""
-        x, d = self._parts(x)
-        moved = self.undisturbed.f(x, np.atleast_1d(np.asarray(u, dtype=float)) + d @ self.entry.S.T, k)
+    def f(
+        self, x: ArrayLike, u: ArrayLike, k: int = 0, near: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> Float[Array, "*m n"]:
+        """Return [x; d](k+1) without noise, of one state and input or of one per row; `near` as in NonlinearModel.f."""
+        (x, d), at = self._parts(x), None
+        if near is not None:
+            state, offset = self._parts(near[0])
+            at = state, np.atleast_1d(np.asarray(near[1], dtype=float)) + offset @ self.entry.S.T
+        moved = self.undisturbed.f(x, np.atleast_1d(np.asarray(u, dtype=float)) + d @ self.entry.S.T, k, at)
         return np.concatenate([moved + d @ self.entry.N.T, d], axis=-1)
 
     def h(self, x: ArrayLike) -> Float[Array, "*m ny"]:
@@ -199,7 +204,7 @@ class DisturbedNonlinear(DisturbedModel):
 
     def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "n n"]:
         """Return the Jacobian of f with respect to [x; d]."""
-        return jacobian(lambda z: self.f(z, u, k), np.asarray(x, dtype=float))
+        return jacobian(lambda z: self.f(z, u, k, (x, u)), np.asarray(x, dtype=float))
 
     def H(self, x: ArrayLike) -> Float[Array, "ny n"]:
         """Return the Jacobian of h."""

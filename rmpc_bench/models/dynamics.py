@@ -11,14 +11,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from rmpc_bench.numerics.integration import rk4, sample_times
+from rmpc_bench.models.ode_blocks import alone, slopes
+from rmpc_bench.numerics.halving import Slopes, Tolerance, halve
+from rmpc_bench.numerics.integration import Slope, apply_map, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, Plant, SolverError
 
-SUBSTEPS = 10
-"""Steps per sample where the plant does not integrate by the Runge-Kutta method."""
+RTOL = 1e-6
+"""Tolerance of error control of a design model, relative to the range of a state."""
 OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError, SolverError)
 """What a function raises where it is not defined, such as ``math.sqrt`` of a negative number."""
 
@@ -58,10 +60,28 @@ class Dynamics:
         raise NotImplementedError("output")
 
     def advance(
-        self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], Ts: float, substeps: int
-    ) -> Float[Array, " nx"]:
-        """Return x(k+1) with the input held."""
-        return x + self.rest(x, u)
+        self,
+        k: int,
+        x: Float[Array, "columns nx"],
+        u: Float[Array, "columns nu"],
+        Ts: float,
+        substeps: int,
+        points: int = 1,
+        *,
+        strict: bool = True,
+    ) -> Float[Array, "columns nx"]:
+        """Return x(k+1) with the inputs held.
+
+        Parameters
+        ----------
+        k : sample
+        x, u : states and inputs
+        Ts : sampling time [s]
+        substeps : equal steps of the integration; 0 for error control
+        points : so many successive columns use the intervals that the first of them needs
+        strict : whether an error of the user's function is raised; otherwise it gives NaN
+        """
+        return np.array([each + self.rest(each, applied) for each, applied in zip(x, u, strict=True)])
 
     def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Lower and upper bounds of states or inputs, infinite where there are none."""
@@ -144,15 +164,41 @@ class OdeDynamics(Dynamics):
         return y
 
     def advance(
-        self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], Ts: float, substeps: int
-    ) -> Float[Array, " nx"]:
-        """Integrate over sample k by the Runge-Kutta method of order 4, or apply the map."""
-        p = self.ode.p
-        if self.ode.discrete:
-            return self.ode.slope(k * Ts, x, u, p)
-        times = sample_times(k, substeps, Ts)
-        end = rk4(lambda t, z: self.ode.slope(t, z[:, 0], u, p)[:, None], times, x[:, None], Ts / substeps)
-        return np.ascontiguousarray(end.x[:, 0])
+        self,
+        k: int,
+        x: Float[Array, "columns nx"],
+        u: Float[Array, "columns nu"],
+        Ts: float,
+        substeps: int,
+        points: int = 1,
+        *,
+        strict: bool = True,
+    ) -> Float[Array, "columns nx"]:
+        """Integrate over sample k by the Runge-Kutta method of order 4, or apply the map; NaN where the error is large.
+
+        Raises
+        ------
+        SolverError
+            If the error is too large, with `strict`.
+        """
+        ode, errors, columns = self.ode, list[Exception](), np.ascontiguousarray(x.T)
+        of = alone(lambda t, z, v: ode.slope(t, z, v, ode.p), u, errors)
+        if ode.rhs_takes_blocks and not strict:
+            numbers = np.tile(np.array(list(ode.nominal.values()), dtype=float), (len(x), 1))
+            of = _first(slopes(ode, u, numbers), of)
+        every = np.arange(len(x))
+        if ode.discrete:
+            end = apply_map(of(every), k * Ts, (k + 1) * Ts, columns)
+        elif substeps:
+            end = rk4(inside(of(every), k, Ts), sample_times(k, substeps, Ts), columns, Ts / substeps)
+        else:
+            end = halve(of, k, Ts, columns, Tolerance(RTOL, np.array(ode.scale or [0.0] * ode.nx)), points)
+            end.x[:, np.repeat(end.failed, points)] = np.nan
+        if errors and (strict or not isinstance(errors[0], OUTSIDE_DOMAIN)) and not np.isfinite(end.x).all():
+            raise errors[0]
+        if strict and end.failed.any() and np.isfinite(x).all():
+            raise SolverError(f"f(x, u) of the model has too large an error at x = {x[0].tolist()}: it is stiff")
+        return np.ascontiguousarray(end.x.T)
 
     def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices at a point; a function with the attribute `jacobian` gives its own, which are exact."""
@@ -276,6 +322,23 @@ def sampled(
     return E[:nx, :nx], E[:nx, nx:-1], E[:nx, -1]
 
 
+def _first(block: Slopes, alone_: Slopes) -> Slopes:
+    """Return rhs for a block, and for every point alone where it is not defined at one of them."""
+
+    def of(chosen: Int[Array, " columns"]) -> Slope:
+        of_block, of_each = block(chosen), alone_(chosen)
+
+        def slope(t: float, x: Array) -> Array:
+            try:
+                return of_block(t, x)
+            except OUTSIDE_DOMAIN:
+                return of_each(t, x)
+
+        return slope
+
+    return of
+
+
 def steps_of(dynamics: Dynamics) -> int:
-    """Return the steps per sample of the plant."""
-    return (dynamics.ode.substeps if isinstance(dynamics, OdeDynamics) else 0) or SUBSTEPS
+    """Return the given steps per sample of the plant; 0 for error control."""
+    return dynamics.ode.substeps if isinstance(dynamics, OdeDynamics) else 0

@@ -20,7 +20,6 @@ from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics,
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.ode_blocks import padded, rows
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.integration import apply_map, rk4, sample_times
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, DesignError, Model
 
@@ -37,6 +36,17 @@ class Flow:
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where it is not defined."""
         raise NotImplementedError("advance")
+
+    def advance_points(
+        self, k: int, x: Float[Array, "runs points n"], u: Float[Array, "runs nu"]
+    ) -> Float[Array, "runs points n"]:
+        """Return x(k+1) of several points of every run, the first of which is its estimate."""
+        runs, points, n = x.shape
+        return self._moved(k, x.reshape(-1, n), np.repeat(u, points, axis=0), points).reshape(runs, points, n)
+
+    def _moved(self, k: int, x: Array, u: Array, points: int) -> Float[Array, "columns n"]:
+        """Return x(k+1) of points of all runs; those of a run come one after the other."""
+        return self.advance(k, x, u)
 
     def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
         """Return y(k) without noise; NaN where it is not defined."""
@@ -118,7 +128,7 @@ class PlantFlow(Flow):
     ----------
     dynamics : the nominal plant
     Ts : sampling time [s]
-    substeps : steps of the integration per sample
+    substeps : given steps of the integration per sample; 0 for error control
     Q_w, R_v : covariances of the noises
     compiled : model whose method ``f(x, u, k)`` is compiled; None where there is none
     """
@@ -136,21 +146,22 @@ class PlantFlow(Flow):
         if self.compiled is not None or isinstance(self.dynamics, LinearDynamics):
             return 3e-6
         in_blocks = isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.rhs_takes_blocks
-        return self.substeps * (1e-6 if in_blocks else 3e-5)
+        return (self.substeps or 3) * (1e-6 if in_blocks else 3e-5)
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where the plant is not defined."""
+        return self._moved(k, x, u, 1)
+
+    def _moved(self, k: int, x: Array, u: Array, points: int) -> Float[Array, "columns n"]:
+        """Return x(k+1) of points of all runs, which use the intervals that the first one of the run needs."""
         dynamics = self.dynamics
         if isinstance(dynamics, LinearDynamics):
             return mv(dynamics.A, x) + mv(dynamics.B, u)
-        if isinstance(dynamics, OdeDynamics) and dynamics.ode.rhs_takes_blocks and self.compiled is None:
-            try:
-                with np.errstate(all="ignore"):
-                    return self._block(dynamics, k, x, u)
-            except OUTSIDE_DOMAIN:
-                # The function is not defined at one of the points: the others are computed alone.
-                pass
-        return _each(lambda i: self._one(k, x[i], u[i]), x.shape)
+        if self.compiled is not None:
+            firsts = np.arange(len(x)) // points * points
+            return _each(lambda i: self.compiled.f(x[i], u[i], k, (x[firsts[i]], u[firsts[i]])), x.shape)
+        with np.errstate(all="ignore"):
+            return dynamics.advance(k, x, u, self.Ts, self.substeps, points, strict=False)
 
     def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
         """Return y(k) without noise; NaN where it is not defined."""
@@ -190,27 +201,6 @@ class PlantFlow(Flow):
         """Compile."""
         if self.compiled is not None:
             self.compiled.warm_up()
-
-    def _block(self, dynamics: OdeDynamics, k: int, x: Array, u: Array) -> Array:
-        """Advance all points in one call per stage."""
-        ode, columns, inputs, times = dynamics.ode, padded(x), padded(u), sample_times(k, self.substeps, self.Ts)
-        p = _nominal(dynamics, columns)
-
-        def slope(t: float, z: Array) -> Array:
-            return ode.slope(t, z, inputs, p)
-
-        moved = apply_map(slope, times[0], times[-1], columns) if ode.discrete else rk4(slope, times, columns, self._h)
-        return np.ascontiguousarray(moved.x[:, : len(x)].T)
-
-    @property
-    def _h(self) -> float:
-        return self.Ts / self.substeps
-
-    def _one(self, k: int, x: Float[Array, " n"], u: Float[Array, " nu"]) -> Float[Array, " n"]:
-        if self.compiled is not None:
-            moved: Array = self.compiled.f(x, u, k)
-            return moved
-        return self.dynamics.advance(k, x, u, self.Ts, self.substeps)
 
 
 def _nominal(dynamics: OdeDynamics, columns: Float[Array, "n width"]) -> Any:

@@ -1,8 +1,9 @@
 """Nonlinear design model: the nominal plant as functions, for nonlinear filters and user-defined components.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
-        plant over a sample with the input held, by the Runge-Kutta method of order 4, or is the map of a discrete
-        plant; it does not know the bounds of the plant.  F and H are the Jacobians of f and h, by differences.
+        plant over a sample with the input held, by the Runge-Kutta method of order 4 with error control
+        (numerics/halving.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the bounds
+        of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
 Limit   Around an operating point f has the A and B of models/linearised.py.
 Cost    f of a rhs of two states with 10 substeps: about 0.3 ms; compiled (`numba: true`) a few microseconds.
 """
@@ -19,7 +20,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rmpc_bench.models.compiled_step import Step, compiled_step
-from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
+from rmpc_bench.models.dynamics import RTOL, Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
 from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.linearised import LinearisedModel, linearised
 from rmpc_bench.models.noise_covariances import DesignNoise
@@ -36,7 +37,7 @@ class NonlinearModel(OfPlant, Model):
     ----------
     dynamics : the nominal plant
     Ts : sampling time [s]
-    substeps : steps of the integration per sample
+    substeps : given steps of the integration per sample; 0 for error control
     Q_w, R_v : covariances of the noises
     operating_point : point of the key `at`; None without it
     linear_keys : keys `at`, `noise` and `jacobian` of the linear model around the operating point
@@ -80,19 +81,31 @@ class NonlinearModel(OfPlant, Model):
         compiled = self if self.compiled else None
         return PlantFlow(self.dynamics, self.Ts, self.substeps, self.Q_w, self.R_v, compiled)
 
-    def f(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "*n nx"]:
+    def f(
+        self, x: ArrayLike, u: ArrayLike, k: int = 0, near: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> Float[Array, "*n nx"]:
         """Return x(k+1) without noise.
 
         Parameters
         ----------
         x, u : (nx,), (nu,) state and input, or one per row
         k : sample, for an equation that depends on the time
+        near : state and input whose intervals error control uses, so that differences of f are smooth (default: every
+            state has its own)
         """
         x, u = np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u, dtype=float))
-        if x.ndim == 1:
-            return self._step(k, x, u)
-        inputs = np.broadcast_to(u, (len(x), self.nu))
-        return np.array([self._step(k, each, applied) for each, applied in zip(x, inputs, strict=True)])
+        rows = x[None] if x.ndim == 1 else x
+        inputs, given = np.broadcast_to(u, (len(rows), self.nu)), None if self.substeps else near
+        first = None if given is None else tuple(np.atleast_1d(np.asarray(part, dtype=float)) for part in given)
+        if self.compiled:
+            step, pairs = self._compiled_step, zip(rows, inputs, strict=True)
+            moved = np.array([step(k, *pair, *(first or pair)) for pair in pairs])
+        elif first is None:
+            moved = self.dynamics.advance(k, rows, inputs, self.Ts, self.substeps)
+        else:
+            both = np.vstack([first[0], rows]), np.vstack([first[1], inputs])
+            moved = self.dynamics.advance(k, *both, self.Ts, 0, len(rows) + 1)[1:]
+        return moved[0] if x.ndim == 1 else moved
 
     def h(self, x: ArrayLike) -> Float[Array, "*n ny"]:
         """Return y without noise, of a state or of one per row."""
@@ -101,7 +114,7 @@ class NonlinearModel(OfPlant, Model):
 
     def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "nx nx"]:
         """Return the Jacobian of f with respect to x."""
-        return jacobian(lambda z: self.f(z, u, k), np.asarray(x, dtype=float))
+        return jacobian(lambda z: self.f(z, u, k, (x, u)), np.asarray(x, dtype=float))
 
     def H(self, x: ArrayLike) -> Float[Array, "ny nx"]:
         """Return the Jacobian of h."""
@@ -133,7 +146,8 @@ class NonlinearModel(OfPlant, Model):
 
     def facts(self) -> list[tuple[str, str]]:
         """Integration, and the operating point."""
-        how = f"Runge-Kutta, {self.substeps} substeps{', compiled' if self.compiled else ''}"
+        steps = f"{self.substeps} substeps" if self.substeps else f"error control to {RTOL:g} of the range of a state"
+        how = f"Runge-Kutta, {steps}{', compiled' if self.compiled else ''}"
         rows = [("f(x, u)", how)] if self.dynamics.continuous else []
         return rows if self.linear_keys is None else rows + self.at(0).facts()
 
@@ -146,15 +160,10 @@ class NonlinearModel(OfPlant, Model):
         """Pickle without what a worker makes itself."""
         return {name: value for name, value in vars(self).items() if name != "_compiled_step"} | {"_cache": {}}
 
-    def _step(self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
-        if self.compiled:
-            return self._compiled_step(k, x, u)
-        return self.dynamics.advance(k, x, u, self.Ts, self.substeps)
-
     @cached_property
     def _compiled_step(self) -> Step:
         assert isinstance(self.dynamics, OdeDynamics), "only an equation is compiled"
-        return compiled_step(self.dynamics.ode, self.Ts, self.substeps)
+        return compiled_step(self.dynamics.ode, self.Ts, self.substeps, RTOL)
 
 
 def nonlinear_model(
@@ -176,7 +185,7 @@ def nonlinear_model(
     noise : noise of the model
     at : operating point, None for none
     jacobian : derivatives at the operating point
-    substeps : steps of the integration per sample (default: those of the plant)
+    substeps : steps of the integration per sample (default: those of the plant, or error control)
     numba : whether to compile
 
     Raises
@@ -222,7 +231,7 @@ def design(
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point, as for `linearise`
     jacobian : derivatives at the operating point, as for `linearise`
-    substeps : Runge-Kutta steps per sample (default: those of the plant)
+    substeps : Runge-Kutta steps per sample (default: those of the plant, or error control)
     numba : whether to compile rhs by numba, which makes f faster
 
     Raises

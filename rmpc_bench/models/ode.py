@@ -51,7 +51,7 @@ def design(
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point, as for `linearise`; without it the model is nonlinear
     jacobian : derivatives at the operating point, as for `linearise`
-    substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant)
+    substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
     numba : whether to compile rhs of a nonlinear model
     discrete : whether rhs returns x(k+1) in place of time derivatives
 
@@ -99,8 +99,10 @@ def _equation(
     known = {} if plant is None else plant.bounds
     bounds = {name: known[name] for name in (*x_names, *u_names) if name in known}
     substeps = 0 if plant is None or plant.discrete != discrete else plant.substeps
+    ranges = {} if plant is None else dict(zip(plant.states, plant.scale, strict=False))
+    scale = tuple(ranges.get(name, 0.0) for name in x_names)
     every = x_names, u_names, y_names, nominal, units, bounds
-    return Ode(ode, output, *every, is_timed(ode), substeps=substeps, discrete=discrete)
+    return Ode(ode, output, *every, is_timed(ode), substeps=substeps, scale=scale, discrete=discrete)
 
 
 def _named(

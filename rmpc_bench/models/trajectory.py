@@ -29,7 +29,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
     ----------
     dynamics : the nominal plant
     Ts : sampling time [s]
-    substeps : steps of the integration per sample
+    substeps : given steps of the integration per sample; 0 for error control
     Q_w, R_v : covariances of the noises
     """
 
@@ -70,10 +70,8 @@ class TrajectoryModel(OfPlant, StateDependentModel):
         return A, B, x + drift - A @ x - B @ u, tangent.C, y - tangent.C @ x
 
     def advance(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Float[Array, "runs nx"]:
-        """Integrate every run over a sample."""
-        dynamics = self.dynamics
-        rows = zip(x, u, strict=True)
-        return np.array([dynamics.advance(k, each, applied, self.Ts, self.substeps) for each, applied in rows])
+        """Integrate every run over a sample; NaN where the plant is not defined."""
+        return self.flow.advance(k, x, u)
 
     def measure(self, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
         """Return the outputs of every run."""
@@ -88,7 +86,7 @@ def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: in
     dynamics : the nominal plant
     Ts : sampling time [s]
     noise : noise of the model
-    substeps : steps of the integration per sample (default: those of the plant)
+    substeps : steps of the integration per sample (default: those of the plant, or error control)
 
     Raises
     ------

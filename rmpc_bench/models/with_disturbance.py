@@ -78,7 +78,7 @@ def _linear_models(model: Model, n_steps: int, x0: Float[Array, " nx"]) -> list[
         return [LinearModel(A, B, C, model.Q_w, model.R_v, f0=f0, d0=d0)] if fits else []
     if isinstance(model, NonlinearModel) and model.linear_keys is None:
         F = model.F(x0, np.zeros(model.nu))
-        B = jacobian(lambda u: model.f(x0, u), np.zeros(model.nu))
+        B = jacobian(lambda u: model.f(x0, u, near=(x0, np.zeros(model.nu))), np.zeros(model.nu))
         C = model.H(x0)
         fits = all(np.isfinite(part).all() for part in (F, B, C))
         return [LinearModel(F, B, C, model.Q_w, model.R_v)] if fits else []

@@ -16,6 +16,8 @@ from rmpc_bench.types import Array
 
 Slope = Callable[[float, Array], Array]
 """Time derivative of x at t, for all runs."""
+EDGE = 1e-9
+"""Part of a sample at its beginning and end within which no time lies at which a slope is asked."""
 
 
 class Bounds(NamedTuple):
@@ -38,7 +40,20 @@ class Advance(NamedTuple):
     state: Int[Array, " runs"]
     """Index of the state that left its bounds first; -1 where none did."""
     t: Float[Array, " runs"]
-    """Time at which it was found outside; NaN where none did."""
+    """Time at which it was found outside, or from which it cannot be integrated; NaN where it reached the end."""
+    rough: Int[Array, " runs"]
+    """Index of a state whose error is larger than the tolerance with the shortest intervals; -1 where none is."""
+    failed: Bool[Array, " runs"]
+    """Whether the error was too large."""
+    steps: Int[Array, " runs"]
+    """Steps that have been computed under error control."""
+
+
+def at_start(x: Float[Array, "nx columns"], n_runs: int) -> Advance:
+    """Return the beginning of a sample."""
+    none = np.full(n_runs, -1)
+    zero, never = np.zeros(n_runs, dtype=int), np.full(n_runs, np.nan)
+    return Advance(x.copy(), none, never, none.copy(), np.zeros(n_runs, dtype=bool), zero)
 
 
 def sample_times(k: int, n: int, Ts: float) -> list[float]:
@@ -46,69 +61,60 @@ def sample_times(k: int, n: int, Ts: float) -> list[float]:
     return [(k + j / n) * Ts for j in range(n + 1)]
 
 
+def inside(slope: Slope, k: int, Ts: float) -> Slope:
+    """Ask for times within sample k only: what jumps at its end belongs to the next one."""
+    first, last = (k + EDGE) * Ts, (k + 1 - EDGE) * Ts
+    return lambda t, x: slope(min(max(t, first), last), x)
+
+
+def rk4_step(slope: Slope, t: float, h: float, x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Return x at t + h, and the states at which the slope was asked on the way."""
+    k1 = slope(t, x)
+    x2 = x + h / 2 * k1
+    k2 = slope(t + h / 2, x2)
+    x3 = x + h / 2 * k2
+    k3 = slope(t + h / 2, x3)
+    x4 = x + h * k3
+    return x + h / 6 * (k1 + 2 * (k2 + k3) + slope(t + h, x4)), (x2, x3, x4)
+
+
 def rk4(
     slope: Slope, times: Sequence[float], x: Float[Array, "nx runs"], h: float, bounds: Bounds | None = None
 ) -> Advance:
-    """Integrate over equal steps.
+    """Integrate over equal steps of length h, whose ends are the times.
 
     A run leaves its bounds when a state is outside at the end of a step.  It also leaves them when the step ends in
     something that is not a number and a state was outside at one of its stages: beyond its bounds a right-hand side
     may be undefined, such as the root of a negative level.
-
-    Parameters
-    ----------
-    slope : time derivative
-    times : ends of the steps [s], that of the first step at index 1
-    x : states at the start
-    h : length of a step [s]
-    bounds : of the states; None for none
     """
-    x = x.copy()
-    state, left_at = np.full(x.shape[1], -1), np.full(x.shape[1], np.nan)
+    done = at_start(x, x.shape[1])
     for now, later in pairwise(times):
-        middle = (now + later) / 2
-        k1 = slope(now, x)
-        x2 = x + h / 2 * k1
-        k2 = slope(middle, x2)
-        x3 = x + h / 2 * k2
-        k3 = slope(middle, x3)
-        x4 = x + h * k3
-        end = x + h / 6 * (k1 + 2 * (k2 + k3) + slope(later, x4))
-        if bounds is not None:
-            first = _left(bounds, end, (x2, x3, x4))
-            if first is not None:
-                left = first >= 0
-                new = left & (state < 0)
-                state[new], left_at[new] = first[new], later
-                end[:, left] = x[:, left]
-        x = end
-    return Advance(x, state, left_at)
+        end, stages = rk4_step(slope, now, h, done.x)
+        first = None if bounds is None else first_outside(bounds, end, stages)
+        if first is not None:
+            left = first >= 0
+            new = left & (done.state < 0)
+            done.state[new], done.t[new] = first[new], later
+            end[:, left] = done.x[:, left]
+        done.x[:] = end
+    return done
 
 
 def apply_map(
     mapping: Slope, now: float, later: float, x: Float[Array, "nx runs"], bounds: Bounds | None = None
 ) -> Advance:
-    """Move over one sample by a map.
-
-    Parameters
-    ----------
-    mapping : x(k+1) of (t, x)
-    now, later : beginning and end of the sample [s]
-    x : states at the start
-    bounds : of the states; None for none
-    """
-    end = mapping(now, x)
-    state, left_at = np.full(x.shape[1], -1), np.full(x.shape[1], np.nan)
-    first = None if bounds is None else _left(bounds, end, ())
+    """Move from a sample to the next one by a map (t, x) -> x(k+1)."""
+    end, done = mapping(now, x), at_start(x, x.shape[1])
+    first = None if bounds is None else first_outside(bounds, end, ())
     if first is not None:
-        state, left = first, first >= 0
-        left_at[left] = later
+        left = first >= 0
+        done.state[left], done.t[left] = first[left], later
         end[:, left] = x[:, left]
-    return Advance(end, state, left_at)
+    return done._replace(x=end)
 
 
-def _left(bounds: Bounds, end: Float[Array, "nx runs"], stages: tuple[Array, ...]) -> Int[Array, " runs"] | None:
-    """First state of every run that is outside, -1 where none is; None where none is in any run."""
+def first_outside(bounds: Bounds, end: Float[Array, "nx runs"], stages: tuple[Array, ...]) -> Array | None:
+    """Return the first state of every run that is outside, -1 where none is; None where none is in any run."""
     if ((end >= bounds.low[:, None]) & (end <= bounds.high[:, None])).all():
         return None
     undefined = ~np.isfinite(end).all(axis=0)

@@ -14,7 +14,7 @@ from rmpc_bench.models.ode_names import Names, check_output, function_name, is_t
 from rmpc_bench.plants.ode_checks import output_takes_blocks, rhs_takes_blocks, sample
 from rmpc_bench.plants.ode_events import UserEvent, read_events
 from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
-from rmpc_bench.plants.ode_substeps import choose_substeps, substeps_remark
+from rmpc_bench.plants.ode_trial import tried
 from rmpc_bench.types import Array, DesignError, Ode
 
 BLOCK, TIMED = 50, 2
@@ -88,7 +88,7 @@ def stepping_of(
     Raises
     ------
     DesignError
-        If the equation needs too many steps, or the events do not fit.
+        If the equation is stiff, or the events do not fit.
     """
     start = initial(ode, x0)
     if ode.discrete and solver != Solver():
@@ -99,12 +99,11 @@ def stepping_of(
     if found and solver.method == "rk4":
         raise DesignError("need a method of solve_ivp, such as solver: {method: RK45}", "events")
     remarks = [f"{name} is called run by run: {reason}" for name, reason in reasons.items()]
-    substeps = int(ode.discrete)
+    stepping = Stepping(solver, solver.substeps or int(ode.discrete), np.zeros(ode.nx), found)
     with np.errstate(all="ignore"):
         if solver.method == "rk4" and not ode.discrete:
-            substeps = solver.substeps or choose_substeps(ode, Ts, n_steps, start)
-            remarks += filter(None, [substeps_remark(ode, Ts, n_steps, start, solver, substeps)])
-        stepping = Stepping(solver, substeps, found)
+            stepping, more = tried(ode, Ts, n_steps, start, solver, found)
+            remarks += more
         cost = _seconds(ode, Ts, stepping, start)
     if reasons or solver.method != "rk4":
         remarks.append(f"a step takes about {float(f'{1e6 * cost:.2g}'):g} us per run")
@@ -119,13 +118,13 @@ def initial(ode: Ode, x0: Float[Array, " n"] | None) -> Float[Array, " nx"]:
 
 def _seconds(ode: Ode, Ts: float, stepping: Stepping, x0: Array) -> float:
     """Time of a step per run [s], measured."""
-    in_block = ode.rhs_takes_blocks and stepping.solver.method == "rk4"
+    in_block = ode.rhs_takes_blocks and stepping.in_blocks
     some, times = sample(ode, x0, BLOCK if in_block else 1), []
     # The first call imports and compiles what it needs.
     for _ in range(TIMED + 1):
         start = default_timer()
         if in_block:
-            advance_block(ode, Ts, stepping.substeps, 0, *some)
+            advance_block(ode, Ts, stepping, 0, *some)
         else:
             advance_run(ode, Ts, stepping, 0, *some.run(ode, 0))
         times.append(default_timer() - start)

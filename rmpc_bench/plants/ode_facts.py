@@ -11,6 +11,7 @@ from rmpc_bench.types import Ode
 
 def facts(ode: Ode, stepping: Stepping, extra: Ode | None = None) -> list[tuple[str, str]]:
     """Return labels and texts; `extra` is the equation with the extra signals as its outputs."""
+    in_blocks = ode.rhs_takes_blocks and stepping.in_blocks
     arguments, left = "t, x, u, p" if ode.timed else "x, u, p", "x(k+1)" if ode.discrete else "x'"
     found = [
         ("equation", f"{left} = {function_name(ode.rhs)}({arguments})"),
@@ -20,7 +21,7 @@ def facts(ode: Ode, stepping: Stepping, extra: Ode | None = None) -> list[tuple[
         *([] if extra is None else [("extra signals", _names(extra, extra.outputs))]),
         ("parameters", ", ".join(f"{name} = {value:g}" for name, value in ode.nominal.items()) or "none"),
         *([] if ode.discrete else [("solver", _solver(stepping))]),
-        ("calls of rhs", "all runs of a block at once" if ode.rhs_takes_blocks and stepping.substeps else "run by run"),
+        ("calls of rhs", "all runs of a block at once" if in_blocks else "run by run"),
     ]
     found += [("event", _event(each.word)) for each in stepping.events]
     return found
@@ -44,8 +45,9 @@ def _solver(stepping: Stepping) -> str:
     solver = stepping.solver
     if solver.method != "rk4":
         return f"{solver.method}, rtol {solver.tolerances.rtol:g}, atol {solver.tolerances.atol:g}"
-    chosen = "given" if solver.substeps is not None else "chosen: twice as many change no state by more than 1e-9"
-    return f"rk4, {stepping.substeps} substeps per sample ({chosen})"
+    if stepping.substeps:
+        return f"rk4, {stepping.substeps} substeps per sample"
+    return f"rk4, error control to {stepping.tolerance.rtol:g} of the range of a state"
 
 
 def _event(word: str) -> str:

@@ -63,15 +63,7 @@ def extra_equation(
 def extra_values(
     extra: Ode, name: str, numbers: Rows, x: Float[Array, "runs samples nx"]
 ) -> Float[Array, "runs samples"]:
-    """Return an extra signal at all samples.
-
-    Parameters
-    ----------
-    extra : the equation whose outputs are the extra signals
-    name : of the signal
-    numbers : parameters of every run
-    x : states of every run
-    """
+    """Return an extra signal at all samples of every run; the outputs of `extra` are the extra signals."""
     n_runs, n_samples, nx = x.shape
     place = extra.outputs.index(name)
     with np.errstate(all="ignore"):
@@ -99,16 +91,9 @@ def states_between(
     first: int,
     alive: Bool[Array, " runs"],
 ) -> Float[Array, "runs steps parts nx"]:
-    """Integrate every control period in equal parts, with at least as many steps as the plant takes for a period.
+    """Integrate successive control periods from `first` on in equal parts, as the plant does over a sample.
 
-    Parameters
-    ----------
-    ode, Ts, stepping : the equation and how the plant integrates over a sample
-    numbers : parameters of every run
-    x, u : states at the beginning of successive periods, and inputs within their bounds
-    parts : number of parts per period
-    first : time index of the first period
-    alive : the runs that have not failed; the others keep their state
+    The inputs are within their bounds.  Runs that have failed keep their state.
     """
     shorter = stepping._replace(substeps=ceil(stepping.substeps / parts))
     states = np.empty((*x.shape[:2], parts, ode.nx))
@@ -124,14 +109,16 @@ def _advanced(
     ode: Ode, Ts: float, stepping: Stepping, k: int, x: Array, u: Array, numbers: Rows, alive: Bool[Array, " runs"]
 ) -> Float[Array, "runs nx"]:
     """Return the states a part of a period later."""
-    if ode.rhs_takes_blocks and stepping.substeps:
+    rows = np.flatnonzero(alive)
+    if ode.rhs_takes_blocks and stepping.in_blocks:
         try:
-            moved = advance_block(ode, Ts, stepping.substeps, k, x, u, numbers).x.T
+            moved = x.copy()
+            moved[rows] = advance_block(ode, Ts, stepping, k, x[rows], u[rows], numbers[rows]).x.T
+            return moved
         except SolverError:
             # A solver within rhs has failed in one of the runs.
-            return _one_by_one(ode, Ts, stepping, k, x, u, numbers, np.flatnonzero(alive).tolist())
-        return np.where(alive[:, None], moved, x)
-    return _one_by_one(ode, Ts, stepping, k, x, u, numbers, np.flatnonzero(alive).tolist())
+            pass
+    return _one_by_one(ode, Ts, stepping, k, x, u, numbers, rows.tolist())
 
 
 def _one_by_one(

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.ode_blocks import padded, rows
+from rmpc_bench.models.ode_blocks import alone, slopes
 from rmpc_bench.numerics.adaptive import Tolerances, solve
-from rmpc_bench.numerics.integration import Advance, Bounds, Slope, apply_map, rk4, sample_times
+from rmpc_bench.numerics.halving import Slopes, Tolerance, halve
+from rmpc_bench.numerics.integration import Advance, Bounds, apply_map, at_start, inside, rk4, sample_times
 from rmpc_bench.plants.ode_events import UserEvent
 from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, SolverError, Status
+
+RTOL = 1e-7
+"""Default of `rtol` with `rk4`."""
+IMPLICIT = "solver: {method: LSODA}"
 
 
 @dataclass(frozen=True)
@@ -22,9 +28,10 @@ class Solver:
     Parameters
     ----------
     method : `rk4`, or a method of scipy.integrate.solve_ivp: `LSODA`, `RK45`, `DOP853`, `Radau`, `BDF`
-    substeps : steps of `rk4` per sample; by default as many as it takes that twice as many change no sampled state of
-        20 trial runs by more than 1e-9 of its range
-    rtol, atol : tolerances of the other methods (default 1e-8 and 1e-10)
+    substeps : number of equal steps of `rk4` per sample; by default every run controls its own error
+    rtol : tolerance of an interval; of `rk4` relative to the range of a state in trial runs (default 1e-7, of the other
+        methods 1e-8)
+    atol : absolute tolerance of the other methods (default 1e-10)
     """
 
     method: Literal["rk4", "LSODA", "RK45", "DOP853", "Radau", "BDF"] = "rk4"
@@ -34,9 +41,11 @@ class Solver:
 
     def __post_init__(self) -> None:
         """Refuse keys of other methods."""
-        for name in ("rtol", "atol") if self.method == "rk4" else ("substeps",):
-            if getattr(self, name) is not None:
-                raise ValueError(f"the method {self.method!r} has no {name}")
+        name = "atol" if self.method == "rk4" else "substeps"
+        if getattr(self, name) is not None:
+            raise ValueError(f"the method {self.method!r} has no {name}")
+        if self.substeps is not None and self.rtol is not None:
+            raise ValueError("rtol has no effect beside substeps, a fixed number of steps; leave one of them out")
 
     @property
     def tolerances(self) -> Tolerances:
@@ -49,8 +58,22 @@ class Stepping(NamedTuple):
 
     solver: Solver
     substeps: int
-    """Of `rk4`; 0 for the other methods, 1 for a map."""
+    """Of `rk4`, 1 for a map; 0 with error control, and for the other methods."""
+    scale: Float[Array, " nx"]
+    """Range of every state in the trial runs, for error control."""
     events: tuple[UserEvent, ...] = ()
+    equal_steps: int = 0
+    """Equal steps that are about as exact as error control in the trial runs; 0 where not known."""
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether all runs of a block are integrated at once, where rhs takes a block."""
+        return self.solver.method == "rk4"
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Of error control."""
+        return Tolerance(self.solver.rtol or RTOL, self.scale)
 
 
 class RunAdvance(NamedTuple):
@@ -60,22 +83,25 @@ class RunAdvance(NamedTuple):
     status: Status
     reason: str
     """Why the run has failed; empty where it has not."""
+    rough: int = -1
+    """State that jumps or has a kink; -1 where none does."""
+    steps: int = 0
+    """Steps computed under error control."""
 
 
 def advance_block(
     ode: Ode,
     Ts: float,
-    substeps: int,
+    stepping: Stepping,
     k: int,
     x: Float[Array, "runs nx"],
     u: Float[Array, "runs nu"],
     numbers: Float[Array, "runs n_parameters"],
 ) -> Advance:
     """Integrate all runs of a block at once by `rk4`, or apply the map to them."""
-    columns, inputs, p = padded(x), padded(u), rows(ode.nominal, padded(numbers))
-    end = _advance(ode, lambda t, z: ode.slope(t, z, inputs, p), Ts, substeps, k, columns, state_bounds(ode))
-    n = len(x)
-    return Advance(end.x[:, :n], end.state[:n], end.t[:n])
+    if not len(x):
+        return at_start(x.T, 0)
+    return _advance(ode, slopes(ode, u, numbers), Ts, stepping, k, np.ascontiguousarray(x.T), state_bounds(ode))
 
 
 def advance_run(
@@ -84,31 +110,51 @@ def advance_run(
     """Integrate one run, or apply the map to it."""
     bounds = state_bounds(ode)
     if stepping.solver.method == "rk4":
-        try:
-            end = _advance(ode, _one_column(ode, u, p, bounds), Ts, stepping.substeps, k, x[:, None], bounds)
-        except SolverError as error:
-            return RunAdvance(x, Status.NOT_CONVERGED, str(error))
-        return _judged(ode, end.x[:, 0], int(end.state[0]), float(end.t[0]))
+        errors: list[Exception] = []
+        end = _advance(ode, alone(_inside_bounds(ode, p, bounds), u[None], errors), Ts, stepping, k, x[:, None], bounds)
+        ended = judged(ode, end, 0, u)
+        if not errors or (ended.status == Status.OK and np.isfinite(ended.x).all()):
+            return ended
+        if isinstance(errors[0], SolverError):
+            return RunAdvance(x, Status.NOT_CONVERGED, str(errors[0]))
+        raise errors[0]
     events = [event.of_run(ode, u, p) for event in stepping.events]
-    found = solve(
-        lambda t, z: ode.slope(t, z, u, p), k * Ts, (k + 1) * Ts, x, stepping.solver.tolerances, bounds, events
-    )
+    slope = inside(lambda t, z: ode.slope(t, z, u, p), k, Ts)
+    found = solve(slope, k * Ts, (k + 1) * Ts, x, stepping.solver.tolerances, bounds, events)
     if found.event >= 0:
         return RunAdvance(found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} at {found.t:.6g} s")
     if found.crowded:
         return RunAdvance(found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample at {found.t:.6g} s")
     if found.failure:
         return RunAdvance(found.x, Status.NOT_CONVERGED, f"{stepping.solver.method}: {found.failure}")
-    return _judged(ode, found.x, found.state, found.t)
+    if found.state >= 0:
+        return RunAdvance(found.x, Status.OUT_OF_RANGE, left_bounds(ode, found.state, found.t))
+    return RunAdvance(found.x, Status.OK, "")
+
+
+def judged(ode: Ode, end: Advance, i: int, u: Float[Array, " nu"]) -> RunAdvance:
+    """Say how a run of a block has ended."""
+    x, state, t = end.x[:, i], int(end.state[i]), float(end.t[i])
+    if state >= 0:
+        return RunAdvance(x, Status.OUT_OF_RANGE, left_bounds(ode, state, t))
+    if end.failed[i]:
+        pairs = zip((*ode.states, *ode.inputs), (*x, *u), strict=True)
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in pairs)
+        reason = f"the error at t = {t:.6g} s, from {at}, is too large with 1/512 of a sample: stiff, use {IMPLICIT}"
+        return RunAdvance(x, Status.NOT_CONVERGED, reason)
+    return RunAdvance(x, Status.OK, "", int(end.rough[i]), int(end.steps[i]))
 
 
 def _advance(
-    ode: Ode, slope: Slope, Ts: float, substeps: int, k: int, x: Float[Array, "nx runs"], bounds: Bounds | None
+    ode: Ode, of: Slopes, Ts: float, stepping: Stepping, k: int, x: Float[Array, "nx runs"], bounds: Bounds | None
 ) -> Advance:
-    times = sample_times(k, substeps, Ts)
+    n = stepping.substeps
+    if not n:
+        return halve(of, k, Ts, x, stepping.tolerance, bounds=bounds)
+    slope, times = of(np.arange(x.shape[1])), sample_times(k, n, Ts)
     if ode.discrete:
         return apply_map(slope, times[0], times[-1], x, bounds)
-    return rk4(slope, times, x, Ts / substeps, bounds)
+    return rk4(inside(slope, k, Ts), times, x, Ts / n, bounds)
 
 
 def left_bounds(ode: Ode, state: int, t: float) -> str:
@@ -116,24 +162,21 @@ def left_bounds(ode: Ode, state: int, t: float) -> str:
     return f"{ode.states[state]} left its bounds {ode.bounds_text(ode.states[state])} at {t:.6g} s"
 
 
+def rough_remark(ode: Ode, state: int, k: int) -> str:
+    """Say that a state could not be integrated to the tolerance, in the same words for most runs."""
+    if ode.timed:
+        return f"{ode.states[state]} jumps or has a kink inside sample {k}; on a sample it would be exact"
+    return f"{ode.states[state]} jumps or has a kink inside a sample; `solver.substeps` takes fewer steps there"
+
+
 def state_bounds(ode: Ode) -> Bounds | None:
     """Bounds of the states; None where no state has any."""
     return Bounds(*ode.limits(ode.states)) if any(name in ode.bounds for name in ode.states) else None
 
 
-def _one_column(ode: Ode, u: Float[Array, " nu"], p: Parameters, bounds: Bounds | None) -> Slope:
-    """Function rhs of one run as `rk4` takes it; beyond the bounds that of the nearest state inside."""
-
-    def slope(t: float, x: Array) -> Array:
-        # np.clip takes several times as long for a few numbers.
-        inside = x[:, 0] if bounds is None else np.minimum(np.maximum(x[:, 0], bounds.low), bounds.high)
-        # At what is not a number functions such as math.sin raise an exception.
-        return (ode.slope(t, inside, u, p) if np.isfinite(inside).all() else np.full(ode.nx, np.nan))[:, None]
-
-    return slope
-
-
-def _judged(ode: Ode, x: Float[Array, " nx"], state: int, t: float) -> RunAdvance:
-    if state < 0:
-        return RunAdvance(x, Status.OK, "")
-    return RunAdvance(x, Status.OUT_OF_RANGE, left_bounds(ode, state, t))
+def _inside_bounds(ode: Ode, p: Parameters, bounds: Bounds | None) -> Callable[[float, Array, Array], Array]:
+    """Function rhs of one run; beyond the bounds that of the nearest state inside."""
+    if bounds is None:
+        return lambda t, x, u: ode.slope(t, x, u, p)
+    # np.clip takes several times as long for a few numbers.
+    return lambda t, x, u: ode.slope(t, np.minimum(np.maximum(x, bounds.low), bounds.high), u, p)

@@ -78,7 +78,9 @@ class Ode(NamedSignals):
     timed : whether rhs depends on the time
     rhs_takes_blocks, output_takes_blocks : whether the function gives the same bits for a block of runs, x of shape
         (nx, runs), as for each run alone
-    substeps : steps of the Runge-Kutta method per sample in the plant; 0 with another method, 1 for a map
+    substeps : given steps of the Runge-Kutta method per sample in the plant; 0 without, 1 for a map
+    scale : range of every state in the trial runs of the plant; 0 where it is not known
+    equal_steps : equal steps per sample that are about as exact as error control in the trial runs; 0 where not known
     discrete : whether rhs is a map, which returns x(k+1)
     """
 
@@ -94,6 +96,8 @@ class Ode(NamedSignals):
     rhs_takes_blocks: bool = False
     output_takes_blocks: bool = False
     substeps: int = 0
+    scale: tuple[float, ...] = ()
+    equal_steps: int = 0
     discrete: bool = False
 
     @property

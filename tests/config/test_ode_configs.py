@@ -72,11 +72,11 @@ def test_describe_and_check_show_the_plant(finished):
         "h1 [m] within [0.0001, 0.6], h2 [m]",
         "pump [ml/s] limited to [0, 30]",
         "level [m]",
-        "substeps per sample (chosen",
+        "rk4, error control to 1e-07",
         "all runs of a block at once",
     ):
         assert text in described
-    assert "substeps per sample" in checked
+    assert "rk4 with error control:" in checked
 
 
 def test_names_and_units_are_on_the_axes(finished):
@@ -117,7 +117,7 @@ def test_bounds_and_limits_have_names(tmp_path):
         ({"x": "[0.1, blue]"}, "initial.x.1", "unknown name 'blue'"),
         ({"x": "[0.7, 0.1]"}, "initial.x", "h1 starts at 0.7, outside its plant.bounds [0.0001, 0.6]"),
         ({"plant": PLANT.replace("a1: 7.1e-6, ", "")}, "plant.ode", "'a1' is not a known parameter"),
-        ({"plant": PLANT + "  solver: {substeps: 4, rtol: 1e-3}\n"}, "plant.solver", "'rk4' has no rtol"),
+        ({"plant": PLANT + "  solver: {substeps: 4, rtol: 1e-3}\n"}, "plant.solver", "rtol has no effect beside"),
         ({"plant": PLANT + "  solver: {method: euler}\n"}, "plant.solver.method", "must be 'rk4', 'LSODA'"),
     ],
 )  # fmt: skip

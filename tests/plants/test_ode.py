@@ -62,7 +62,8 @@ def test_a_linear_equation_has_its_exponential(rng):
     order = np.log2(np.array(errors[:-1]) / errors[1:])
     # Of the leading term; the next one is smaller by the step, 0.1.
     assert (np.abs(order - 4.0) < 0.1).all()
-    assert np.abs(moved(linear(), x, u).x - exact).max() < 1e-9 * np.abs(exact).max()
+    # 1e-7 of the range, of one interval.
+    assert np.abs(moved(linear(), x, u).x - exact).max() < 1e-6 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("method", ["rk4", "LSODA", "RK45", "DOP853", "Radau", "BDF"])
@@ -87,8 +88,8 @@ def test_a_pendulum_without_friction_keeps_its_energy():
     energy = 0.5 * x[0, 1] ** 2 - 9.81 * np.cos(x[0, 0])
     for k in range(200):
         x = moved(plant, x, np.zeros((1, 0)), k).x
-    # 200 samples with 1e-9 of the range each, at most.
-    assert abs(0.5 * x[0, 1] ** 2 - 9.81 * np.cos(x[0, 0]) - energy) < 200 * 1e-9 * 10.0
+    # 200 samples of two intervals with 1e-7 of the range each, at most.
+    assert abs(0.5 * x[0, 1] ** 2 - 9.81 * np.cos(x[0, 0]) - energy) < 400 * 1e-7 * 10.0
 
 
 def test_the_steady_state_of_two_tanks_stays():
@@ -198,7 +199,7 @@ def test_a_block_writes_neither_into_arguments_nor_into_parameters(rng):
 
 @pytest.mark.parametrize("method", ["rk4", "RK45"])
 def test_the_time_at_the_samples_is_exact(method):
-    """Oracle: k Ts, without the rounding of a sum; the ends of a sample are the start of the next."""
+    """Oracle: k Ts, without the rounding of a sum; a billionth of the sample is left out at its ends."""
     times = []
 
     def timed(t, x, u, p):
@@ -209,7 +210,7 @@ def test_the_time_at_the_samples_is_exact(method):
     for k in (0, 3, 7, 1234567):
         times.clear()
         found = moved(plant, np.zeros((1, 1)), np.zeros((1, 1)), k)
-        assert (times[0], max(times)) == (k * TS, (k + 1) * TS)
+        assert k * TS < times[0] <= (k + 2e-9) * TS and (k + 1 - 2e-9) * TS <= max(times) < (k + 1) * TS
         exact = math.sin((k + 1) * TS) - math.sin(k * TS)
         # The time has 1e-11 s of rounding after a million samples.
         assert found.x[0, 0] == pytest.approx(exact, abs=1e-9)
@@ -243,61 +244,15 @@ def pendulum_on_cart(x, u, p):
     return [x[1], push / den, x[3], turn]
 
 
-def sampled(plant, x0, u, n_steps):
-    """Sampled states of a run with given inputs."""
-    x, states = np.array([x0]), []
-    for k in range(n_steps):
-        x = moved(plant, x, u[k : k + 1], k).x
-        states.append(x[0])
-    return np.array(states)
-
-
-@pytest.mark.parametrize("Ts", [0.005, 0.02, 0.1])
-def test_the_number_of_substeps_is_enough_and_not_many_more(rng, Ts):
-    """Oracle: trial runs of our own with twice as many; an eighth of the number is not enough."""
-    keys = {"states": 4, "inputs": 1, "parameters": {"M": 1.0, "m": 0.1, "l": 0.5}, "x0": [0.0, 0.0, 0.3, 0.0]}
-    plant = design(Ts, 20, ode=pendulum_on_cart, **keys)
-    n, u = plant.stepping.substeps, rng.standard_normal((10, 1))
-
-    def change(substeps):
-        coarse, fine = (
-            sampled(design(Ts, 20, ode=pendulum_on_cart, solver=Solver(substeps=each), **keys), keys["x0"], u, 10)
-            for each in (substeps, 2 * substeps)
-        )
-        return (np.abs(coarse - fine).max(axis=0) / np.ptp(fine, axis=0)).max()
-
-    # Other inputs than those of the choice: a factor of 10.
-    assert change(n) < 1e-8
-    assert n < 8 or change(n // 8) > 1e-9
-    assert any(f"rk4 takes {n} substeps" in each for each in plant.remarks)
-
-
-@pytest.mark.parametrize(
-    "rhs", [lambda x, u, p: [-1e5 * (x[0] - u[0])], lambda x, u, p: [-1e4 * (x[0] - math.sin(u[0]))]]
-)
-def test_a_stiff_equation_is_sent_to_an_implicit_method(rhs):
-    """Oracle: the stability limit of Runge-Kutta, 2.8 / 1e4 s, against the sampling time of 0.1 s."""
-    with pytest.raises(DesignError, match=r"stiff: .* use solver: \{method: LSODA\} or \{method: Radau\}") as caught:
-        one_state(rhs)
-    assert caught.value.parameter == "solver"
-    for method in ("LSODA", "Radau", "BDF"):
-        found = moved(one_state(rhs, solver=Solver(method)), np.array([[0.3]]), np.array([[0.5]]))
-        assert found.x[0, 0] == pytest.approx(rhs(np.zeros(1), np.array([0.5]), None)[0] / -rhs([1], [0.0], None)[0], rel=1e-6)  # fmt: skip  # noqa: E501
-
-
-def test_a_kink_gets_a_remark_and_no_error():
-    """Oracle: Coulomb friction, which no number of steps follows to 1e-9."""
-    plant = one_state(lambda x, u, p: [u[0] - 0.5 * np.sign(x[0])])
-    assert plant.stepping.substeps == 50
-    assert any("as where the equation has a jump or a kink" in each for each in plant.remarks)
-
-
 def test_a_given_number_of_substeps_that_is_too_small_is_said():
-    """Oracle: the same equation with the chosen number has no such remark."""
-    few = two_tanks(solver=Solver(substeps=1))
+    """Oracle: the same equation with error control, or with many substeps, has no such remark."""
+    few, many, controlled = (
+        one_state(lambda x, u, p: [u[0] - 20.0 * x[0]], solver=each)
+        for each in (Solver(substeps=1), Solver(substeps=100), Solver())
+    )
     assert few.stepping.substeps == 1
-    assert any(each.startswith("twice as many substeps of rk4 as 1 change h") for each in few.remarks)
-    assert not any("twice as many" in each for each in two_tanks().remarks)
+    assert any(each.startswith("with 1 substep of rk4 a is off by") for each in few.remarks)
+    assert not any("substep" in each for each in (*many.remarks, *controlled.remarks))
 
 
 CALLS = itertools.count()
@@ -336,7 +291,9 @@ def test_a_mistake_names_its_key(keys, key, message):
 
 
 def test_a_method_refuses_the_keys_of_others():
-    """Oracle: substeps belong to rk4, tolerances to the others."""
-    for keys in ({"method": "rk4", "rtol": 1e-6}, {"method": "LSODA", "substeps": 3}):
+    """Oracle: substeps belong to rk4 and an absolute tolerance to the others; equal steps control no error."""
+    for keys in ({"method": "rk4", "atol": 1e-6}, {"method": "LSODA", "substeps": 3}):
         with pytest.raises(ValueError, match="has no"):
             Solver(**keys)
+    with pytest.raises(ValueError, match="rtol has no effect beside substeps"):
+        Solver(rtol=1e-6, substeps=3)

@@ -109,6 +109,10 @@ def test_inputs_are_limited_and_counted():
     u = np.array([[50.0], [-3.0], [8.0], [99.0]])
     for _ in range(2):
         np.testing.assert_array_equal(plant.applied_inputs(u, runs), np.clip(u, 0.0, 30.0))
+    # A run that has failed keeps its state.
+    x = np.full((4, 2), 0.1)
+    found = plant.step(0, plant.start(drawn(plant, 4), x, runs), x, np.clip(u, 0.0, 30.0), np.zeros((4, 2)))
+    np.testing.assert_array_equal(found.x, [*moved(plant, x, np.clip(u, 0.0, 30.0)).x[:3], x[3]])
     assert journal.warnings == {"input pump limited to [0, 30] ml/s": 4}
 
 

@@ -1,0 +1,236 @@
+"""Error control by halving: jumps, stiff and unstable equations, blocks, and the filters that use the same rule."""
+
+import numpy as np
+import pytest
+from plants.test_ode import drawn, moved
+from scipy.integrate import solve_ivp
+
+from rmpc_bench.estimators import extended_kalman
+from rmpc_bench.models.flow import flow_of
+from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.nonlinear import design as nonlinear
+from rmpc_bench.numerics.halving import Tolerance, halve
+from rmpc_bench.numerics.integration import rk4, sample_times
+from rmpc_bench.plants.ode import design
+from rmpc_bench.plants.ode_stepping import Solver
+from rmpc_bench.types import Journal, RunInfo, Status
+
+NOISE = DesignNoise(1e-4, 1e-2)
+
+
+def simulated(plant, x0, u, w):
+    """States (samples, nx, runs) and statuses with given inputs (samples, runs) and process noise."""
+    n, runs = u.shape
+    x, delta, every = np.tile(np.array(x0, dtype=float), (runs, 1)), drawn(plant, runs), []
+    status = np.zeros(runs, dtype=int)
+    for k in range(n):
+        found = plant.step(k, delta, x, u[k][:, None][:, : plant.nu], w[k].T)
+        x, status = found.x, np.maximum(status, found.status)
+        every.append(x.T)
+    return np.array(every), status
+
+
+def one_state(rhs, Ts, n, **keys):
+    """Return a plant of one state without inputs."""
+    return design(Ts, n, ode=rhs, **{"states": ["a"], "x0": 0.0, **keys})
+
+
+def final(plant, n, x0=0.0):
+    """Last state of one run without noise, and its status."""
+    x, status = simulated(plant, [x0], np.zeros((n, 1)), np.zeros((n, 1, 1)))
+    return x[-1, 0, 0], status[0]
+
+
+@pytest.mark.parametrize(("Ts", "jump"), [(0.25, 7.5), (0.1, 0.3), (1 / 3, 1.0), (0.05, 2.35)])
+@pytest.mark.parametrize("solver", [Solver(), Solver(substeps=1), Solver(substeps=3)])
+def test_a_jump_on_a_sample_is_exact(Ts, jump, solver):
+    """Oracle: the integral of a step, which is the time of the jump; three steps have three times the rounding."""
+    n = round(10 / Ts)
+    plant = one_state(lambda t, x, u, p: [np.where(t < jump, 1.0, 0.0) + 0.0 * x[0]], Ts, n, solver=solver)
+    assert final(plant, n) == (pytest.approx(jump, rel=0, abs=5e-15 * (solver.substeps or 1)), Status.OK)
+    assert not any("jump" in each for each in plant.remarks)
+
+
+def test_a_jump_within_a_sample_is_found_to_a_part_of_512_and_noted():
+    """Oracle: the closed form of x' = 1 - x / 2 until 7.4 and -x / 2 from then on."""
+    plant = one_state(lambda t, x, u, p: [np.where(t < 7.4, 1.0, 0.0) - 0.5 * x[0]], 0.25, 40)
+    exact = 2 * (1 - np.exp(-0.5 * 7.4)) * np.exp(-0.5 * (10 - 7.4))
+    assert final(plant, 40)[0] == pytest.approx(exact, rel=0, abs=3e-5)
+    remark = "a jumps or has a kink inside sample 29; on a sample it would be exact"
+    assert remark in plant.remarks
+    journal = Journal()
+    delta = plant.start(
+        drawn(plant, 3), np.ones((3, 1)), RunInfo((0, 1, 2), (), np.array([True, True, False]), journal)
+    )
+    for k in (28, 29, 30):
+        plant.step(k, delta, np.ones((3, 1)), np.zeros((3, 0)), np.zeros((3, 1)))
+    assert journal.warnings == {remark: 2}
+
+
+@pytest.mark.parametrize("rate", [1e2, 1e3, 1e4, 1.3e4, 2e4, 1e5, 1e7])
+def test_a_stiff_equation_is_right_or_has_not_converged(rate):
+    """Oracle: the closed form of x' = -rate (x - cos t) on its slow solution."""
+
+    def slow(t):
+        return (rate**2 * np.cos(t) + rate * np.sin(t)) / (rate**2 + 1)
+
+    def rhs(t, x, u, p):
+        return [-rate * (x[0] - np.cos(t))]
+
+    plant = one_state(rhs, 0.1, 8, solver=Solver(substeps=1))
+    plant = type(plant)(0.1, plant.ode, plant.stepping._replace(solver=Solver(), substeps=0, scale=np.ones(1)))
+    for start in (slow(0.0), 0.0):
+        x, status = final(plant, 8, start)
+        assert status == Status.NOT_CONVERGED or x == pytest.approx(slow(0.8), rel=0, abs=1e-5 * 0.3)
+    assert status == Status.OK if rate < 1e4 else True
+
+
+def test_a_run_that_cannot_be_integrated_says_where():
+    """Oracle: the time at which 1 / (1 - t) is infinite, and the state an interval before."""
+    plant, journal = one_state(lambda x, u, p: [x[0] ** 2], 0.3, 3, x0=0.1), Journal()
+    delta = plant.start(drawn(plant, 2), np.ones((2, 1)), RunInfo((4, 5), (), np.ones(2, dtype=bool), journal))
+    found = plant.step(3, delta, np.array([[1.0], [5.0]]), np.zeros((2, 0)), np.zeros((2, 1)))
+    assert found.status.tolist() == [Status.OK, Status.NOT_CONVERGED]
+    assert found.x[0, 0] == pytest.approx(1 / 0.7, rel=1e-6)
+    message = journal.failures[5].message
+    assert message.startswith("the error at t = 1.09") and "solver: {method: LSODA}" in message
+    t, x = (float(message.partition(mark)[2].partition(end)[0]) for mark, end in ((" t = ", " s"), ("a = ", ",")))
+    # t - 0.9 is exact up to the six digits, which 1 / (0.2 - t) makes worse.
+    assert 1 / x == pytest.approx(0.2 - (t - 0.9), abs=1e-5)
+
+
+def test_an_unstable_equation_is_right_although_its_trial_runs_explode():
+    """Oracle: the closed form; the range in the trial runs, exp(40), would allow any error."""
+    plant = one_state(lambda x, u, p: [x[0] + u[0]], 1.0, 40, inputs=["f"], x0=0.3)
+    x = moved(plant, np.array([[0.7]]), np.array([[-0.5]])).x[0, 0]
+    assert x == pytest.approx(0.2 * np.e + 0.5, rel=3e-4)
+    # Nothing moves in the trial runs: the tolerance is relative to the change.
+    still = one_state(lambda x, u, p: [-np.sin(x[0])], 1.0, 40)
+    exact = solve_ivp(lambda t, x: -np.sin(x), (0, 1), [1e-3], rtol=1e-12, atol=1e-18).y[0, -1]
+    assert moved(still, np.array([[1e-3]]), np.zeros((1, 0))).x[0, 0] == pytest.approx(exact, rel=1e-6)
+
+
+def cstr(t, x, u, p):
+    """A stirred tank in minutes (Bequette): concentration and temperature."""
+    r = 7.2e10 * np.exp(-8750 / x[1]) * x[0]
+    return [1 - x[0] - r, 350 - x[1] + 5e4 / 239 * r + 5e4 / 23900 * (u[0] - x[1])]
+
+
+def tanks(x, u, p):
+    """Two tanks."""
+    q1, q2 = 7.1e-6 * np.sqrt(19.62 * x[0]), 5.7e-6 * np.sqrt(19.62 * x[1])
+    return [(1e-6 * u[0] - q1) / 2.8e-3, (q1 - q2) / 2.8e-3]
+
+
+def pendulum(x, u, p):
+    """A pendulum from its upright position."""
+    return [x[1], 9.81 * np.sin(x[0]) - 0.2 * x[1] + u[0]]
+
+
+def van_der_pol(x, u, p):
+    """A relaxation oscillator."""
+    return [x[1], 20 * (1 - x[0] ** 2) * x[1] - x[0] + u[0]]
+
+
+# rhs, Ts, samples, x(0), bounds of u, steps of the reference, largest error of the prototype relative to the range
+TABLE = {
+    "tanks": (tanks, 3.0, 100, [0.065, 0.1], (8, 30), 64, 5e-9),
+    "cstr": (cstr, 0.05, 100, [0.5, 350.0], (290, 310), 512, 2e-5),
+    "ignition": (cstr, 0.05, 100, [0.5, 350.0], (280, 370), 512, 5e-5),
+    "pendulum": (pendulum, 0.1, 100, [0.5, 0.0], (-3, 3), 512, 3e-4),
+    "van der pol": (van_der_pol, 0.1, 200, [2.0, 0.0], (-1, 1), 512, 4e-5),
+}
+
+
+@pytest.mark.parametrize("name", ["tanks", *(pytest.param(each, marks=pytest.mark.slow) for each in [*TABLE][1:])])
+def test_the_error_over_the_horizon(name):
+    """Oracle: 64 or 512 equal steps per sample; five times the error that a prototype of the rule had."""
+    rhs, Ts, n, x0, (low, high), steps, largest = TABLE[name]
+    runs, rng = 50, np.random.default_rng(0)
+    u = np.repeat(rng.uniform(low, high, (n // 10, runs)), 10, 0)
+    noise = 1e-4 if name == "tanks" else 1e-3
+    w = rng.standard_normal((n, 2, runs)) * noise * np.abs(np.array(x0))[:, None]
+    plant = design(Ts, n, ode=rhs, states=2, inputs=["f"], x0=x0, bounds={"f": (low, high)})
+    found, status = simulated(plant, x0, u, w)
+    assert not status.any()
+    x, exact = np.tile(np.array(x0)[:, None], runs), []
+    timed = rhs if rhs is cstr else lambda t, *given: rhs(*given)
+    for k in range(n):
+        slope = lambda t, z, k=k: np.array(timed(t, z, u[k][None], None))  # noqa: E731
+        x = rk4(slope, sample_times(k, steps, Ts), x, Ts / steps).x + w[k]
+        exact.append(x)
+    error = np.abs(found - exact) / np.ptp(np.array(exact), axis=(0, 2))[:, None]
+    assert error.max() < 5 * largest
+    # The median of a run and sample.
+    assert np.median(error.max(axis=1)) < 1e-5
+
+
+@pytest.mark.parametrize("rhs", [pendulum, lambda x, u, p: [float(each) for each in pendulum(x, u, p)]])
+def test_a_run_has_the_same_bits_in_every_block(rng, rhs):
+    """Oracle: the block of 50; the runs need one to a hundred steps."""
+    plant = design(0.1, 10, ode=rhs, states=2, inputs=1, x0=[0.5, 0.0])
+    x = rng.standard_normal((50, 2)) * np.logspace(-2, 1.5, 50)[:, None]
+    u = rng.standard_normal((50, 1))
+    whole = moved(plant, x, u).x
+    for n in (1, 3, 8, 13):
+        for first in (0, 17, 50 - n):
+            part = slice(first, first + n)
+            np.testing.assert_array_equal(moved(plant, x[part], u[part]).x, whole[part])
+
+
+def test_points_use_the_intervals_of_the_first_one():
+    """Oracle: the same points in a block by themselves; alone, the second one takes others."""
+    plant = design(0.3, 10, ode=van_der_pol, states=2, inputs=1, x0=[2.0, 0.0])
+    flow = flow_of(nonlinear(0.3, plant, noise=NOISE))
+    x = np.array([[[2.0, 0.0], [1.2, 5.0]], [[0.1, 1.0], [0.1, 1.0]], [[1.2, 5.0], [1.2, 5.0]]])
+    u = np.zeros((3, 1))
+    together = flow.advance_points(0, x, u)
+    alone = flow.advance(0, x.reshape(6, 2), np.zeros((6, 1))).reshape(3, 2, 2)
+    np.testing.assert_array_equal(together[:, 0], alone[:, 0])
+    np.testing.assert_array_equal(together[1:], alone[1:])
+    assert (together[0, 1] != alone[0, 1]).any()
+    np.testing.assert_array_equal(flow.advance_points(0, x[:1], u[:1]), together[:1])
+
+
+@pytest.mark.parametrize("numba", [False, True])
+def test_the_jacobian_of_a_model_is_smooth(numba):
+    """Oracle: the variational equation at a tight tolerance; own intervals would err by 1e-6 over the step."""
+    keys = {"ode": lambda x, u, p: [x[1], 20 * (1 - x[0] ** 2) * x[1] - x[0] + u[0]], "states": 2, "inputs": 1}
+    plant = design(0.1, 10, x0=[2.0, 0.0], **keys)
+    model, x = nonlinear(0.1, plant, noise=NOISE, numba=numba), np.array([1.1, 2.0])
+
+    def both(t, z):
+        J = np.array([[0, 1], [-40 * z[0] * z[1] - 1, 20 * (1 - z[0] ** 2)]])
+        return [*van_der_pol(z[:2], [0.0], None), *(J @ z[2:].reshape(2, 2)).ravel()]
+
+    exact = solve_ivp(both, (0, 0.1), [*x, 1, 0, 0, 1], "DOP853", rtol=1e-12, atol=1e-13).y[2:, -1].reshape(2, 2)
+    np.testing.assert_allclose(model.F(x, [0.0]), exact, rtol=2e-5, atol=1e-5)
+    np.testing.assert_allclose(model.f(x, [0.0]), nonlinear(0.1, plant, noise=NOISE).f(x, [0.0]), rtol=1e-12)
+
+
+def test_a_filter_is_that_of_many_substeps(rng):
+    """Oracle: the extended filter with 100 substeps."""
+    plant = design(0.1, 5, ode=van_der_pol, states=2, inputs=1, x0=[2.0, 0.0])
+    y, found = rng.standard_normal((5, 3, 2)), []
+    for keys in ({}, {"substeps": 100}):
+        estimator = extended_kalman.design(nonlinear(0.1, plant, noise=NOISE, **keys), 5, x0=np.ones(2), P0=np.eye(2))
+        state = estimator.init(3)
+        for k in range(5):
+            state, estimate = estimator.correct(k, state, [2.0, 0.0] + 0.01 * y[k])
+            state = estimator.predict(k, state, np.zeros((3, 1)))
+        found.append(np.concatenate([estimate.x_hat, estimate.P.reshape(3, 4)], axis=1))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-4, atol=1e-6)
+
+
+def test_the_intervals_of_a_bisection():
+    """Oracle: the times at which the slope is asked, which lie strictly within the sample."""
+    asked = []
+
+    def slope(t, x):
+        asked.append(t)
+        return np.where(t < 0.3, 1.0, 0.0) * np.ones_like(x)
+
+    end = halve(lambda runs: slope, 2, 0.1, np.zeros((1, 1)), Tolerance(1e-7, np.ones(1)))
+    assert (min(asked), max(asked)) == ((2 + 1e-9) * 0.1, (3 - 1e-9) * 0.1)
+    # The end of sample 2 is 0.30000000000000004.
+    assert end.x[0, 0] == pytest.approx(0.1, abs=5e-16) and end.steps.tolist() == [3]
