@@ -10,16 +10,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from math import inf
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step, root_weight, sum_root
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError
+
+
+class BridgingState(NamedTuple):
+    """State between steps of a filter that bridges missing measurements."""
+
+    x_pred: Float[Array, "runs nx"]
+    e: Float[Array, "runs ny"]
+    """Innovation of the last correction; 0 of a run with gains of its own."""
+    own: Bool[Array, " runs"]
+    """Whether a measurement of the run has been missing, so that it has gains of its own."""
+    kept: Float[Array, "runs ..."]
+    """What their recursion keeps of these runs; not used for others."""
+    shift: Float[Array, "runs nx"]
+    """K e of these runs, with the change of F x_pred where they have an F of their own."""
 
 
 class Gains(NamedTuple):
@@ -126,3 +143,32 @@ def _stacked(matrices: Sequence[Array | None]) -> Array | None:
     if some is None:
         return None
     return np.array([np.full_like(some, np.nan) if each is None else each for each in matrices])
+
+
+@dataclass(frozen=True, eq=False)
+class MixedRecursion:
+    """The recursion of `mixed_schedule`; it keeps the roots of P_pred and M_pred, and the last weight q as a matrix."""
+
+    models: Sequence[LinearModel]
+    sets: NoiseSets
+    rule: Rule
+    use_y0: bool
+    counted: float  # factor of the stochastic noises, 0 or 1
+
+    def step(self, k: int, kept: Array, there: Any = slice(None)) -> tuple[MixedStep, Array, float]:
+        """Return the correction with some outputs, what is kept for k+1, and the weight p of the prediction."""
+        now, (P, M, q) = self.models[k], kept
+        R, M_v = (matrix[there][:, there] for matrix in (now.R_v, self.sets.measurement(k)))
+        prior = Prior(now.C[there], P, M, self.counted * root_of(R), root_of(M_v))
+        measured = len(R) > 0 and (k > 0 or self.use_y0)
+        step = mixed_step(prior, self.rule, float(q[0, 0])) if measured else prior.kept()
+        moved, noise = now.A.dot(step.M_root), root_of(self.sets.process(k))
+        p = root_weight(moved, noise)  # (23)
+        P = predicted_root(now.A, self.counted * now.Q_w, step.P_root)  # (17)
+        q_next = np.full_like(P, step.q if step.q < inf else 1.0)  # as `mixed_step` starts without a last weight
+        return step, np.array([P, sum_root(moved, noise, p), q_next]), p  # (18)
+
+    def gains(self, k: int, kept: Array, there: Array) -> Gains:
+        """Return the gains of a run."""
+        step, after, _ = self.step(k, kept, there)
+        return Gains(step.L, self.models[k].A.dot(step.L), after, step.P, M=step.M)

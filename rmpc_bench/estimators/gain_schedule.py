@@ -15,19 +15,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from rmpc_bench.estimators.bridging import Gains, Recursion, RiccatiRecursion, RunByRun
+from rmpc_bench.estimators.bridging import BridgingState, MixedRecursion, Recursion, RiccatiRecursion, RunByRun
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv
-from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step, root_weight, sum_root
-from rmpc_bench.numerics.riccati import error_radius, filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.mixed_step import MixedStep, Rule
+from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, CompiledFilter, DesignError, Estimate, Estimator, GainSchedule, Model, Status
 
@@ -42,20 +41,6 @@ class FilterState(NamedTuple):
     x_pred: Float[Array, "runs nx"]
     e: Float[Array, "runs ny"]
     """Innovation of the last correction."""
-
-
-class BridgingState(NamedTuple):
-    """State between steps of a filter that bridges missing measurements."""
-
-    x_pred: Float[Array, "runs nx"]
-    e: Float[Array, "runs ny"]
-    """Innovation of the last correction; 0 of a run with gains of its own."""
-    own: Bool[Array, " runs"]
-    """Whether a measurement of the run has been missing, so that it has gains of its own."""
-    kept: Float[Array, "runs ..."]
-    """What their recursion keeps of these runs; not used for others."""
-    shift: Float[Array, "runs nx"]
-    """K e of these runs, with the change of F x_pred where they have an F of their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,38 +337,6 @@ def mixed_schedule(
         root=np.array(kept[:-1]),
         recursion=RunByRun(recursion.gains),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class MixedRecursion:
-    """The recursion of `mixed_schedule`, which keeps the roots of P_pred and M_pred, and the last weight q as a matrix.
-
-    The factor `counted` of the stochastic noises is 0 or 1.
-    """
-
-    models: Sequence[LinearModel]
-    sets: NoiseSets
-    rule: Rule
-    use_y0: bool
-    counted: float
-
-    def step(self, k: int, kept: Array, there: Any = slice(None)) -> tuple[MixedStep, Array, float]:
-        """Return the correction with some outputs, what is kept for k+1, and the weight p of the prediction."""
-        now, (P, M, q) = self.models[k], kept
-        R, M_v = (matrix[there][:, there] for matrix in (now.R_v, self.sets.measurement(k)))
-        prior = Prior(now.C[there], P, M, self.counted * root_of(R), root_of(M_v))
-        measured = len(R) > 0 and (k > 0 or self.use_y0)
-        step = mixed_step(prior, self.rule, float(q[0, 0])) if measured else prior.kept()
-        moved, noise = now.A.dot(step.M_root), root_of(self.sets.process(k))
-        p = root_weight(moved, noise)  # (23)
-        P = predicted_root(now.A, self.counted * now.Q_w, step.P_root)  # (17)
-        q_next = np.full_like(P, step.q if step.q < inf else 1.0)  # as `mixed_step` starts without a last weight
-        return step, np.array([P, sum_root(moved, noise, p), q_next]), p  # (18)
-
-    def gains(self, k: int, kept: Array, there: Array) -> Gains:
-        """Return the gains of a run."""
-        step, after, _ = self.step(k, kept, there)
-        return Gains(step.L, self.models[k].A.dot(step.L), after, step.P, M=step.M)
 
 
 def uncorrelated(model: Model, n_steps: int) -> list[LinearModel]:

@@ -8,7 +8,8 @@ Source  ma2025, section V (ESM, from its [25]): (16)-(24) without the stochastic
 Update  linear           corrects the centre with a gain that minimises tr M and does not depend on the data.
         maksarov-norton  computes the smallest fusion of the predicted set with the set of states that are consistent
                          with y.  It depends on the data: M shrinks more for a less likely y.
-Missing maksarov-norton: a sample of which an output is missing (NaN) leaves the predicted set.  linear: not bridged.
+Missing maksarov-norton: a sample of which an output is missing (NaN) leaves the predicted set.  linear: the
+        run has gains and sets of its own from then on, for the outputs that are there.
 Limit   A measurement without information (M_v -> infinity) leaves the prediction.  Without stochastic noises and with q
         at its fixed point the linear update is the filter `mixed`.
 Cost    linear: as every gain schedule.  maksarov-norton: two scalar searches, about 30 us per run and step.
