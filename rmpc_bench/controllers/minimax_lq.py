@@ -5,6 +5,7 @@ Model   At every k, with x(k) - x_hat(k) = e in E(0, M(k)) and w_b(t) in E(0, M_
         the stochastic noise, and apply u(k).  Future measurements are not modelled, so that v has no effect (ma2025,
         (P_k)).  M and M_w are the sets of the estimator; for an estimator without sets they are the 95 % ellipsoids of
         its P and of Q_w.  The law regulates to x = 0 and does not follow a reference.
+        Sets that do not depend on the data are those of a run without missing measurements, also in a run with them.
 Source  ma2025, Theorem 1: the semidefinite program (57), solved exactly by the recursion of numerics/lq_game.py.
 Sets    `stacked`  sum over t of w' M_w^-1 w <= 1, as (62) and (65) are printed.  It excludes admissible noise
                    sequences, so that rho is not a bound for the stated problem.
