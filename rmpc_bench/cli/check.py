@@ -142,6 +142,7 @@ def _describe(path: Path, config: ExperimentConfig, *, measured: bool = False) -
 
 def _remarks(config: ExperimentConfig) -> list[str]:
     """Return remarks on the plant, the estimators and the controllers that matter for the comparison."""
+    from rmpc_bench.components.single_design import SingleDesign
     from rmpc_bench.diagnostics.run_warnings import unlimited_inputs
 
     experiment = config.experiment
@@ -162,7 +163,9 @@ def _remarks(config: ExperimentConfig) -> list[str]:
         keys.setdefault(tuple(point.method_keys.get(name, name) for point in config.points), []).append(name)
     equal = (names for names in keys.values() if len(names) > 1)
     found += [f"  {', '.join(names)}: equal methods, so all their trials are equal" for names in equal]
-    found += [f"  {text}" for text in (*_mixed_units(config), *unlimited_inputs(experiment))]
+    # A class for one run cannot say whether it has limits.
+    laws = [method for method in experiment.methods if not isinstance(method.controller, SingleDesign)]
+    found += [f"  {text}" for text in (*_mixed_units(config), *unlimited_inputs(experiment.plant, laws))]
     found += [
         f"  {name}: moving-horizon is a linear filter, of the model at its operating point"
         for name, method in config.first_point["methods"].items()

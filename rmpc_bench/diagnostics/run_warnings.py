@@ -11,13 +11,12 @@ Each text names the key and a way out.  They cost a few milliseconds per method 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment
@@ -190,12 +189,12 @@ def _inputs(plant: Plant, method: Method, model: Any, r: Array, n_steps: int) ->
         return
 
 
-def unlimited_inputs(experiment: Experiment) -> Iterator[str]:
-    """Yield the inputs that the plant limits, with the laws that do not; a class for one run cannot say."""
-    plant, found = experiment.plant, dict[tuple[str, str], list[str]]()
+def unlimited_inputs(plant: Plant, methods: Iterable[Method]) -> Iterator[str]:
+    """Yield the inputs that the plant limits, with the laws that do not."""
+    found = dict[tuple[str, str], list[str]]()
     low, high = PlantInfo.of(plant).limits.u
-    for name, law in ((method.name, method.controller) for method in experiment.methods):
-        if not plant.limits_inputs or isinstance(law, Rest | OpenLoop | SingleDesign):
+    for name, law in ((method.name, method.controller) for method in methods):
+        if not plant.limits_inputs or isinstance(law, Rest | OpenLoop):
             continue
         own = [np.broadcast_to(each, plant.nu) for each in law.input_limits or (-np.inf, np.inf)]
         wider = (own[0] < low - ROUNDING * np.abs(low)) | (own[1] > high + ROUNDING * np.abs(high))

@@ -157,11 +157,13 @@ def test_check_names_laws_without_limits(file):
     laws, plant = ", ".join(map(repr, LAWS)), "the plant limits `f` to [-0.4, 0.4]"
     limited = ", ".join(repr(f"{each} limited") for each in LAWS)
     no_limits = f"{plant}; the controller of {laws} has no limits"
-    assert [*unlimited_inputs(load_config(file).experiment)] == [no_limits]
+    experiment = load_config(file).experiment
+    assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits]
     given = file.read_text(encoding="utf-8").replace("u: [-0.4, 0.4]", "u: [-0.4, 0.5]")
     (wider := file.with_name("wider.yaml")).write_text(given, encoding="utf-8")
     other = f"{plant}; the controller of {limited} has wider limits, [-0.4, 0.5]"
-    assert [*unlimited_inputs(load_config(wider).experiment)] == [no_limits, other]
+    experiment = load_config(wider).experiment
+    assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits, other]
     given = file.read_text(encoding="utf-8").replace(methods(), f"{{A: {{controller: {{{LAWS['none']}}}}}}}")
     wider.write_text(given, encoding="utf-8")
     assert f"{plant}; the controller of 'A' has no limits" in cli("check", wider).stdout
