@@ -166,6 +166,8 @@ def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
 
 
 def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None:
+    if not np.array_equal(example.data.all(estimator).values, example.in_loop(estimator), equal_nan=True):
+        raise NotApplicableError("see `function-of-data`")
     u = example.system.u
     system = replace(example.system, largest=0.5 * float(np.abs(u).max(initial=0.0)) or 1.0)
     record, _ = system.simulated(estimator)
