@@ -96,7 +96,7 @@ def run(**options: Any) -> int:
         if request.dry_run:
             return _show_plan(config, directory, request)
         if request.fresh:
-            _set_aside(request.place(directory))
+            _set_aside(request.place(directory), config.hash)
         if request.shard or request.no_report:
             from rmpc_bench.cli.run_trials import run_trials
 
@@ -317,8 +317,10 @@ def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Re
     return range(n_runs) if request.shard is None else request.shard.runs(n_runs)
 
 
-def _set_aside(directory: Path) -> None:
-    """Rename a directory; nothing is ever deleted."""
+def _set_aside(directory: Path, experiment: str) -> None:
+    """Rename a directory; nothing is ever deleted, and the looks at the experiment go into the new store."""
+    from rmpc_bench.execution.manifest import keep_looks, looks_of
+    from rmpc_bench.execution.store import Store
     from rmpc_bench.received.plain_files import StoreError
     from rmpc_bench.received.store import FILE, is_in_use, is_there
 
@@ -329,7 +331,11 @@ def _set_aside(directory: Path) -> None:
             raise StoreError(f"{directory / FILE}: another process writes to it; wait for it to end")
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
         old = _free(old) if old.exists() else old
+        looks = looks_of(directory, experiment)
         directory.rename(old)
+        if looks:
+            with Store(directory) as store:
+                keep_looks(store, looks)
         click.echo(f"the old results are in {old}", err=True)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +16,10 @@ from typing import Any
 import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.database import FILE as STORE
+from rmpc_bench.execution.database import MissingError, OccupiedError, StoreError
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
+from rmpc_bench.execution.store import Store
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.plain_files import MANIFEST, json_of
 from rmpc_bench.replaced_file import replace_text
@@ -80,16 +84,43 @@ def read(directory: Path) -> dict[str, Any]:
 
 
 def looks(directory: Path) -> list[int]:
-    """Return the numbers of runs at which verdicts were published, in the order of time."""
+    """Return the numbers of runs at which verdicts were published, in the order of time, as a manifest has them."""
     found: list[int] = read(directory).get("looks", [])
     return found
 
 
+def all_looks(store: Store) -> list[int]:
+    """Return the looks that a store has, then those of the manifest beside it: an earlier version kept them there."""
+    return [*dict.fromkeys([*store.data("looks").get("runs", []), *looks(store.directory)])]
+
+
+def keep_looks(store: Store, runs: Sequence[int]) -> None:
+    """Keep looks in a store, where they stay when the manifest is lost."""
+    if runs and store.data("looks").get("runs", []) != [*runs]:
+        store.set_meta("looks", json.dumps({"runs": [*runs]}))
+
+
+def looks_of(directory: Path, experiment: str) -> list[int]:
+    """Return what is left of the looks of an experiment in a directory whose files may be damaged."""
+    found = list[int]()
+    with suppress(StoreError, MissingError), Store(directory, writable=False) as store:
+        found += store.data("looks").get("runs", []) if store.meta("experiment") == experiment else []
+    with suppress(StoreError):
+        found += looks(directory) if read(directory).get("experiment") == experiment else []
+    return [*dict.fromkeys(found)]
+
+
 def note_look(directory: Path, n_runs: int) -> None:
-    """Note that verdicts were published with so many runs; a directory without a manifest keeps no looks."""
-    data, earlier = read(directory), looks(directory)
-    if data and n_runs not in earlier:
-        _write(directory / FILE, data | {"looks": [*earlier, n_runs]})
+    """Note in store and manifest that verdicts were published with so many runs."""
+    found = [*dict.fromkeys([*looks(directory), n_runs])]
+    if (directory / STORE).exists():
+        # While another process writes to the store, the manifest alone keeps them.
+        with suppress(OccupiedError), Store(directory) as store:
+            found = [*dict.fromkeys([*all_looks(store), n_runs])]
+            keep_looks(store, found)
+    data = read(directory)
+    if data and data.get("looks") != found:
+        _write(directory / FILE, data | {"looks": found})
 
 
 def note_report(directory: Path, made: Mapping[str, Any]) -> None:

@@ -137,6 +137,7 @@ STORED: dict[str, Any] = {
     "libraries": {str: {str: [str]}},
     "shared": dict,
     "files": {str: {str: str}},
+    "looks": {"runs?": [COUNT]},
     "stop": {"key?": str, "runs?": [range(10**7 + 1)], "wanted?": range(10**7 + 1), "is_met?": bool, "open?": [str]},
     "layout": dict,
     "methods.code": _CODE,

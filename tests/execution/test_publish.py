@@ -1,13 +1,17 @@
 """publish, compare, judge and figure: all that the command line writes, from Python."""
 
 import csv
+import json
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 
 import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import compare, figure, judge, load_config, load_results, publish, run, summarise
+from rmpc_bench.execution.store import Store
 from rmpc_bench.types import DesignError
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}, {says: not testable here}]"
@@ -28,6 +32,7 @@ NOT_DERIVED = {
 }
 SCRIPT = """
 import sys
+from contextlib import closing
 import rmpc_bench
 written = rmpc_bench.publish(rmpc_bench.load_results("out"), to="again")
 assert all(path.is_file() for path in written.paths)
@@ -243,6 +248,50 @@ def test_an_unknown_ending_is_refused(results, tmp_path):
     """The message lists the formats."""
     with pytest.raises(ValueError, match=r"one of \.svg, \.png, \.pdf"):
         figure(results, "boxplot").save(tmp_path / "figure.txt")
+
+
+@pytest.mark.parametrize("lost", ["damaged", "fresh and deleted", "store damaged"])
+def test_looks_stay_where_the_manifest_is_lost(tmp_path, lost):
+    """A third number of runs is look 3, with the level of look 3; another experiment begins with look 1."""
+    path, out = write(tmp_path), tmp_path / "out"
+
+    def look(n_runs, *options):
+        result = cli("run", path, "-o", out, "-j", 1, "--progress", "none", "--runs", n_runs, *options)
+        assert result.exit_code == 0, result.output
+        row = next(csv.DictReader((out / "comparisons.csv").read_text().splitlines()))
+        return int(row["look"]), float(row["ci_level"])
+
+    assert look(6)[0] == 1 and look(8)[0] == 2
+    assert json.loads((out / "manifest.json").read_text())["looks"] == [6, 8]
+    if "store" in lost:
+        (out / "trials.sqlite").write_bytes(b"x")
+    elif "damaged" in lost:
+        (out / "manifest.json").write_text("{")
+        assert "remove the file" in cli("run", path, "-o", out, "--runs", 10).stderr
+    if "deleted" in lost or "damaged" == lost:
+        (out / "manifest.json").unlink()
+    options = ["--fresh"] if "fresh" in lost or "store" in lost else []
+    assert look(10, *options) == (3, pytest.approx(1 - 0.05 / 12, abs=1e-6))
+    assert json.loads((out / "manifest.json").read_text())["looks"] == [6, 8, 10]
+    if lost == "fresh and deleted":
+        assert look(12, "--fresh", "-s", "seed=9")[0] == 1
+
+
+def test_the_looks_of_a_store_without_them_are_those_of_its_manifest(tmp_path):
+    """An earlier version kept them there alone; a look that is noted from now on is in the store."""
+    path, out = write(tmp_path), tmp_path / "out"
+    assert cli("run", path, "-o", out, "-j", 1, "--progress", "none", "--runs", 6).exit_code == 0
+    with closing(sqlite3.connect(out / "trials.sqlite")) as connection:
+        connection.execute("DELETE FROM meta WHERE key = 'looks'")
+        connection.commit()
+    assert cli("run", path, "-o", out, "-j", 1, "--progress", "none", "--runs", 8).exit_code == 0
+    with Store(out, writable=False) as store:
+        assert store.data("looks") == {"runs": [6, 8]}
+    with closing(sqlite3.connect(out / "trials.sqlite")) as connection:
+        connection.execute("UPDATE meta SET value = '{\"runs\": [-1]}' WHERE key = 'looks'")
+        connection.commit()
+    result = cli("report", out)
+    assert result.exit_code == 2 and "looks: runs" in result.stderr
 
 
 def test_raising_the_runs_after_a_verdict_is_a_look(tmp_path):
