@@ -160,7 +160,9 @@ class MethodBuilder:
         component = self.draft.input
         if self.draft.plant is not None and (plant is None or plant.recorded is not None):
             fits = plant is not None and not refuse_other_sizes(self.draft, name, model, plant)
-            return OpenLoop(plant.recorded.input, self.n_steps) if fits and plant and plant.recorded else None
+            if not fits or plant is None or plant.recorded is None:
+                return None
+            return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
         if component is None:
             return None if "input" in self.draft.tree else Rest(model.nu)
         size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}

@@ -60,15 +60,13 @@ def _refuse_runs(draft: DraftConfig, n_files: int, key: str) -> None:
 
 
 def refuse_other_sizes(draft: DraftConfig, name: str, model: Model, plant: Plant) -> bool:
-    """Report a design model with other inputs or outputs than the recorded ones.
-
-    Returns
-    -------
-    Whether there is such an error.
-    """
+    """Report a design model with other inputs or outputs than the recorded ones; return whether there is an error."""
+    # A missing B is one input without effect, which need not be recorded.
+    silent = not plant.nu and isinstance(model, Model) and not model.varies and not model.at(0).B.any()
+    n_inputs = 0 if silent else model.nu
     wrong = [
         f"{has} {noun} and the recorded data have {recorded}"
-        for noun, has, recorded in (("inputs", model.nu, plant.nu), ("outputs", model.ny, plant.ny))
+        for noun, has, recorded in (("inputs", n_inputs, plant.nu), ("outputs", model.ny, plant.ny))
         if has != recorded
     ]
     if wrong:

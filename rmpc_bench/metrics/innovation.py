@@ -114,7 +114,7 @@ class Nis(InnovationMetric):
 
 @dataclass(frozen=True, kw_only=True)
 class Whiteness(InnovationMetric):
-    """Portmanteau statistic of the innovation, per degree of freedom: about 1 if it is white; lower is better.
+    """Portmanteau statistic of the innovation over k = 0..N: about 1 per degree of freedom if white; lower is better.
 
     n^2 sum over j = 1..lags of trace(C_j' C_0^-1 C_j C_0^-1) / (n - j) / (lags ny^2), with the n samples of the window
     and the autocovariances C_j = sum of e(k) e(k-j)' / n of the innovation minus its mean over the window (Hosking,

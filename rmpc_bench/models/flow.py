@@ -248,5 +248,5 @@ def flow_of(model: Model) -> Flow:
             "kind",
         )
     if model.at(0).S_wv.any():
-        raise DesignError("the noises w and v of this model are correlated (S_wv): choose kalman", "kind")
+        raise DesignError("the noises w and v of this model are correlated (S_wv): choose kalman-predictor", "kind")
     return LinearFlow(model)

@@ -60,7 +60,8 @@ class StateDependentModel(Model):
             Always.
         """
         raise DesignError(
-            "the model depends on the state: choose a method that linearises at the estimate, such as kalman or gpc",
+            "the model depends on the state: choose what linearises at the estimate, the estimator kalman or the "
+            "controller gpc",
             "kind",
         )
 

@@ -7,7 +7,7 @@ import pytest
 from conftest import random_model, random_psd
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from rmpc_bench.estimators import extended_kalman, kalman, unscented_kalman
+from rmpc_bench.estimators import extended_kalman, kalman, kalman_predictor, unscented_kalman
 from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import design as linearised
@@ -275,5 +275,9 @@ def test_what_has_no_flow_is_refused(rng):
     with pytest.raises(DesignError, match="measurement noise"):
         extended_kalman.design(exact, 5, x0=np.zeros(1), P0=np.eye(1))
     correlated = LinearModel([[1.0]], [[1.0]], [[1.0]], 1.0, 1.0, S_wv=[[0.5]])
-    with pytest.raises(DesignError, match="S_wv"):
+    with pytest.raises(DesignError, match="S_wv.*choose kalman-predictor"):
         extended_kalman.design(correlated, 5, x0=np.zeros(1), P0=np.eye(1))
+    # What the message offers works, and kalman, which it offered once, does not.
+    kalman_predictor.design(correlated, 5, x0=np.zeros(1), P0=np.eye(1))
+    with pytest.raises(DesignError, match="use kalman-predictor"):
+        kalman.design(correlated, 5, x0=np.zeros(1), P0=np.eye(1))

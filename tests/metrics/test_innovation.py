@@ -1,13 +1,15 @@
 """Metrics of the innovation against closed forms and against the laws of a consistent filter."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from conftest import ROUND, STAT
 from uncertain_experiment import write_estimation
 
-from rmpc_bench import load_config, run
+from rmpc_bench import load_config, registry, run
 from rmpc_bench.metrics.innovation import InnovationMse, Nis, Whiteness
-from rmpc_bench.types import ConfigError, Record
+from rmpc_bench.types import ConfigError, Record, WindowMetric
 
 PLANT = "{kind: linear, A: [[0.9, 0.2], [0, 0.7]], B: [[0], [1]], C: [[1, 0]]}"
 MODEL = "{from: plant, P_w: 0.04, P_v: 0.25}"
@@ -26,6 +28,16 @@ CONSISTENT = {
 def record(**info):
     n = len(next(iter(info.values()))[0])
     return Record.of_run(y=[0.0] * n)._replace(info={name: np.array(value) for name, value in info.items()})
+
+
+def test_the_default_end_of_a_window_is_documented():
+    """Every metric whose window ends at N is named where `to` is explained, and no other one."""
+    metrics = [import_module(place.split(":")[0]) for place in registry.BUILT_IN["metrics"].values()]
+    classes = {each for module in metrics for each in vars(module).values() if isinstance(each, type)}
+    to_the_end = {each.name for each in classes if getattr(each, "to_the_end", False) and hasattr(each, "name")}
+    text = " ".join(WindowMetric.__doc__.split())
+    named = set(text.split("(N for ")[1].split(")")[0].replace(" and ", ", ").split(", "))
+    assert named == to_the_end and "innovation" in Whiteness.__doc__ and "k = 0..N:" in Whiteness.__doc__
 
 
 def test_nis_of_two_outputs_is_the_mean_mahalanobis_distance():

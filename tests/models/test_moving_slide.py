@@ -49,7 +49,9 @@ def test_it_is_a_state_dependent_model():
     np.testing.assert_array_equal(model.C @ AT, AT[:3])
     with pytest.raises(AttributeError):
         model.Ts = 0.1
-    with pytest.raises(DesignError, match="choose a method that linearises at the estimate") as caught:
+    with pytest.raises(
+        DesignError, match="choose what linearises at the estimate, the estimator kalman or the controller gpc"
+    ) as caught:
         model.at(0)
     assert caught.value.parameter == "kind"
 

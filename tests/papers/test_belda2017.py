@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from papers.belda_twin import simulate as plain
 
+from rmpc_bench.models.moving_slide import design
 from rmpc_bench.simulation.closed_loop import simulate
 
 pytestmark = pytest.mark.slow
@@ -54,6 +55,20 @@ def test_errors_and_torques_of_the_study(trials_of, method):
         values = column(trials, metric, method)
         se = values.std(ddof=1) * np.sqrt(1.0 / len(values) + 1.0 / 40.0)
         assert abs(values.mean() - expected) <= 5.0 * se + 0.5e-3, metric  # printed to three decimals
+
+
+def test_the_matrices_vary_little_within_the_horizon(trials_of):
+    """The numbers of the claim in exp2: largest change in ten samples, relative to the norm, along a run of exp1."""
+    experiment = trials_of("belda2017/exp1")[0].experiment
+    draws = experiment.scenario.draw(experiment.plant, range(1), experiment.n_steps)
+    method = experiment.method("constant")
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.controller.preview)
+    record, _ = simulate(experiment.plant, method, draws, r, experiment.n_steps)
+    for matrices, most in zip(design(0.01).at_state(record.x[0]), (0.0015, 0.0335), strict=True):
+        shifted = [matrices[j : len(matrices) - 9 + j] for j in range(10)]
+        sizes = np.linalg.norm(shifted[0], 2, axis=(1, 2))
+        changes = [np.linalg.norm(each - shifted[0], 2, axis=(1, 2)) / sizes for each in shifted[1:]]
+        assert np.max(changes) == pytest.approx(most, rel=0.01)
 
 
 QUANTILES = {  # of the ratio tuned / constant: median, share below 1

@@ -51,6 +51,31 @@ def test_estimates_on_recorded_data_are_those_of_the_original_run(recorded):
         np.testing.assert_allclose(results.trials.frame[name], frame[name], **ROUND)
 
 
+def test_data_without_inputs_and_a_model_without_inputs(tmp_path):
+    """Oracle: the scalar Kalman filter by hand; a missing B is no input, one with an effect is refused."""
+    (tmp_path / "y.csv").write_text("t,y\n0,0\n0.1,0.1\n0.2,0.2\n0.3,0.3\n")
+    text = """version: 1
+name: silent
+runs: 1
+time: {step: 0.1, steps: 3}
+plant: {data: y.csv, columns: {y: [y]}, t: t}
+model: {kind: linear, A: [[0.9]], C: [[1]], P_w: 0.01, P_v: 0.01}
+initial: {x_hat: 0, P: 1}
+methods: {KF: {estimator: {kind: kalman}}}
+metrics: [innovation_mse]
+"""
+    (tmp_path / "silent.yaml").write_text(text)
+    trials = run(load_config(tmp_path / "silent.yaml"), directory=tmp_path / "out", jobs=1).trials.frame
+    x, P, squares = 0.0, 1.0, []
+    for y in (0.0, 0.1, 0.2, 0.3):
+        squares.append((y - x) ** 2)
+        gain = P / (P + 0.01)
+        x, P = 0.9 * (x + gain * (y - x)), 0.81 * (1 - gain) * P + 0.01
+    assert trials["innovation_mse"][0] == pytest.approx(np.mean(squares), rel=1e-12)
+    (tmp_path / "silent.yaml").write_text(text.replace("C: [[1]]", "B: [[1]], C: [[1]]"))
+    assert any("has 1 inputs and the recorded data have 0" in each for each in problems(tmp_path / "silent.yaml"))
+
+
 def test_without_a_state_no_run_diverges_and_only_the_innovation_is_judged(recorded):
     directory, original, frame = recorded
     path = write(directory, name="stateless", metrics="[nis, innovation_mse, {kind: whiteness, lags: 5}]")
