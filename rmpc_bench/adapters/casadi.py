@@ -30,17 +30,7 @@ WAY_OUT = "use arithmetic and functions of NumPy, such as np.where for `if` and 
 
 
 def step_function(model: NonlinearModel) -> Any:
-    """Return x(k+1) of a nonlinear design model as ``casadi.Function(x, u)``; (x, u, k) if rhs depends on the time.
-
-    Parameters
-    ----------
-    model : design model `{nonlinear: plant, ..}`
-
-    Raises
-    ------
-    DesignError
-        If rhs cannot be called with CasADi symbols, or gives other numbers than the model.
-    """
+    """Return x(k+1) of a nonlinear design model as ``casadi.Function(x, u)``; (x, u, k) if rhs depends on the time."""
     dynamics, Ts = model.dynamics, model.Ts
     if isinstance(dynamics, LinearDynamics):
         return traced(model, "f", lambda x, u: x + (dynamics.A @ x + dynamics.B @ u - x), ("x", "u"))
@@ -69,17 +59,7 @@ def step_function(model: NonlinearModel) -> Any:
 
 
 def output_function(model: NonlinearModel) -> Any:
-    """Return y of a nonlinear design model as ``casadi.Function(x)``.
-
-    Parameters
-    ----------
-    model : design model `{nonlinear: plant, ..}`
-
-    Raises
-    ------
-    DesignError
-        If output cannot be called with CasADi symbols, or gives other numbers than the model.
-    """
+    """Return y of a nonlinear design model as ``casadi.Function(x)``."""
     dynamics = model.dynamics
     if isinstance(dynamics, LinearDynamics):
         return traced(model, "h", lambda x: dynamics.C @ x, ("x",))
@@ -111,20 +91,7 @@ def entries(values: Any) -> Any:
 
 
 def traced(model: NonlinearModel, name: str, function: Callable[..., Any], arguments: tuple[str, ...]) -> Any:
-    """Call a function with symbols and return it as ``casadi.Function``.
-
-    Parameters
-    ----------
-    model : the design model, whose function of this name has the same values
-    name : `f` or `h`
-    function : called with an array of symbols for every argument
-    arguments : `x`, `u` and `k`
-
-    Raises
-    ------
-    DesignError
-        If it cannot be called with symbols, or gives other numbers than the model.
-    """
+    """Call a function with symbols and return it as ``casadi.Function``."""
     casadi, sizes = library("casadi"), {"x": model.nx, "u": model.nu, "k": 1}
     symbols = [casadi.SX.sym(each, sizes[each]) for each in arguments]
     users = "rhs" if name == "f" else "output"

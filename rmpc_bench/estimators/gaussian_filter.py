@@ -170,21 +170,7 @@ def _without(
 def gaussian_filter(
     model: Model, rule: MomentRule, n_steps: int, x0: Array, P0: Array, *, use_y0: bool
 ) -> GaussianFilter:
-    """Return the filter of a design model with a rule for the moments.
-
-    Parameters
-    ----------
-    model : linear or nonlinear design model
-    rule : how the moments of f(x) and h(x) are computed
-    n_steps : number of control periods N
-    x0, P0 : mean and covariance of the initial state
-    use_y0 : whether to use y(0)
-
-    Raises
-    ------
-    DesignError
-        If the model has no map f(x, u), or R_v is singular.
-    """
+    """Return the filter of a design model with a rule for the moments."""
     flow = flow_of(model)
     try:
         for k in range(n_steps + 1 if model.varies else 1):

@@ -22,13 +22,6 @@ def difference(model: NonlinearModel, name: str, made: Callable[..., Array], arg
 
     Both are called at the operating point and at random states and inputs within the bounds of the plant.  Points at
     which the model is not defined are left out.
-
-    Parameters
-    ----------
-    model : the design model
-    name : `f` or `h`
-    made : the other form of this function
-    arguments : of both, `x`, `u` and `k`
     """
     rng, names = np.random.Generator(np.random.PCG64(5)), model.dynamics.names
     for trial in range(TRIALS):

@@ -18,20 +18,7 @@ Step: TypeAlias = Callable[[int, Array, Array, Array, Array], Array]
 
 
 def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
-    """Compile x(k+1) for the nominal parameters.
-
-    Parameters
-    ----------
-    ode : an equation whose rhs reads its parameters as ``p.name``
-    Ts : sampling time [s]
-    substeps : equal steps per sample; 0 for error control
-    rtol : tolerance of error control
-
-    Raises
-    ------
-    DesignError
-        If numba cannot compile the right-hand side, with its reason.
-    """
+    """Compile x(k+1) for the nominal parameters, with equal steps, or with error control where there are 0."""
     from rmpc_bench.numerics.compiled import numba
 
     rhs = numba.njit(ode.rhs)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from rmpc_bench.models.ode_blocks import alone, slopes
-from rmpc_bench.numerics.halving import Slopes, Tolerance, halve
-from rmpc_bench.numerics.integration import Slope, apply_map, inside, rk4, sample_times
+from rmpc_bench.numerics.halving import Tolerance, halve
+from rmpc_bench.numerics.integration import apply_map, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, Plant, SolverError
 
@@ -60,26 +60,12 @@ class Dynamics:
         raise NotImplementedError("output")
 
     def advance(
-        self,
-        k: int,
-        x: Float[Array, "columns nx"],
-        u: Float[Array, "columns nu"],
-        Ts: float,
-        substeps: int,
-        points: int = 1,
-        *,
-        strict: bool = True,
+        self, k: int, x: Array, u: Array, Ts: float, substeps: int, points: int = 1, *, strict: bool = True
     ) -> Float[Array, "columns nx"]:
-        """Return x(k+1) with the inputs held.
+        """Return x(k+1) of states and inputs, one per row, with equal steps, or with error control where there are 0.
 
-        Parameters
-        ----------
-        k : sample
-        x, u : states and inputs
-        Ts : sampling time [s]
-        substeps : equal steps of the integration; 0 for error control
-        points : so many successive columns use the intervals that the first of them needs
-        strict : whether an error of the user's function is raised; otherwise it gives NaN
+        With error control so many successive `points` use the intervals that the first of them needs.  An error of the
+        user's function is raised if `strict`; otherwise it gives NaN.
         """
         return np.array([each + self.rest(each, applied) for each, applied in zip(x, u, strict=True)])
 
@@ -164,28 +150,14 @@ class OdeDynamics(Dynamics):
         return y
 
     def advance(
-        self,
-        k: int,
-        x: Float[Array, "columns nx"],
-        u: Float[Array, "columns nu"],
-        Ts: float,
-        substeps: int,
-        points: int = 1,
-        *,
-        strict: bool = True,
+        self, k: int, x: Array, u: Array, Ts: float, substeps: int, points: int = 1, *, strict: bool = True
     ) -> Float[Array, "columns nx"]:
-        """Integrate over sample k by the Runge-Kutta method of order 4, or apply the map; NaN where the error is large.
-
-        Raises
-        ------
-        SolverError
-            If the error is too large, with `strict`.
-        """
+        """Integrate by the Runge-Kutta method of order 4, or apply the map; too large an error: `SolverError` or NaN."""
         ode, errors, columns = self.ode, list[Exception](), np.ascontiguousarray(x.T)
         of = alone(lambda t, z, v: ode.slope(t, z, v, ode.p), u, errors)
         if ode.rhs_takes_blocks and not strict:
             numbers = np.tile(np.array(list(ode.nominal.values()), dtype=float), (len(x), 1))
-            of = _first(slopes(ode, u, numbers), of)
+            of = slopes(ode, u, numbers, of, OUTSIDE_DOMAIN)
         every = np.arange(len(x))
         if ode.discrete:
             end = apply_map(of(every), k * Ts, (k + 1) * Ts, columns)
@@ -224,13 +196,7 @@ class OdeDynamics(Dynamics):
         return self.ode.units.get(name, "")
 
     def refuse_errors(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> None:
-        """Call both functions once and report what they raise.
-
-        Raises
-        ------
-        DesignError
-            With the error of the user's function.
-        """
+        """Call both functions once and report what they raise."""
         for name in ("rhs", "output"):
             try:
                 if name == "rhs":
@@ -286,13 +252,7 @@ class LinearDynamics(Dynamics):
 
 
 def dynamics_of(plant: Plant) -> Dynamics:
-    """Return the nominal plant as functions.
-
-    Raises
-    ------
-    DesignError
-        If the plant is neither an ODE plant nor one with constant matrices.
-    """
+    """Return the nominal plant as functions."""
     if plant.ode is not None:
         return OdeDynamics(plant.ode)
     if plant.system is not None and not plant.system.varies:
@@ -320,23 +280,6 @@ def sampled(
     block[:nx] = np.hstack([tangent.A, tangent.B, rest[:, None]])
     E = expm(block * Ts)
     return E[:nx, :nx], E[:nx, nx:-1], E[:nx, -1]
-
-
-def _first(block: Slopes, alone_: Slopes) -> Slopes:
-    """Return rhs for a block, and for every point alone where it is not defined at one of them."""
-
-    def of(chosen: Int[Array, " columns"]) -> Slope:
-        of_block, of_each = block(chosen), alone_(chosen)
-
-        def slope(t: float, x: Array) -> Array:
-            try:
-                return of_block(t, x)
-            except OUTSIDE_DOMAIN:
-                return of_each(t, x)
-
-        return slope
-
-    return of
 
 
 def steps_of(dynamics: Dynamics) -> int:

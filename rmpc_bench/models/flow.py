@@ -71,12 +71,7 @@ class Flow:
     def start(
         self, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-        """Return mean and covariance of the state of the flow at k = 0.
-
-        Parameters
-        ----------
-        x0, P0 : mean and covariance of the state of the design model
-        """
+        """Return mean and covariance of the state of the flow at k = 0."""
         return x0, P0
 
     def warm_up(self) -> None:
@@ -222,17 +217,7 @@ def _each(make: Callable[[int], Array], shape: tuple[int, ...]) -> Array:
 
 
 def flow_of(model: Model) -> Flow:
-    """Return a design model as maps of many states.
-
-    Parameters
-    ----------
-    model : linear or nonlinear design model
-
-    Raises
-    ------
-    DesignError
-        If the model has no such maps, or disturbances beside a nonlinear one, or correlated noises.
-    """
+    """Return a design model as maps of many states."""
     found: Flow | None = model.flow
     if found is not None:
         return found

@@ -77,21 +77,7 @@ class LinearisedModel(LinearModel):
 
 
 def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobian: Any = None) -> LinearisedModel:
-    """Linearise a plant around an operating point and sample it.
-
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    at : the operating point
-    noise : noise of the model
-    jacobian : the user's function (x, u, p) -> (A, B) or (A, B, C), None for differences
-
-    Raises
-    ------
-    DesignError
-        If there is no such point, the plant has a kink there, or the noise is no covariance.
-    """
+    """Linearise a plant around an operating point and sample it."""
     found = find_point(dynamics, at)
     names = dynamics.names
     Q_w, R_v = noise.covariances(len(names.states), len(names.outputs))

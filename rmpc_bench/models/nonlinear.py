@@ -126,13 +126,7 @@ class NonlinearModel(OfPlant, Model):
         return self if self.operating_point is None else self.at(0).deviation
 
     def at(self, k: int) -> LinearisedModel:
-        """Return the linear model around the operating point.
-
-        Raises
-        ------
-        DesignError
-            If the key `at` is not given, or the plant cannot be linearised there.
-        """
+        """Return the linear model around the operating point."""
         if self.linear_keys is None:
             raise DesignError(
                 "needs a linear model: give the model `linearise: plant`, or give this nonlinear one an operating "
@@ -176,23 +170,7 @@ def nonlinear_model(
     substeps: int | None = None,
     numba: bool = False,
 ) -> NonlinearModel:
-    """Make a nonlinear model of a plant.
-
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    noise : noise of the model
-    at : operating point, None for none
-    jacobian : derivatives at the operating point
-    substeps : steps of the integration per sample (default: those of the plant, or error control)
-    numba : whether to compile
-
-    Raises
-    ------
-    DesignError
-        If there is no such point, the noise is no covariance, or rhs cannot be compiled.
-    """
+    """Make a nonlinear model of a plant."""
     Q_w, R_v = noise.covariances(len(dynamics.names.states), len(dynamics.names.outputs))
     point = None if at is None else find_point(dynamics, at).point
     if numba and not isinstance(dynamics, OdeDynamics):

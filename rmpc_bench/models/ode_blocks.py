@@ -32,16 +32,27 @@ def rows(names: Mapping[str, float], columns: Float[Array, "n_parameters width"]
     return Parameters(dict(zip(names, columns, strict=True)))
 
 
-def slopes(ode: Ode, u: Float[Array, "runs nu"], numbers: Float[Array, "runs n_parameters"]) -> Slopes:
-    """Return rhs for the chosen runs of a block, whose states are the columns of x."""
+def slopes(
+    ode: Ode,
+    u: Float[Array, "runs nu"],
+    numbers: Float[Array, "runs n_parameters"],
+    single: Slopes | None = None,
+    undefined: tuple[type[Exception], ...] = (),
+) -> Slopes:
+    """Return rhs for the chosen runs of a block; where it raises what is `undefined`, `single` is asked instead."""
 
     def of(runs: Int[Array, " columns"]) -> Slope:
-        n = len(runs)
+        n, fill = len(runs), filled(len(runs))
         inputs, p = padded(u[runs]), rows(ode.nominal, padded(numbers[runs]))
-        if n % WIDTH == 0:
-            return lambda t, x: ode.slope(t, x, inputs, p)
-        fill = filled(n)
-        return lambda t, x: ode.slope(t, x[:, fill], inputs, p)[:, :n]
+
+        def slope(t: float, x: Array) -> Array:
+            try:
+                return ode.slope(t, x if len(fill) == n else x[:, fill], inputs, p)[:, :n]
+            except undefined:
+                assert single is not None
+                return single(runs)(t, x)
+
+        return slope
 
     return of
 

@@ -13,19 +13,7 @@ Names = int | list[str] | dict[str, str]
 
 
 def names_of(given: Names, key: str, letter: str) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return names and units; those of a count are ``x.0``, ``x.1`` and so on, without units.
-
-    Parameters
-    ----------
-    given : as written
-    key : of the configuration, for messages
-    letter : of the signal, ``x``, ``u`` or ``y``
-
-    Raises
-    ------
-    DesignError
-        If there is none where one is needed, or one is no name.
-    """
+    """Return names and units; those of a count are ``x.0``, ``x.1`` and so on, without units."""
     if isinstance(given, int):
         if given < (letter != "u"):
             raise DesignError(f"must be at least 1 (got {given})", key)
@@ -44,36 +32,14 @@ def names_of(given: Names, key: str, letter: str) -> tuple[tuple[str, ...], dict
 
 
 def refuse_shared(states: Sequence[str], inputs: Sequence[str], key: str = "inputs") -> None:
-    """Refuse an input with the name of a state: `bounds` could mean either.
-
-    Parameters
-    ----------
-    states, inputs : names
-    key : of the configuration, for messages
-
-    Raises
-    ------
-    DesignError
-        Naming it.
-    """
+    """Refuse an input with the name of a state: `bounds` could mean either."""
     shared = [name for name in inputs if name in states]
     if shared:
         raise DesignError(f"{shared[0]!r} is the name of a state, too; `bounds` could mean either", key)
 
 
 def is_timed(rhs: Any, key: str = "ode") -> bool:
-    """Whether a function takes (t, x, u, p) and not (x, u, p).
-
-    Parameters
-    ----------
-    rhs : the user's function
-    key : of the configuration, for messages
-
-    Raises
-    ------
-    DesignError
-        If it takes other arguments.
-    """
+    """Whether a function takes (t, x, u, p) and not (x, u, p)."""
     n = _positional(rhs, key)
     if n not in (3, 4):
         raise DesignError(f"{function_name(rhs)} must take (x, u, p) or (t, x, u, p); it takes {_signature(rhs)}", key)
@@ -81,18 +47,7 @@ def is_timed(rhs: Any, key: str = "ode") -> bool:
 
 
 def check_output(output: Any, key: str = "output") -> None:
-    """Refuse an output function that takes anything but (x, p).
-
-    Parameters
-    ----------
-    output : the user's function
-    key : of the configuration, for messages
-
-    Raises
-    ------
-    DesignError
-        With the reason for which an output cannot depend on u.
-    """
+    """Refuse an output function that takes anything but (x, p)."""
     n = _positional(output, key)
     if n in (3, 4) and key == "output":
         reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"

@@ -50,13 +50,7 @@ class Found(NamedTuple):
 
 
 def find_point(dynamics: Dynamics, at: At) -> Found:
-    """Return the operating point that `at` describes.
-
-    Raises
-    ------
-    DesignError
-        If `at` is incomplete or contradicts the bounds, there is no steady state, or a function of the user raises.
-    """
+    """Return the operating point that `at` describes."""
     _refuse_incomplete(at)
     names = dynamics.names
     if at.y is not None:
@@ -75,13 +69,7 @@ def find_point(dynamics: Dynamics, at: At) -> Found:
 
 
 def numbers(given: Any, names: Sequence[str], key: str, noun: str) -> Float[Array, " n"]:
-    """Return one number per name.
-
-    Raises
-    ------
-    DesignError
-        If a name is missing or unknown, or the count does not fit.
-    """
+    """Return one number per name."""
     if not isinstance(given, dict):
         values = np.array(given, dtype=float)
         if values.ndim and values.shape != (len(names),):

@@ -79,19 +79,6 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 
 
 def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: int | None = None) -> TrajectoryModel:
-    """Make a model that is linearised at every estimate.
-
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    noise : noise of the model
-    substeps : steps of the integration per sample (default: those of the plant, or error control)
-
-    Raises
-    ------
-    DesignError
-        If the noise is no covariance.
-    """
+    """Make a model that is linearised at every estimate."""
     Q_w, R_v = noise.covariances(len(dynamics.names.states), len(dynamics.names.outputs))
     return TrajectoryModel(dynamics, Ts, substeps or steps_of(dynamics), Q_w, R_v)

@@ -20,14 +20,7 @@ from rmpc_bench.types import Array, Model
 
 
 def disturbed(model: Model, entry: Entry, label: str = "") -> Model:
-    """Return a model of any kind with disturbances as further states.
-
-    Parameters
-    ----------
-    model : model of x
-    entry : how d enters it
-    label : places, drift and rank in words
-    """
+    """Return a model of any kind with disturbances as further states."""
     kinds = (
         (LinearModel, DisturbedLinear),
         (UncertainModel, DisturbedUncertain),
@@ -41,20 +34,7 @@ def disturbed(model: Model, entry: Entry, label: str = "") -> Model:
 
 
 def with_disturbance(model: Model, disturbance: Disturbance, n_steps: int, x0: Float[Array, " nx"]) -> Model:
-    """Return the design model with the disturbances of a configuration.
-
-    Parameters
-    ----------
-    model : design model without disturbances
-    disturbance : keys of the configuration
-    n_steps : number of control periods N; a model that varies is checked at k = 0..N
-    x0 : (nx,) initial estimate, at which a model that depends on the state is checked
-
-    Raises
-    ------
-    DesignError
-        If a place is unknown, a size does not fit, or the disturbances are not detectable.
-    """
+    """Return the design model with the disturbances of a configuration."""
     entry = entry_of(model, disturbance)
     models = _linear_models(model, n_steps, x0)
     rank, needed = refuse_undetectable(models, entry) if models else (0, 0)

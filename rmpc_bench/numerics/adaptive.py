@@ -110,17 +110,7 @@ def solve(
     bounds: Bounds | None = None,
     events: Sequence[Event] = (),
 ) -> Solution:
-    """Integrate one run from ``start`` to ``end``.
-
-    Parameters
-    ----------
-    slope : time derivative of the states; an exception that it raises ends the integration and is passed on
-    start, end : times [s]
-    x : states at the start
-    tolerances : integrator and its tolerances
-    bounds : of the states; None for none
-    events : what to look for
-    """
+    """Integrate one run from ``start`` to ``end``."""
     user, t, last, resets = _User(slope, bounds), start, -1, 0
     while t < end:
         # An event that has just replaced the state is at its 0 still.

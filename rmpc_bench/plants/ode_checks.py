@@ -65,13 +65,7 @@ def _within(shares: Array, low: Array, high: Array) -> Array:
 
 
 def rhs_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
-    """Say why a right-hand side must be called run by run; empty where a block has the same bits as each run alone.
-
-    Raises
-    ------
-    DesignError
-        If it cannot be called at the initial state, or returns something else than nx finite numbers.
-    """
+    """Say why a right-hand side must be called run by run; empty where a block has the same bits as each run alone."""
     some = sample(ode, x0, max(BLOCKS))
     return _takes_blocks(
         lambda part, p: ode.slope(0.0, padded(part.x), padded(part.u), p),
@@ -81,13 +75,7 @@ def rhs_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
 
 
 def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"], key: str = "output") -> str:
-    """Say the same of an output function, which a key of the configuration names.
-
-    Raises
-    ------
-    DesignError
-        If it cannot be called at the initial state, or returns something else than ny finite numbers.
-    """
+    """Say the same of an output function, which a key of the configuration names."""
     some = sample(ode, x0, max(BLOCKS))
     return _takes_blocks(
         lambda part, p: ode.measure(padded(part.x), p),

@@ -32,13 +32,7 @@ def equation(
     x0: Float[Array, " n"] | None,
     discrete: bool,
 ) -> tuple[Ode, dict[str, str]]:
-    """Return the equation, and the reasons for which its functions are called run by run, by their name.
-
-    Raises
-    ------
-    DesignError
-        If a function or a name is not what it must be, or fails at the initial state.
-    """
+    """Return the equation, and the reasons for which its functions are called run by run, by their name."""
     x_names, units = names_of(states, "states", "x")
     u_names, u_units = names_of(inputs, "inputs", "u")
     refuse_shared(x_names, u_names)
@@ -83,13 +77,7 @@ def bounds_by_name(
 def stepping_of(
     ode: Ode, Ts: float, n_steps: int, solver: Solver, events: Any, reasons: Mapping[str, str], x0: Array | None
 ) -> tuple[Stepping, tuple[str, ...], float]:
-    """Return the integration over a sample, remarks on it, and its time per run and step [s].
-
-    Raises
-    ------
-    DesignError
-        If the equation is stiff, or the events do not fit.
-    """
+    """Return the integration over a sample, remarks on it, and its time per run and step [s]."""
     start = initial(ode, x0)
     if ode.discrete and solver != Solver():
         raise DesignError("has no effect beside `discrete: true`: rhs returns x(k+1)", "solver")

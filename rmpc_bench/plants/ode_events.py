@@ -43,13 +43,7 @@ class UserEvent(NamedTuple):
 
 
 def read_events(given: Any) -> tuple[UserEvent, ...]:
-    """Return the events of a function, or of a list or tuple of functions.
-
-    Raises
-    ------
-    DesignError
-        If one is no function of these arguments, or says neither what ends the run nor what replaces the state.
-    """
+    """Return the events of a function, or of a list or tuple of functions."""
     return tuple(_events(given))
 
 

@@ -25,20 +25,7 @@ Rows = Float[Array, "runs n_parameters"]
 def extra_equation(
     ode: Ode, function: Any, names: Names | None, x0: Float[Array, " nx"] | None
 ) -> tuple[Ode | None, tuple[str, ...]]:
-    """Return the equation whose outputs are the extra signals, None where there are none, and remarks.
-
-    Parameters
-    ----------
-    ode : the equation of the plant
-    function : the user's function of (x, p)
-    names : of the signals
-    x0 : state at which the function is tried
-
-    Raises
-    ------
-    DesignError
-        If only one of the two is given, a name is used already, or the function fails.
-    """
+    """Return the equation whose outputs are the extra signals, None where there are none, and remarks."""
     if function is None:
         if names is not None:
             raise DesignError(

@@ -62,13 +62,7 @@ def scale_of(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Floa
 def tried(
     ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], solver: Solver, events: tuple[UserEvent, ...]
 ) -> tuple[Stepping, list[str]]:
-    """Return the integration by rk4, and what the trial runs show of it.
-
-    Raises
-    ------
-    DesignError
-        If no run can be integrated over the first sample.
-    """
+    """Return the integration by rk4, and what the trial runs show of it."""
     stepping = Stepping(solver, solver.substeps or 0, scale_of(ode, Ts, n_steps, x0), events)
     given = simulated(ode, Ts, n_steps, x0, stepping)
     if stepping.substeps:
@@ -94,7 +88,7 @@ def simulated(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], steppi
     """Simulate the trial runs, at most until `MAX_STEPS`."""
     u = _inputs(ode, n_steps)
     trial = Trial(np.full((RUNS, n_steps + 1, ode.nx), np.nan), np.zeros((RUNS, n_steps), dtype=int), {}, [])
-    trial.x[:, 0], alive = x0, list(range(RUNS))
+    trial.x[:, 0], alive, spent = x0, list(range(RUNS)), 0
     for k in range(n_steps):
         try:
             ends = _advanced(ode, Ts, stepping, k, trial.x[alive, k], u[alive, k])
@@ -109,8 +103,9 @@ def simulated(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], steppi
             if end.rough >= 0:
                 trial.rough.setdefault(end.rough, k)
         alive = [i for i in alive if np.isfinite(trial.x[i, k + 1]).all()]
-        # Steps of a block are as expensive as those of one run.
-        if not alive or (trial.steps.max(axis=0) if ode.rhs_takes_blocks else trial.steps).sum() > MAX_STEPS:
+        # A step of a block is as expensive as that of one run.
+        spent += max(stepping.substeps, int(trial.steps[:, k].max())) * (1 if ode.rhs_takes_blocks else RUNS)
+        if not alive or spent > MAX_STEPS:
             break
     return trial
 
