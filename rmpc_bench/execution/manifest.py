@@ -59,6 +59,7 @@ class Session:
             "blas": blas(),
             "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+            "file": from_here(self._config.path),
             "looks": looks(self._path.parent),
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
@@ -151,6 +152,12 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
 
 def _write(path: Path, data: dict[str, Any]) -> None:
     replace_text(path, json.dumps(data, indent=2) + "\n")
+
+
+def from_here(path: Path) -> str:
+    """Return a path as commands name it that are entered here; empty where it lies elsewhere."""
+    here, path = Path.cwd().resolve(), path.resolve()
+    return path.relative_to(here).as_posix() if path.is_relative_to(here) and path != here else ""
 
 
 def _now() -> str:

@@ -42,7 +42,7 @@ DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
 """Columns of timings.csv that differ from computation to computation."""
 COMPARED = ("name", "experiment", "seed", "modified")
 """Fields of manifest.json that follow from the configuration."""
-STATED = ("versions", "libraries", "blas", "git", "platform", "looks", "report", "sessions")
+STATED = ("versions", "libraries", "blas", "git", "platform", "file", "looks", "report", "sessions")
 """Fields of manifest.json that say where, when and how; the files are made with them as they are."""
 DRAWN = (".svg", ".pdf", ".png", ".pgf", ".html")
 """Endings of files that have drawings in them."""

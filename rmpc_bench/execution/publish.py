@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -126,7 +127,8 @@ def publish(
     to : directory to write to, made if it is not there; the one of the results unless given
     rendering : width, font, style and formats of the figures; those of the section `report` unless given
     index : index of several experiments that the page links; none if None
-    place : the directory as commands in the files name it; from ``results`` on, else its last part, unless given
+    place : the directory as commands in the files name it; from the present one, else from ``results`` on, else its
+        last part, unless given
 
     Returns
     -------
@@ -150,10 +152,16 @@ def publish(
     directory = results.directory if to is None else Path(to)
     with inside(directory):
         rendering = rendering or rendering_of(results.experiment.report)
-        return _published(results, directory, rendering, index, place or place_of(results.directory))
+        known = read(results.directory)
+        # Where the way is given, it is that of another session, whose files are elsewhere.
+        file = str(known.get("report", {}).get("file", "") if place else known.get("file", ""))
+        way = place or place_of(results.directory), file if place or Path(file).is_file() else ""
+        return _published(results, directory, rendering, index, *way)
 
 
-def _published(results: Results, directory: Path, rendering: Rendering, index: Path | None, place: str) -> Publication:
+def _published(
+    results: Results, directory: Path, rendering: Rendering, index: Path | None, place: str, file: str
+) -> Publication:
     """Write everything below a directory."""
     texts, pictures = folder(directory, "tables"), folder(directory, "figures")
     report = results.experiment.report
@@ -176,8 +184,10 @@ def _published(results: Results, directory: Path, rendering: Rendering, index: P
     if directory.resolve() == results.directory.resolve():
         if len(results.trials.runs) and results.trials.with_verdicts:
             note_look(directory, len(results.trials.runs))
-        note_report(directory, _way(results, place))
+        note_report(directory, _way(results, place, file))
     record = experiment_record(results)
+    if file:
+        record["command"] = " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides])
     paths += write_latex(tables, record, texts, report)
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
@@ -205,11 +215,17 @@ def write_tables_of_rows(results: Results, directory: Path) -> None:
         _write_claims(results, judge(results), directory, rendering_of(report).formats)
 
 
-def _way(results: Results, place: str) -> dict[str, Any]:
+def _way(results: Results, place: str, file: str) -> dict[str, Any]:
     """Describe how the files are made, as plain data."""
     keys = {key: value for key, value in asdict(results.experiment.report).items() if value is not None}
     drawn = {"own_figures": bool(results.components), "matplotlib": version("matplotlib")}
-    return {"place": place, "keys": keys, "labels": dict(results.experiment.labels), **drawn}
+    return {
+        "place": place,
+        **({"file": file} if file else {}),
+        "keys": keys,
+        "labels": dict(results.experiment.labels),
+        **drawn,
+    }
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:

@@ -44,7 +44,13 @@ def setting_differences(a: Results, b: Results) -> list[Setting]:
         }.items()
         if texts[0] != texts[1]
     ]
-    found += differing(_shared(a.directory), _shared(b.directory))
+    for path in dict.fromkeys([*a.experiment.paths, *b.experiment.paths]):
+        swept = [dict.fromkeys(point.coordinates.get(path, "") for point in each.experiment.points) for each in (a, b)]
+        texts = (_text(", ".join(filter(None, values))) or MISSING for values in swept)
+        found += [setting for setting in [Setting(f"sweep.{path}", *texts)] if setting.a != setting.b]
+    shared = [{"sweep": {}, **_shared(each.directory)} for each in (a, b)]
+    one, other = ({**each, "sweep": _common(each, shared, "sweep")} for each in shared)
+    found += differing(one, other)
     resolved = _resolved(a.directory), _resolved(b.directory)
     if all(resolved):
         # What only one of them has is named among the trials.

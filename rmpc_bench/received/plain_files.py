@@ -100,9 +100,10 @@ MANIFEST: Any = {
     "blas?": [{wrong_line: (int, None, wrong_line)}],
     "git?": (None, {"commit": wrong_commit, "dirty?": bool}),
     "platform?": {"system?": wrong_line, "machine?": wrong_line, "cores?": (COUNT, None)},
+    "file?": wrong_line,
     "looks?": [COUNT],
     "report?": {
-        **{"place?": wrong_line, "keys?": dict, "labels?": {wrong_line: str}},
+        **{"place?": wrong_line, "file?": wrong_line, "keys?": dict, "labels?": {wrong_line: str}},
         **{"own_figures?": bool, "matplotlib?": wrong_line},
     },
     "files?": {str: str},

@@ -41,6 +41,17 @@ def test_differences_are_named_and_exit_with_1(directories):
     assert cli("compare", directories / "a", directories / "wide", "--tol", "10").exit_code == 0
 
 
+def test_swept_values_are_settings(tmp_path):
+    """Those of a path that only one sweep has, and those of a path of both."""
+    for name, sweep in (("one", "{grid: {controller.Hp: [5, 10]}}"), ("other", "{grid: {controller.Hp: [10, 15]}}")):
+        ran(write(tmp_path, sweep=sweep, runs=2), tmp_path / name)
+    ran(write(tmp_path, sweep="{grid: {seed: [1, 2]}}", runs=2), tmp_path / "seeds")
+    found = cli("compare", tmp_path / "one", tmp_path / "other").stdout
+    assert "sweep.controller.Hp: A 5, 10, B 10, 15" in found
+    found = cli("compare", tmp_path / "one", tmp_path / "seeds").stdout
+    assert "sweep.controller.Hp: A 5, 10, B -" in found and "sweep.seed: A -, B 1, 2" in found
+
+
 def test_more_runs_are_a_difference(directories):
     """The common ones are equal, whatever was added."""
     found = cli("compare", directories / "a", directories / "more", "--tol", "1")

@@ -1,7 +1,10 @@
 """publish, compare, judge and figure: all that the command line writes, from Python."""
 
 import csv
+import html
 import json
+import re
+import shlex
 import sqlite3
 import subprocess
 import sys
@@ -292,6 +295,28 @@ def test_the_looks_of_a_store_without_them_are_those_of_its_manifest(tmp_path):
         connection.commit()
     result = cli("report", out)
     assert result.exit_code == 2 and "looks: runs" in result.stderr
+
+
+def test_commands_of_the_page_name_files_that_exist(tmp_path, monkeypatch):
+    """A file and a directory with a blank, below the present directory; from elsewhere the file has its old name."""
+    (tmp_path / "my configs").mkdir()
+    write(tmp_path / "my configs", runs=2)
+    monkeypatch.chdir(tmp_path)
+    file, out = "my configs/tiny.yaml", "sub/the results"
+    assert cli("run", file, "-o", out, "-j", 1, "--progress", "none").exit_code == 0
+
+    def commands():
+        page = html.unescape((tmp_path / out / "report.html").read_text())
+        found = re.findall("<code>(rmpc-bench (?:run|check|report|show) [^<]*)</code>", page)
+        return {tuple(shlex.split(text)[1:3]) for text in found}
+
+    assert commands() == {("run", file), ("check", file), ("report", out), ("show", out)}
+    monkeypatch.chdir(tmp_path / "sub")
+    assert cli("report", "the results").exit_code == 0
+    there = "the results"
+    assert commands() == {("run", "tiny.yaml"), ("check", "tiny.yaml"), ("report", there), ("show", there)}
+    monkeypatch.chdir(tmp_path)
+    assert cli("report", out).exit_code == 0 and ("check", file) in commands()
 
 
 def test_raising_the_runs_after_a_verdict_is_a_look(tmp_path):

@@ -188,7 +188,7 @@ def _cell(value: Any) -> str:
 def trust_blocks(source: PageSource) -> list[Block]:
     """Return the reasons to trust the numbers, each with the command that checks it."""
     trials, record = source.trials, source.record
-    file = record["command"].split()[2]
+    file = shlex.quote(shlex.split(record["command"])[2])
     first = next((name for name in trials.methods), "")
     rows: list[tuple[str, str]] = []
     n_runs = len(trials.each[0].runs)
