@@ -121,16 +121,7 @@ class Levels(NamedTuple):
 @lru_cache(maxsize=2)
 @np.errstate(over="ignore", invalid="ignore")
 def levels(trials: Trials) -> Levels:
-    """Find the levels at which the intervals of the primary metric are simultaneous for all methods and points.
-
-    Parameters
-    ----------
-    trials : the table of the whole experiment
-
-    Returns
-    -------
-    the levels; those of the primary metric are higher where verdicts on fewer of the runs were published before
-    """
+    """Find levels at which the intervals of the primary metric hold together; those of later looks are higher."""
     whole = unplanned_level(trials.confidence, trials.look)
     runs = np.unique(np.concatenate([point.runs for point in trials.each]))
     columns, n_failing = [], 0
@@ -167,17 +158,7 @@ def _averages(point: Trials, pairs: Pairs) -> dict[str, Array]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
-    """Compare every method with the baseline, run by run.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-    of : levels of the whole experiment; of this table alone unless given
-
-    Returns
-    -------
-    one row per metric and method but the baseline, with the fields of `Comparison` as columns
-    """
+    """Compare every method with the baseline, run by run: the fields of `Comparison` per metric and method."""
     of = of or levels(trials)
     rows: list[dict[str, object]] = []
     for info in trials.metrics:
@@ -192,14 +173,7 @@ def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
 
 @np.errstate(over="ignore", invalid="ignore")
 def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, Comparison]]:
-    """Compare every method with the baseline in one metric, without the signed-rank test.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-    info : the metric
-    of : levels of the whole experiment
-    """
+    """Compare every method with the baseline in one metric, without the signed-rank test."""
     methods = [method for method in trials.methods if method != trials.baseline]
     family = [(method, pairs_of(trials, method, info)) for method in methods]
     return [(pairs, _compare(trials, method, info, pairs, of)) for method, pairs in family]

@@ -27,18 +27,7 @@ MOST_RUNS = 1e6
 
 
 def size_text(row: Mapping[str, Any], info: MetricInfo, average: str = "") -> str:
-    """Write the average difference of a comparison with its interval.
-
-    Parameters
-    ----------
-    row : a row of `comparison.comparisons`
-    info : the metric of the row
-    average : ``geometric`` or ``mean``; the one that the verdict rests on if empty
-
-    Returns
-    -------
-    such as "-10.2 % [-11.3, -9.0]", or a difference in the unit of a signed metric; "-" where there is none
-    """
+    """Write the average difference of a comparison with its interval, such as "-10.2 % [-11.3, -9.0]", or "-"."""
     if row["average"] == "difference":
         names, unit = ("difference", "difference_low", "difference_high"), info.unit
     elif average:
@@ -54,17 +43,7 @@ def contradicting(row: Mapping[str, Any]) -> bool:
 
 
 def verdict_text(row: Mapping[str, Any], margin: str) -> str:
-    """Write a verdict in words, with the numbers that it needs.
-
-    Parameters
-    ----------
-    row : a row of `comparison.comparisons`
-    margin : the smallest relevant difference as text, such as "1 %"
-
-    Returns
-    -------
-    such as "equivalent (within 1 %)"; empty where there is no verdict
-    """
+    """Write a verdict in words, with the numbers that it needs, such as "equivalent (within 1 %)"."""
     word = str(row["verdict"])
     if word == Verdict.FAILS_MORE:
         alone = row["failed_only"]
@@ -137,14 +116,7 @@ def margin_text(trials: Trials, info: MetricInfo, row: Mapping[str, Any] | None 
 
 
 def margin_of(trials: Trials, info: MetricInfo, *, signed: bool) -> str:
-    """Write the smallest relevant difference of a metric.
-
-    Parameters
-    ----------
-    trials : the table
-    info : the metric
-    signed : whether differences have the unit of the metric
-    """
+    """Write the smallest relevant difference of a metric: in per cent, or in its unit where differences are signed."""
     if signed:
         return f"{trials.relevant_of(info.name, default=0.0):g} {info.unit}".strip()
     return f"{100 * trials.relevant_of(info.name):g} %"

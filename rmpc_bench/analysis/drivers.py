@@ -113,12 +113,7 @@ def _correlated(values: Mapping[str, Array]) -> tuple[tuple[str, str], ...]:
 
 
 def inputs(trials: Trials) -> Inputs:
-    """Collect the uncertain quantities that differ between the runs of a table.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-    """
+    """Collect the uncertain quantities that differ between the runs of a table."""
     table = trials.uncertainty
     if "run" not in table:
         return Inputs({}, ())
@@ -131,19 +126,7 @@ def inputs(trials: Trials) -> Inputs:
 
 
 def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: bool = True) -> pd.DataFrame:
-    """Compute the drivers of every method.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-    info : the metric; the primary one unless given
-    with_regions : whether the regions where a method does worst are found; without them their columns are empty
-
-    Returns
-    -------
-    one row per method and quantity and one for the rest, with the fields of `Driver` as columns; a last row per
-    method that fails in five or more runs says where.  No row without uncertain quantities
-    """
+    """Compute the drivers of every method: a row per quantity, one for the rest, one that says where it fails."""
     metric, found = info or trials.primary_info, inputs(trials)
     rows: list[Driver] = []
     if metric is not None and found.values:

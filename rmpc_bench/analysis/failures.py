@@ -37,16 +37,6 @@ def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> 
     The interval of that probability p (Clopper and Pearson) gives (2 p - 1) m / n, which excludes 0 where the exact
     test rejects equal shares.  As m is random, it is no interval of the difference itself: `shares_interval` is.
 
-    Parameters
-    ----------
-    method_only, baseline_only : runs in which one of the two failed, the other not
-    n : runs of both
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; 0 and 0 where no run differs, NaN without runs
-
     Examples
     --------
     >>> [round(end, 3) for end in mcnemar(6, 0, 200, 0.95)]

@@ -124,16 +124,7 @@ class _Sample:
 def improvement_differences(
     points: Sequence[tuple[Trials, Trials]], method: str, info: MetricInfo, *, paired: bool, is_primary: bool
 ) -> list[ImprovementDifference]:
-    """Compare the improvement of a method in two experiments, at every point that they have in common.
-
-    Parameters
-    ----------
-    points : tables of the same point in A and in B; settings of the comparison are those of A
-    method : name of the method
-    info : the metric
-    paired : whether run i of both experiments has the same draws
-    is_primary : whether there is a verdict, from intervals that are simultaneous for all points
-    """
+    """Compare the improvement of a method in A and in B at their common points, with the settings of A."""
     samples = [_sample(a, b, method, info, paired=paired) for a, b in points]
     plain = points[0][0].confidence
     if not is_primary:

@@ -89,18 +89,7 @@ class Losses:
 
 
 def losses(trials: Trials, info: MetricInfo) -> Losses | None:
-    """Collect the logarithms of a metric.
-
-    Parameters
-    ----------
-    trials : the table of an experiment
-    info : the metric
-
-    Returns
-    -------
-    the logarithms of the distances from the best value; None where a finished run has a value without a logarithm: 0,
-    a negative one, or inf where an event did not occur
-    """
+    """Collect the logarithms of a metric; None where a finished run has a value without one: 0, negative or inf."""
     methods = trials.methods
     runs = np.unique(np.concatenate([point.runs for point in trials.each]))
     shape = (len(trials.each), len(methods), len(runs))

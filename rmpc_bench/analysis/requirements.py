@@ -62,16 +62,7 @@ COLUMNS = [field.name for field in fields(PassRate)]
 
 
 def pass_rates(trials: Trials) -> pd.DataFrame:
-    """Count the runs that meet each requirement.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-
-    Returns
-    -------
-    one row per requirement and method with the fields of `PassRate` as columns
-    """
+    """Count the runs that meet each requirement, a row per requirement and method with the fields of `PassRate`."""
     rows = [_rate(trials, each, method) for each in trials.requirements for method in trials.methods]
     return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
 
