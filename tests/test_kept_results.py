@@ -3,12 +3,18 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from rmpc_bench import load_config
+from rmpc_bench.claims.claim import Claim, Finding
+from rmpc_bench.claims.markdown import claims_markdown
+from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config import reader
+from rmpc_bench.config.tree import plain
+from rmpc_bench.types.texts import inert_markdown
 
 ROOT = Path(__file__).parents[1]
 CONFIGS = sorted((ROOT / "configs").glob("*/*.yaml"))
@@ -74,3 +80,26 @@ def test_all_kept_results_are_those_of_their_configurations():
     """All experiments of which claims are kept."""
     wrong = [str(record.parent) for record in RECORDS if len(set(hashes(record))) > 1]
     assert RECORDS and not wrong
+
+
+def texts_of(node):
+    """Every text below `claims` of a configuration."""
+    if isinstance(node, dict):
+        return [text for value in node.values() for text in texts_of(value)]
+    return [text for value in node for text in texts_of(value)] if isinstance(node, list) else [str(node)]
+
+
+def test_code_in_the_texts_of_claims_stays_code():
+    """Backticks of the project's own texts are written as they are; others that do not close are escaped."""
+    with_code = [path for path in CONFIGS if "`" in path.read_text(encoding="utf-8")]
+    found = [text for path in with_code for text in texts_of(plain(reader.load(path)).get("claims") or [])]
+    found = [text for text in found if "`" in text]
+    for text in found:
+        claim = Claim(says="s", source="p. 1", check=(), finding=Finding.NOT_TESTABLE, assumptions=(text,))
+        verdict = ClaimVerdict(claim, Finding.NOT_TESTABLE, (), 0, 1)
+        assert inert_markdown(" ".join(text.split())) in claims_markdown([verdict], informational=False)
+    assert len(found) > 5 and any("`rmpc-bench check configs/zenere2018/sim2.yaml --deep`" in text for text in found)
+    kept = [path.with_suffix(".md").read_text(encoding="utf-8") for path in RECORDS]
+    assert not any("&#96;" in text for text in kept)
+    hostile = claims_markdown([replace(verdict, claim=replace(claim, says="a ` b <i>"))], informational=False)
+    assert "a &#96; b &lt;i" in hostile
