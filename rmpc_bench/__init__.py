@@ -9,7 +9,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-NUMERICS = 2
+NUMERICS = 3
 """Version of the arithmetic, a part of the identity of trials: every change that alters numbers raises it.
 
 Trials of another version are kept apart and computed again; tests/test_numerics.py guards it."""

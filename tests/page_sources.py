@@ -66,7 +66,7 @@ def make_source(make_trials):
                 "seed": 7,
                 "hash": "0123456789abcdef",
                 "version": "0.1.0",
-                "numerics": 2,
+                "numerics": 3,
                 "command": "rmpc-bench run configs/zenere2018/tiny.yaml",
                 "final": True,
             },
