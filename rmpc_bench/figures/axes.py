@@ -47,13 +47,7 @@ def drawable(values: Array) -> Array:
 
 
 def make_logarithmic(axes: Axes, *, horizontal: bool = False) -> None:
-    """Make the vertical axis logarithmic, with more than powers of ten on it where it spans few of them.
-
-    Parameters
-    ----------
-    axes : a panel
-    horizontal : the horizontal axis and not the vertical one
-    """
+    """Make the vertical (or horizontal) axis logarithmic, with more ticks than powers of ten where it spans few."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     (axes.set_xscale if horizontal else axes.set_yscale)("log")
@@ -81,13 +75,7 @@ def _tick(value: float, _place: int | None = None) -> str:
 
 
 def scale_by_ratio(axes: Axes, low: float, high: float) -> None:
-    """Give equal ratios equal lengths on a horizontal axis of changes in per cent, with ticks at round ratios.
-
-    Parameters
-    ----------
-    axes : a panel
-    low, high : ends of what is shown [%], above -100
-    """
+    """Give equal ratios equal lengths on a horizontal axis of changes [%] above -100, with ticks at round ratios."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
     axes.set_xscale("function", functions=(_log_of_ratio, _change_of_log))

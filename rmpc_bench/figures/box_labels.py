@@ -38,9 +38,7 @@ class Counts(NamedTuple):
     def lines(self, *, with_n: bool) -> list[str]:
         """Return the lines below a box: number of runs, as n/total if some failed, and those without the event.
 
-        Parameters
-        ----------
-        with_n : whether to give a number of runs that did not fail; one line says it where it is the same for all
+        A number of runs of which none failed is left out without `with_n`, where one line says it for all boxes.
         """
         lines = [] if self.n else ["no value"]
         if self.n < self.n_runs:
@@ -73,13 +71,7 @@ def label_panels(
 ) -> None:
     """Write labels and counts below the last panel; counts below the others too if they differ.
 
-    Parameters
-    ----------
-    rows : panels from top to bottom
-    labels : text of every method
-    panels : counts of every panel
-    slot : width of the place of a box [points]
-    handles : samples of the methods for a key
+    `slot` is the width of the place of a box [points], `handles` are samples of the methods for a key.
     """
     common = common_count(panels)
     counts = [[each.lines(with_n=not common) for each in panel] for panel in panels]

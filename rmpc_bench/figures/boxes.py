@@ -31,15 +31,9 @@ ABSENT = "did not\noccur"
 
 
 def box_of(values: Array) -> dict[str, Any]:
-    """Compute the numbers of a box.
+    """Compute the numbers of a box in the words of matplotlib: the quartiles, `whislo`, `whishi` and `fliers`.
 
-    Parameters
-    ----------
-    values : (n,) values, at least one; infinite where an event did not occur
-
-    Returns
-    -------
-    quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the values beyond them, `fliers`
+    There must be a value; it is infinite where an event did not occur.
     """
     q1, median, q3 = map(float, quantiles(values, [0.25, 0.5, 0.75]))
     reach = WHISKER * (q3 - q1) if math.isfinite(q3) else math.inf
@@ -51,24 +45,14 @@ def box_of(values: Array) -> dict[str, Any]:
 
 
 def thinned(values: Array) -> Array:
-    """Return values beyond the whiskers, the lowest and the highest among them: at most `MOST_CROSSES`, by rank.
-
-    Parameters
-    ----------
-    values : (n,) values
-    """
+    """Return values beyond the whiskers, the lowest and the highest among them: at most `MOST_CROSSES`, by rank."""
     if len(values) <= MOST_CROSSES:
         return values
     return np.asarray(np.sort(values)[np.linspace(0, len(values) - 1, MOST_CROSSES).round().astype(np.int64)])
 
 
 def crosses_sentence(panels: Sequence[Sequence[Array]]) -> str:
-    """Say that not all values beyond the whiskers are drawn; empty where all are.
-
-    Parameters
-    ----------
-    panels : values by panel and method, from `drawn_columns`
-    """
+    """Say that not all values of `drawn_columns` beyond the whiskers are drawn; empty where all are."""
     large = [column for panel in panels for column in panel if len(column) > MOST_CROSSES]
     if not any(len(box_of(column)["fliers"]) > MOST_CROSSES for column in large):
         return ""
@@ -76,17 +60,10 @@ def crosses_sentence(panels: Sequence[Sequence[Array]]) -> str:
 
 
 def drawn_columns(panels: Sequence[Sequence[Array]], *, is_log: bool) -> tuple[list[list[Array]], float | None]:
-    """Limit the values to what can be drawn, and leave out those of failed runs.
+    """Leave out the values of failed runs, and limit the others to what can be drawn.
 
-    Parameters
-    ----------
-    panels : columns of the metric by panel and method
-    is_log : whether the axis is logarithmic
-
-    Returns
-    -------
-    the values by panel and method, with infinity where the event did not occur; and the height that stands for
-    infinity, None if the event occurs in all runs or in none
+    They are infinite where the event did not occur.  Also return the height that stands for infinity; it is None if the
+    event occurs in all runs or in none.
     """
     columns = [[_limited(column) for column in panel] for panel in panels]
     every = np.concatenate([np.zeros(0), *chain(*columns)])
@@ -108,14 +85,9 @@ def _limited(column: Array) -> Array:
 
 
 def draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle], ceiling: float | None) -> None:
-    """Draw the boxes of a panel from left to right; a method without a value leaves its place empty.
+    """Draw the boxes of `drawn_columns` from left to right; a method without a value leaves its place empty.
 
-    Parameters
-    ----------
-    axes : the panel
-    columns : values by method, from `drawn_columns`
-    looks : colours by method
-    ceiling : height that stands for infinity; None if all values are finite
+    The ceiling stands for infinity; it is None if all values are finite.
     """
     for position, (values, look) in enumerate(zip(columns, looks, strict=True), start=1):
         if not len(values):
@@ -146,15 +118,7 @@ def draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle],
 
 
 def add_strip(rows: Sequence[Axes], panels: Sequence[Sequence[Array]], ceiling: float, *, is_log: bool) -> None:
-    """Shade the strip of runs without the event, and name it in place of the ticks that lie in it.
-
-    Parameters
-    ----------
-    rows : panels with a common vertical axis
-    panels : values by panel and method
-    ceiling : height that stands for infinity
-    is_log : whether the axis is logarithmic
-    """
+    """Shade the strip of runs without the event above `ceiling`, and name it in place of the ticks that lie in it."""
     every = np.concatenate([np.zeros(0), *chain(*panels)])
     high = float(every[np.isfinite(every)].max())
     # The strip is as high above its middle as below it, and leaves the largest finite value outside.

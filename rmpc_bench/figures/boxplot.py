@@ -118,17 +118,7 @@ class Boxplot(SweepFigure):
 
 
 def axis_of(log: bool | Literal["auto"], panels: Sequence[Sequence[Array]]) -> tuple[bool, str]:
-    """Choose the scale of the axis.
-
-    Parameters
-    ----------
-    log : the key of the figure
-    panels : columns of the metric by panel and method
-
-    Returns
-    -------
-    whether the axis is logarithmic, and the remark if a logarithmic one was asked for and is not possible
-    """
+    """Return whether the axis is logarithmic, and the remark if it was asked to be and cannot."""
     boxes = [column[np.isfinite(column)] for column in chain(*panels)]
     drawn = np.concatenate([np.zeros(0), *boxes])
     if not len(drawn) or log is False:

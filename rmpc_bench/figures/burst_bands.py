@@ -22,16 +22,9 @@ PALE = "#ebebeb"
 
 
 def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
-    """Find the samples at which the noise of the shown runs is in a burst.
+    """Find the samples at which the noise of the shown runs is in a burst; None if not recorded, or if the runs differ.
 
-    Parameters
-    ----------
-    point : the table whose traces are shown
-    rows : method -> places of the shown runs in its traces
-
-    Returns
-    -------
-    (samples,) whether it is; None if it was not recorded, or if the runs differ
+    `rows` has the places of the shown runs in the traces of each method.
     """
     if not all(SIGNAL in point.traces[name].signals for name in rows):
         return None
@@ -43,13 +36,7 @@ def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
 
 
 def spans(bursts: Array | None, window: TimeWindow) -> list[tuple[float, float]]:
-    """Find where bursts begin and end on the axis: half a sample beyond their samples, but not outside the window.
-
-    Parameters
-    ----------
-    bursts : from `bursts_of`
-    window : the samples that are shown
-    """
+    """Find where bursts begin and end on the axis: half a sample beyond their samples, but not outside the window."""
     if bursts is None:
         return []
     shown = np.concatenate([[False], bursts[window.first : window.last + 1], [False]]).astype(np.int64)
@@ -62,13 +49,7 @@ def spans(bursts: Array | None, window: TimeWindow) -> list[tuple[float, float]]
 
 
 def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[Handle]:
-    """Draw bands behind the curves of panels over time; return their legend entry.
-
-    Parameters
-    ----------
-    panels : with the time on their horizontal axis
-    bands : from `spans`
-    """
+    """Draw the bands of `spans` behind the curves of panels over time; return their legend entry."""
     from matplotlib.patches import Patch
 
     for axes in panels:

@@ -62,13 +62,7 @@ def span_of(window: TimeWindow) -> str:
 
 
 def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
-    """Say how many runs there are, and which methods failed in how many of them.
-
-    Parameters
-    ----------
-    points : tables that are shown
-    methods : methods that are shown
-    """
+    """Say how many runs there are, and which methods failed in how many of them."""
     sizes = sorted({int(point.computed(name).sum()) for point in points for name in methods if name in point.methods})
     sizes = sizes or [0]
     n = f"n = {sizes[0]}" if len(sizes) == 1 else f"n = {sizes[0]} to {sizes[-1]}"
@@ -117,13 +111,8 @@ def changes_sentence(
 ) -> str:
     """State the paired change of every method against the baseline with its interval and verdict, as the table does.
 
-    Parameters
-    ----------
-    point : a table
-    methods : methods to compare with the baseline, which is left out
-    info : the metric
-    of : levels of the intervals of the experiment; of this table alone if not given
-    title : of the point, where several are shown
+    Levels of intervals are those of this table alone unless `of` is given.  The title is that of a point, where several
+    are shown.
     """
     others = [name for name in methods if name != point.baseline]
     if not others or point.baseline not in point.methods:

@@ -17,18 +17,10 @@ _rows: WeakKeyDictionary[Trials, dict[tuple[MetricInfo, Levels | None], Rows]] =
 
 
 def compared_rows(point: Trials, info: MetricInfo, of: Levels | None = None) -> Rows:
-    """Compare every method with the baseline, as the tables do.
+    """Compare every method with the baseline, as `rmpc_bench.analysis.comparison.comparisons` does for the tables.
 
-    Parameters
-    ----------
-    point : a table without points of a sweep
-    info : the metric
-    of : levels of the intervals of the experiment; of this table alone if not given
-
-    Returns
-    -------
-    method -> row of `rmpc_bench.analysis.comparison.comparisons`; without the baseline, and without a method that has
-    no run, as at some points of an interrupted sweep
+    Methods without a run, as in an interrupted sweep, have no row.  Levels of intervals are those of this table alone
+    unless `of` is given.
     """
     from rmpc_bench.analysis.comparison import comparisons
 

@@ -29,16 +29,7 @@ MARGIN = 0.12
 
 
 def draw_component(panels: Sequence[Panel]) -> MplFigure:
-    """Draw the panels of a component below each other, each with its own axes.
-
-    Parameters
-    ----------
-    panels : data that the component provides, from top to bottom
-
-    Returns
-    -------
-    the picture, for `files.save_as`
-    """
+    """Draw the panels of a component from top to bottom, each with its own axes, for `files.save_as`."""
     from matplotlib.figure import Figure as MplFigure
 
     height = 0.4 + 1.6 * len(panels) + EQUAL_AXES_HEIGHT * sum(panel.equal for panel in panels)

@@ -69,12 +69,7 @@ class Label(NamedTuple):
 def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Array]], *, color: str = "black") -> bool:
     """Write labels next to points of a panel whose layout and limits are final; return whether none covers anything.
 
-    Parameters
-    ----------
-    axes : the panel
-    labels : one per point; earlier ones are placed first
-    lines : coordinates of the lines that they should not cover
-    color : colour of the texts
+    Earlier labels are placed first; they avoid the given lines.
     """
     panel = _points_per_pixel(axes) * np.asarray(axes.bbox.extents)
     places = [_on_paper(axes, np.array([label.x, label.y])) for label in labels]

@@ -134,15 +134,7 @@ class RecordedMatrix(NamedTuple):
 
 
 def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix:
-    """Read the matrix that a method reports in a run.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    name : the method
-    signal : name of the matrix
-    run : index of the run
-    """
+    """Read the matrix that a method reports in a run."""
     traces = point.traces[name]
     row, status = find_run(point, name, run)
     values = traces.signals[signal][row].reshape(-1, *traces.shapes[signal])

@@ -45,14 +45,7 @@ class Ellipse(NamedTuple):
 def outline(ellipse: Ellipse, radius: float) -> Array | None:
     """Find the points z with (z - centre)' P^-1 (z - centre) = radius^2; the segment where P is singular.
 
-    Parameters
-    ----------
-    ellipse : centre and covariance
-    radius : factor of the ellipse; standard deviations if P is a covariance
-
-    Returns
-    -------
-    (points, 2) coordinates, two of them for a segment; None where P is no covariance or not finite
+    Return (points, 2) coordinates, two points for a segment; None where P is no covariance or not finite.
     """
     if not (np.isfinite(ellipse.P).all() and np.isfinite(ellipse.centre).all()):
         return None

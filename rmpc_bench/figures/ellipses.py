@@ -143,23 +143,9 @@ class Dots(NamedTuple):
 def ellipses_of(
     point: Trials, methods: Sequence[str], pair: tuple[int, int], k: int | None
 ) -> tuple[int, dict[str, Ellipse]]:
-    """Find the ellipses of the methods.
+    """Find the ellipses of methods that have P and mean(x_hat), at sample k or at the last one that all have.
 
-    Parameters
-    ----------
-    point : the table that the series belong to
-    methods : methods to show, all of which have P and mean(x_hat)
-    pair : the two states
-    k : the sample; the last one that all methods have if not given
-
-    Returns
-    -------
-    the sample, and the ellipse of every method
-
-    Raises
-    ------
-    DesignError
-        when there is no such sample
+    Raises a DesignError when there is no such sample.
     """
     P, x_hat = (components(point.series, name, methods) for name in ("P", "mean(x_hat)"))
     entries = [*map(str, pair), *(f"{i},{j}" for i in pair for j in pair)]
@@ -183,14 +169,7 @@ def ellipses_of(
 
 
 def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, Dots]:
-    """Find the dots of every method, or of the first one for all where the values do not depend on the method.
-
-    Parameters
-    ----------
-    point : the table that the metrics belong to
-    methods : methods to show
-    x, y : names of the metrics
-    """
+    """Find the dots of every method, or of the first one for all where the values do not depend on the method."""
     found = {name: (point.column(x, name), point.column(y, name)) for name in methods}
     first = found[methods[0]]
     common = all(_same(a, b) for columns in found.values() for a, b in zip(first, columns, strict=True))

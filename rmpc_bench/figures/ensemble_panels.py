@@ -61,13 +61,7 @@ class EnsembleFigure(OnePointFigure):
     to: NonNegative | None = None
 
     def check_states(self, layout: ResultLayout, moment: str) -> Iterator[Issue]:
-        """Yield an issue for a state that does not exist, for too many panels, and for an empty window.
-
-        Parameters
-        ----------
-        layout : of the results
-        moment : series that has the states
-        """
+        """Yield an issue for a state that the series does not have, for too many panels, and for an empty window."""
         n = layout.n_states(self.order, moment)
         if self.component is None:
             advice = f"choose one of 0 to {(n or 1) - 1}"
@@ -103,13 +97,9 @@ def count_states(found: Iterable[dict[str, SeriesComponent]]) -> int:
 
 
 def lines_of(name: str, values: SeriesComponent, half: Array | None = None) -> list[MomentLine]:
-    """Make the lines of a method: the exact values, with those from runs behind them; or these alone as main line.
+    """Make the lines of a method or of `COMMON`: the exact values before those from runs, or these alone as main line.
 
-    Parameters
-    ----------
-    name : the method, or `COMMON`
-    values : of one component
-    half : half the width of the interval of every value from runs
+    `half` is half the width of the interval of every value from runs.
     """
     if values.exact is None:
         return [MomentLine(name, "main", values.best, values.n_runs, half)]
@@ -133,18 +123,10 @@ def draw_moments(
     words: tuple[str, str],
     log: bool,
 ) -> MplFigure:
-    """Draw the panels.
+    """Draw panels from top to bottom, with methods from below to above, in a picture of some size [in].
 
-    Parameters
-    ----------
-    point : the table that the moments belong to
-    title : title of the point of the sweep
-    methods : methods from below to above
-    panels : from top to bottom
-    window : the samples to show
-    size : width and height [in]
-    words : names in the legend of the main lines that are exact, and of those from runs
-    log : logarithmic axes if all values are positive
+    `words` are the names in the legend of main lines that are exact, and of those from runs.  Axes are logarithmic only
+    if all values are positive.
     """
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.patches import Patch

@@ -55,18 +55,7 @@ def draw_errors(
     size: tuple[float, float],
     n_columns: int,
 ) -> MplFigure:
-    """Draw a panel per state and method.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    title : title of the point of the sweep
-    methods : errors by method
-    states : indices of the states, from top to bottom
-    window : the samples to show
-    size : width and height [in]
-    n_columns : 1 puts the methods below each other, else each of them is a column
-    """
+    """Draw a panel per state and method; one column puts the methods below each other, else each is a column."""
     from matplotlib.figure import Figure as MplFigure
 
     styles = line_styles(point.all_methods, list(methods))

@@ -164,14 +164,7 @@ class ErrorContent(NamedTuple):
 
 
 def errors_of(point: Trials, method: str, n_single: int) -> ErrorLines | None:
-    """Read errors and band of a method; None where it reports no covariance, or has no errors.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    method : name of the method
-    n_single : number of single runs to show
-    """
+    """Read errors and band of a method; None where it reports no covariance, or has no errors."""
     recorded = recorded_errors(point, method)
     exact, sampled = (ensemble_errors(point, method, exact=each) for each in (True, False))
     moments = exact or sampled or _moments_of(recorded)

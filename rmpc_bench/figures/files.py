@@ -28,18 +28,9 @@ FORMATS: dict[str, dict[str, Any]] = {
 
 
 def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | None = None) -> list[Path]:
-    """Write a picture in several formats, PNG with 200 dpi, with the same bytes every time.
+    """Write a picture in the formats of the rendering, PNG with 200 dpi, with the same bytes every time.
 
-    Parameters
-    ----------
-    figure : the picture
-    directory : where to write; made if it does not exist
-    stem : file name without ending
-    rendering : with the formats
-
-    Returns
-    -------
-    the files
+    The directory is made if it does not exist.
     """
     rendering = rendering or Rendering()
     directory.mkdir(parents=True, exist_ok=True)
@@ -64,13 +55,7 @@ def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
 
 
 def save_as(figure: MplFigure, file: Path) -> None:
-    """Write a picture in the format of the file's ending, with the same bytes every time.
-
-    Parameters
-    ----------
-    figure : the picture
-    file : ending with one of `FORMATS`; replaced
-    """
+    """Write a picture in the format of the file's ending, one of `FORMATS`, with the same bytes every time."""
     ending = file.suffix.lower()
     options = FORMATS[ending]
     if ending == ".pgf":
@@ -92,12 +77,7 @@ def save_as(figure: MplFigure, file: Path) -> None:
 
 
 def svg_of(figure: MplFigure) -> str:
-    """Return a picture as SVG, the same text every time.
-
-    Parameters
-    ----------
-    figure : the picture
-    """
+    """Return a picture as SVG, the same text every time."""
     text = StringIO()
     with style():
         figure.savefig(text, format="svg", **FORMATS[".svg"])

@@ -36,17 +36,7 @@ class Tables(NamedTuple):
 
 
 def subset_of(file: str, glyphs: Collection[int]) -> tuple[bytes, dict[int, int]] | None:
-    """Return a font with some glyphs of another one.
-
-    Parameters
-    ----------
-    file : the font
-    glyphs : indices of the glyphs
-
-    Returns
-    -------
-    the font, and its index of every glyph; None where the font has no TrueType outlines
-    """
+    """Return a font with some glyphs of another one, and its index of each; None for a font without TrueType."""
     tables = _tables(file)
     if tables is None:
         return None

@@ -18,12 +18,7 @@ TRUETYPE = (".ttf", ".ttc")
 
 @cache
 def family_of(font: Font) -> str:
-    """Return the family that texts are set in.
-
-    Parameters
-    ----------
-    font : a choice; ``times`` is the first of `TIMES` that is installed as TrueType, else STIX
-    """
+    """Return the family that texts are set in; ``times`` is the first of `TIMES` installed as TrueType, else STIX."""
     if font == "times":
         return next(filter(_is_installed, TIMES), STIX)
     return DEJAVU if font == "dejavu" else STIX
@@ -37,12 +32,7 @@ def remark_on(font: Font) -> str:
 
 
 def families(name: str) -> tuple[str, ...]:
-    """Return a family and what a browser may take where it is missing.
-
-    Parameters
-    ----------
-    name : family, or a font of matplotlib for formulas such as ``STIXSizeOneSym``
-    """
+    """Return a family, or a font of matplotlib for formulas, and what a browser may take where it is missing."""
     instead = SANS_INSTEAD if name.startswith("DejaVu Sans") else SERIF_INSTEAD
     first = (name, DEJAVU) if name.startswith("DejaVu Sans ") else (name,)
     return tuple(dict.fromkeys((*first, *instead)))

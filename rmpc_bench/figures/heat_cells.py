@@ -62,17 +62,7 @@ class Grid(NamedTuple):
 def draw_cells(keys: SweepFigure, trials: Trials, grid: Grid, *, log: bool, numbers: bool) -> MplFigure:
     """Draw a panel per method, one below the other, and the colour bar.
 
-    Parameters
-    ----------
-    keys : the figure, for its size
-    trials : the table of the sweep
-    grid : what it shows
-    log, numbers : keys of the figure
-
-    Raises
-    ------
-    DesignError
-        if no cell has a value, or a logarithmic scale has one that is not positive
+    Raises a DesignError if no cell has a value, or a logarithmic scale has one that is not positive.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure as MplFigure

@@ -41,13 +41,7 @@ def unit_of(trials: Trials, component: str) -> str:
 def component_label(trials: Trials, signal: str, component: int, place: str, *, prefix: str = "") -> str:
     """Label an axis with a component of a signal and its unit: by its name, else ``$y_0$``.
 
-    Parameters
-    ----------
-    trials : with names and units
-    signal : such as ``y`` or ``x_hat``
-    component : which one, counted from 0
-    place : its index as it is written; empty for a signal of one component
-    prefix : words in front, such as ``mean``
+    The place is the index as it is written, empty for a signal of one component.
     """
     key = f"{signal}.{component}"
     name = f"{literal(trials.names[key])}{ESTIMATE * (signal == 'x_hat')}" if key in trials.names else ""

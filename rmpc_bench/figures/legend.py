@@ -37,13 +37,9 @@ def finish(
 ) -> None:
     """Write the note above the panels and the legend above the note, then fix the layout for every resolution.
 
-    Parameters
-    ----------
-    figure : the picture, which becomes taller where legend and note need more than a line
-    handles : label and sample of every entry of the legend
-    note : text above the panels; left out for a paper, where the caption says it
-    keys : label and sample of every kind of line, which the legend shows in rows of their own
-    columns : whether panels stand side by side; the note then stands above the legend, which must not be empty
+    The picture becomes taller where they need more than a line.  The legend shows `keys` in rows of their own.  A paper
+    has no note, since its caption says it.  With `columns`, panels stand side by side, and the note stands above the
+    legend, which must not be empty.
     """
     from matplotlib.font_manager import FontProperties
 
@@ -68,15 +64,7 @@ def finish(
 
 
 def place_legend(figure: MplFigure, entries: Sequence[Entry], n_columns: int, place: Place) -> None:
-    """Write a legend outside the panels.
-
-    Parameters
-    ----------
-    figure : the picture
-    entries : lines of the label and sample of every entry
-    n_columns : number of columns
-    place : side of the panels, as matplotlib names it
-    """
+    """Write a legend outside the panels, at the side that matplotlib calls `place`."""
     handles = [handle for _, handle in entries]
     legend = figure.legend(
         handles,

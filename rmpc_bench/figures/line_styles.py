@@ -58,10 +58,7 @@ class LineStyle(NamedTuple):
     def marks(self, n_samples: int, *, rough: bool = False) -> dict[str, Any]:
         """Return the keywords of some markers along a line over time; none where dashes distinguish the lines.
 
-        Parameters
-        ----------
-        n_samples : number of points of the line
-        rough : whether the line has no dashes; two of them then have markers already
+        Rough lines have no dashes; two of them then have markers already.
         """
         if self.n_shown < (2 if rough else MARKED_FROM) or n_samples < 2:
             return {}
@@ -74,13 +71,8 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
     """Give every method its style, by its place among all methods of the experiment.
 
     A method that is not shown keeps its place, so that the same method looks the same in all figures.  Later lines lie
-    above earlier ones.  Where curves are equal, a lower line is visible through the gaps of the upper one; of rough
+    above earlier ones.  Where curves are equal, a lower line is visible through the gaps of the upper one.  Of rough
     signals, whose lines have no gaps, it is wider and visible as an edge.
-
-    Parameters
-    ----------
-    methods : all methods of the experiment, in their order
-    shown : methods to draw
     """
     found = {}
     for place, name in enumerate(shown):
@@ -95,13 +87,7 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
 
 
 def paler(color: str, share: float = 0.6) -> str:
-    """Mix a colour with white; unlike a transparent one it does not change where lines cross.
-
-    Parameters
-    ----------
-    color : as "#rrggbb"
-    share : share of white
-    """
+    """Mix a colour, as "#rrggbb", with white; unlike a transparent one it does not change where lines cross."""
     parts = (int(color[place : place + 2], 16) for place in (1, 3, 5))
     return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
 

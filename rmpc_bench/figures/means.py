@@ -91,14 +91,7 @@ class Means(EnsembleFigure):
 
 
 def mean_panels(point: Trials, methods: Sequence[str], component: int | None) -> list[MomentPanel]:
-    """Read the means of the true state and of the estimates.
-
-    Parameters
-    ----------
-    point : the table that the moments belong to
-    methods : methods to show
-    component : index of the state; all if not given
-    """
+    """Read the means of the true state and of the estimates; all states if no component is given."""
     x, x_hat = (components(point.series, name, methods) for name in MOMENTS)
     spread = [components(point.series, name, methods) for name in COVARIANCES]
     n = count_states([*x.values(), *x_hat.values()])
@@ -116,15 +109,7 @@ def mean_panels(point: Trials, methods: Sequence[str], component: int | None) ->
 
 
 def _half(point: Trials, values: SeriesComponent, spread: Mapping[str, SeriesComponent], i: int) -> Array | None:
-    """Compute half the width of the interval of a mean over runs: t s / sqrt(n), sample by sample.
-
-    Parameters
-    ----------
-    point : the table, which has the confidence
-    values : the mean of a state
-    spread : components of its covariance
-    i : index of the state
-    """
+    """Compute half the width of the interval of a mean over runs: t s / sqrt(n), sample by sample."""
     from scipy.special import stdtrit
 
     variance = spread[f"{i},{i}"].runs if f"{i},{i}" in spread else None

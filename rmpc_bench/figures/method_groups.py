@@ -14,13 +14,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def grouped(axes: Axes, gid: str | None) -> Iterator[None]:
-    """Give the name of a group to all that is drawn into a panel meanwhile and has none.
-
-    Parameters
-    ----------
-    axes : the panel
-    gid : `LineStyle.gid` of the method
-    """
+    """Give `LineStyle.gid` of a method to all that is drawn into a panel meanwhile and has no group."""
     before = {id(each) for each in axes.get_children()}
     yield
     for each in axes.get_children():
@@ -29,27 +23,14 @@ def grouped(axes: Axes, gid: str | None) -> Iterator[None]:
 
 
 def name_ticks(axes: Axes, gids: Sequence[str | None], *, horizontal: bool = False) -> None:
-    """Put the label of every tick into the group of a method.
-
-    Parameters
-    ----------
-    axes : the panel, which has its ticks
-    gids : `LineStyle.gid` of the method of every tick
-    horizontal : whether the ticks are those of the horizontal axis
-    """
+    """Put the label of every tick into the group of a method; call it when the panel has its ticks."""
     labels = axes.get_xticklabels() if horizontal else axes.get_yticklabels()
     for label, gid in zip(labels, gids, strict=True):
         label.set_gid(gid)
 
 
 def name_entries(legend: Legend, samples: Sequence[Artist]) -> None:
-    """Put sample and label of an entry into the group that the given sample has.
-
-    Parameters
-    ----------
-    legend : the legend as it is drawn, which has copies of the samples
-    samples : the sample of every entry
-    """
+    """Put the drawn copies of samples in a legend, and their labels, into the groups of the given samples."""
     for given, shown, text in zip(samples, legend.legend_handles, legend.get_texts(), strict=True):
         if (gid := given.get_gid()) is not None:
             text.set_gid(gid)

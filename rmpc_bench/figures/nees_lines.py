@@ -55,13 +55,7 @@ def methods_with_innovations(layout: ResultLayout) -> list[str]:
 
 
 def nees_of(point: Trials, method: str) -> NeesLines | None:
-    """Compute the average NEES: of the ensemble where all runs have the same P, else of the recorded runs.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    method : name of the method
-    """
+    """Compute the average NEES: of the ensemble where all runs have the same P, else of the recorded runs."""
     recorded = recorded_errors(point, method)
     exact, sampled = (ensemble_errors(point, method, exact=each) for each in (True, False))
     known = exact or sampled

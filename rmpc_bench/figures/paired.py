@@ -148,15 +148,7 @@ class Change(NamedTuple):
 
 
 def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Levels | None = None) -> list[Change]:
-    """Compare methods with the baseline.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    info : the metric
-    methods : methods to show, without the baseline
-    of : levels of the intervals of the experiment; of this table alone unless given
-    """
+    """Compare methods with the baseline; levels of intervals are those of this table alone unless `of` is given."""
     compared = compared_rows(point, info, of)
     found = []
     for method in methods:
@@ -182,17 +174,9 @@ def _averages(row: Mapping[str, Any]) -> list[Average]:
 
 
 def band_of(point: Trials, info: MetricInfo, kind: str) -> tuple[float, float]:
-    """Return the ends of the margin of a verdict, in per cent or in the unit of a signed metric.
+    """Return lower and upper end of the margin of a verdict for a kind of `Average`.
 
-    Parameters
-    ----------
-    point : the table that is shown
-    info : the metric
-    kind : of the average, see `Average`
-
-    Returns
-    -------
-    lower and upper end; both 0 for a signed metric without a margin of its own
+    They are in per cent or in the unit of a signed metric, which has 0 without a margin of its own.
     """
     if kind == "difference":
         d = point.relevant_of(info.name, default=0.0)

@@ -16,12 +16,7 @@ LEAST = 0.35
 
 
 def thin_lines(figure: MplFigure) -> None:
-    """Make all lines thinner, those of markers and frames included; nothing moves.
-
-    Parameters
-    ----------
-    figure : a picture whose layout is final
-    """
+    """Make all lines thinner, those of markers and frames included; nothing moves, so the layout may be final."""
     from matplotlib.collections import Collection
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

@@ -44,17 +44,7 @@ def dots_of(
 ) -> list[Dot]:
     """Find the dots of every method in the order of the sweep; trials that points share make one dot.
 
-    Parameters
-    ----------
-    points : the tables of the points
-    methods : methods to show
-    infos : the metrics of both axes
-    bars : `quartiles` or `se`
-
-    Raises
-    ------
-    DesignError
-        when no method has a value of both metrics
+    Raises a DesignError when no method has a value of both metrics.
     """
     found: dict[tuple[str, str], Dot] = {}
     for name in methods:
@@ -68,13 +58,7 @@ def dots_of(
 
 
 def not_dominated(dots: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo]) -> list[Dot]:
-    """Find the dots that are not dominated, from the best in x to the best in y.
-
-    Parameters
-    ----------
-    dots : all of which can be drawn
-    infos : the metrics, of which those with the direction `higher` are better where they are larger
-    """
+    """Find the drawable dots that are not dominated, from best in x to best in y, by the metrics' directions."""
     signs = [-1.0 if info.direction == "higher" else 1.0 for info in infos]
     costs = [(signs[0] * dot.x.middle, signs[1] * dot.y.middle) for dot in dots]
     best = [
@@ -98,13 +82,7 @@ def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: s
 
 
 def spread_of(values: Array, bars: str) -> Spread:
-    """Return the median with the quartiles, or the mean with one standard error on both sides.
-
-    Parameters
-    ----------
-    values : (n,) values without NaN
-    bars : `quartiles` or `se`
-    """
+    """Return the median with the quartiles, or the mean with one standard error (`se`) on both sides, without NaN."""
     if bars == "quartiles":
         return Spread(*(float(quantile(values, share)) for share in (0.25, 0.5, 0.75)))
     with np.errstate(invalid="ignore", over="ignore"):

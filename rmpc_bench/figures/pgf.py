@@ -34,10 +34,7 @@ def latex_program() -> str | None:
 def as_latex() -> Iterator[None]:
     """Let matplotlib measure texts with the LaTeX that is there, and write their special characters as text.
 
-    Raises
-    ------
-    FileNotFoundError
-        If no LaTeX is installed.
+    Raises a FileNotFoundError if no LaTeX is installed.
     """
     import matplotlib
     from matplotlib.backends.backend_pgf import RendererPgf

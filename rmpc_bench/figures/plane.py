@@ -148,30 +148,16 @@ class OutputPath(NamedTuple):
 
 
 def path_of(point: Trials, name: str, run: int, components: tuple[int, int], window: TimeWindow) -> OutputPath:
-    """Read the path of one method.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    name : the method
-    run : index of the run
-    components : the outputs, the horizontal one first
-    window : the samples to show
-    """
+    """Read the path of one method."""
     row, status = find_run(point, name, run)
     traces, chosen = point.traces[name], list(components)
     return OutputPath(traces.signals["y"][row][window.slice][:, chosen], traces.r[window.slice][:, chosen], status)
 
 
 def height_of(paths: Mapping[str, OutputPath], magnify: float, width: float, *, equal: bool) -> float:
-    """Choose the height of the picture [in] by the shape of the paths, within limits.
+    """Choose the height [in] of a picture of some width [in] by the shape of the paths, within limits.
 
-    Parameters
-    ----------
-    paths : all that are shown
-    magnify : factor of the distances from the reference
-    width : of the picture [in]
-    equal : whether both axes have one scale
+    Distances from the reference are magnified.
     """
     good = [path for path in paths.values() if not path.failed] or list(paths.values())
     points = np.concatenate([each for path in good for each in (path.r, path.magnified(magnify))])
@@ -181,17 +167,9 @@ def height_of(paths: Mapping[str, OutputPath], magnify: float, width: float, *, 
 
 
 def marks_of(window: TimeWindow, marks: float) -> list[int]:
-    """Find the samples of the time marks, counted from the first one that is shown.
+    """Find the samples of the time marks, counted from the first one that is shown; none if their distance is 0.
 
-    Parameters
-    ----------
-    window : the samples that are shown
-    marks : time between two of them; 0 for none
-
-    Raises
-    ------
-    DesignError
-        when they are too close
+    Raises a DesignError when they are too close.
     """
     if not marks:
         return []

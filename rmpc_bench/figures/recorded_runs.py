@@ -54,11 +54,7 @@ class PanelSignal(NamedTuple):
     def curves(self, traces: Traces, window: TimeWindow, rows: Array) -> tuple[Array, Array]:
         """Return times (samples,) and values (runs, samples) in a window; a held signal is continued to the last one.
 
-        Parameters
-        ----------
-        traces : of the method
-        window : the samples
-        rows : positions of the runs in the traces
+        The rows are positions of runs in the traces.
         """
         values = self.values(traces)[rows]
         missing = len(traces.r) - values.shape[1]
@@ -77,22 +73,10 @@ def select_runs(point: Trials, method: str) -> RunSelection:
 
 
 def differences(point: Trials, methods: Sequence[str]) -> Trials:
-    """Subtract the baseline's signals of the same run from those of other methods.
+    """Subtract the baseline's signals of the same run from those of other methods; the reference becomes 0.
 
-    Parameters
-    ----------
-    point : the table that is shown
-    methods : methods to compare with the baseline
-
-    Returns
-    -------
-    the table with the traces of these methods, each with the runs and signals that the baseline has, too, as far as
-    the baseline finished them; with a reference of 0
-
-    Raises
-    ------
-    DesignError
-        when the baseline and a method share no recorded run
+    Each has the runs and signals that the baseline has too, as far as the baseline finished them.  Raises a DesignError
+    when the baseline and a method share no recorded run.
     """
     base = point.traces.get(point.baseline)
     if base is None:
@@ -116,18 +100,7 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
 
 
 def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
-    """Find a recorded run.
-
-    Parameters
-    ----------
-    point : the table of the run
-    method : name of the method
-    run : index of the run, which is recorded
-
-    Returns
-    -------
-    position in the traces of the method, and the status of the run
-    """
+    """Return the position of a recorded run in the traces of its method, and its status."""
     table = point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]
     return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
 

@@ -35,13 +35,7 @@ class Tube(NamedTuple):
     status: str
 
     def outside(self) -> Array:
-        """Whether x lies outside, sample by sample.
-
-        Raises
-        ------
-        DesignError
-            when S is no shape of an ellipsoid
-        """
+        """Whether x lies outside, sample by sample; raises a DesignError when S is no shape of an ellipsoid."""
         # A diverged state and its estimate may both be infinite; their distance is 0 then.
         with np.errstate(invalid="ignore"):
             gap = np.where(self.x == self.x_hat, 0.0, self.x - self.x_hat)
@@ -57,17 +51,7 @@ def reported_set(values: Mapping[str, _Value]) -> _Value | None:
 
 
 def tube_of(point: Trials, name: str, run: int, components: Sequence[int], window: TimeWindow, level: float) -> Tube:
-    """Read the run of a method and the sets that it reports.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    name : the method
-    run : index of the run
-    components : the states
-    window : the samples
-    level : of the ellipsoid of P, for a method without M
-    """
+    """Read the run of a method and the sets that it reports; a method without M has the ellipsoid of P at `level`."""
     row, status = find_run(point, name, run)
     x, x_hat = (point.traces[name].signals[signal][row] for signal in ("x", "x_hat"))
     S, gaussian = _shapes(point, name, level)

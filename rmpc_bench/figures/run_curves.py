@@ -60,19 +60,7 @@ def draw_curves(
     *,
     rough: bool,
 ) -> None:
-    """Draw the methods that have the signal of a panel, those that failed last.
-
-    Parameters
-    ----------
-    axes : the panel
-    point : the table that is shown
-    panel : the signal
-    window : the samples
-    runs : method -> the runs that are shown
-    styles : of the methods
-    options : how runs are drawn
-    rough : whether lines have no dashes
-    """
+    """Draw the methods that have the signal of a panel, those that failed last; rough lines have no dashes."""
     having = [name for name in runs if panel.is_in(point.traces[name])]
     all_failed = all(each.failed for each in runs.values())
     for place, name in enumerate(sorted(having, key=lambda name: runs[name].failed)):

@@ -45,12 +45,7 @@ class SeriesComponent(NamedTuple):
 
 
 def component_of(rows: pd.DataFrame) -> SeriesComponent:
-    """Read one component of one method; of values from runs, those from most runs count at every sample.
-
-    Parameters
-    ----------
-    rows : at least one row of `Trials.series`
-    """
+    """Read one component of one method; of values from runs, those from most runs count at every sample."""
     rows = rows.sort_values(["k", "n"])
     exact, sampled = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
     counts = sampled["n"].to_numpy(dtype=np.int64)
@@ -60,18 +55,7 @@ def component_of(rows: pd.DataFrame) -> SeriesComponent:
 def components(
     point_series: pd.DataFrame, quantity: str, methods: Iterable[str]
 ) -> dict[str, dict[str, SeriesComponent]]:
-    """Read all components of a quantity.
-
-    Parameters
-    ----------
-    point_series : the series of a point, as `Trials.series` has them
-    quantity : name of the quantity
-    methods : names of methods
-
-    Returns
-    -------
-    method -> component -> values; without the methods that do not have the quantity
-    """
+    """Read all components of a quantity by method and component, without the methods that do not have it."""
     table = point_series[point_series["quantity"] == quantity]
     found: dict[str, dict[str, SeriesComponent]] = {}
     for name in methods:
@@ -84,13 +68,7 @@ def components(
 
 
 def cut(curve: Curve, window: TimeWindow) -> Curve | None:
-    """Cut a curve to a window: a constant covers it; None if the curve ends before it.
-
-    Parameters
-    ----------
-    curve : the curve
-    window : the samples to show
-    """
+    """Cut a curve to a window: a constant covers it; None if the curve ends before it."""
     if len(curve.k) == 1:
         return Curve(np.array([window.first, window.last]), np.repeat(curve.values, 2))
     inside = (curve.k >= window.first) & (curve.k <= window.last)

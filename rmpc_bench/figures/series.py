@@ -102,19 +102,7 @@ class Series(OnePointFigure):
 def lines_of(
     point: Trials, methods: Sequence[str], quantity: str, component: str | None
 ) -> dict[str, dict[str, Curve]]:
-    """Read the curves to draw.
-
-    Parameters
-    ----------
-    point : the table that the series belong to
-    methods : methods to show
-    quantity : name of the series
-    component : such as ``"2,0"``; all if not given
-
-    Returns
-    -------
-    component -> method -> curve
-    """
+    """Read the curves to draw by component, such as ``"2,0"``, and method; all components if none is given."""
     table = point.series[(point.series["quantity"] == quantity) & point.series["method"].isin(methods)]
     found: dict[str, dict[str, Curve]] = {}
     for name in map(str, dict.fromkeys(table["component"])):
@@ -126,12 +114,9 @@ def lines_of(
 
 
 def within(lines: Mapping[str, Mapping[str, Curve]], window: TimeWindow) -> dict[str, dict[str, Curve]]:
-    """Cut curves to a window; a constant covers it, and a curve that ends before it is left out.
+    """Cut curves by component and method to a window.
 
-    Parameters
-    ----------
-    lines : component -> method -> curve
-    window : the samples to show
+    A constant covers it, and a curve that ends before it is left out.
     """
     pieces = {
         component: {name: cut(curve, window) for name, curve in drawn.items()} for component, drawn in lines.items()

@@ -15,13 +15,9 @@ _last: list[tuple[weakref.ref[Any], str, Any]] = []
 
 
 def shared_content(results: Trials, keys: object, compute: Callable[[], Content]) -> Content:
-    """Return what a figure shows of a table; the caption of a picture that was just drawn computes nothing again.
+    """Return what a figure, a frozen dataclass, shows of a table.
 
-    Parameters
-    ----------
-    results : the table
-    keys : the figure, a frozen dataclass
-    compute : computes the content
+    The caption of a picture that was just drawn computes nothing again.
     """
     for table, text, content in _last:
         if table() is results and text == repr(keys):

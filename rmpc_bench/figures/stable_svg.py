@@ -19,16 +19,7 @@ _HASHED_NAME = re.compile(r'(?<=id=")[a-z][0-9a-f]{10}(?=")')
 
 
 def stable_svg(text: str) -> str:
-    """Round the coordinates of an SVG and number the names that matplotlib has made from hashes.
-
-    Parameters
-    ----------
-    text : SVG as matplotlib writes it
-
-    Returns
-    -------
-    the same picture, to a thousandth of a point
-    """
+    """Round an SVG of matplotlib to a thousandth of a point, and number the names that it has made from hashes."""
     text = _COORDINATES.sub(lambda part: _LONG_NUMBER.sub(_rounded, part[0]), text)
     names = dict.fromkeys(_HASHED_NAME.findall(text))
     numbers = {name: f"{name[0]}{number}" for number, name in enumerate(names, start=1)}

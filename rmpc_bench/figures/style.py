@@ -132,10 +132,6 @@ def lay_out(figure: MplFigure) -> None:
     """Let the layout engine of a picture place its panels.
 
     The draw that follows in `draw_without_rendering` is needed for panels of a given aspect only.
-
-    Parameters
-    ----------
-    figure : the picture
     """
     engine: Any = figure.get_layout_engine()
     if all(axes.get_aspect() == "auto" for axes in figure.axes):

@@ -18,12 +18,7 @@ _SPAN = re.compile(r'<tspan x="([^"]*)" y="([^"]*)" style="([^"]*)">((?:[^<&]|&[
 
 
 def readable_text(svg: str) -> str:
-    """Return the same picture with shorter and searchable formulas and with fonts for machines without the first.
-
-    Parameters
-    ----------
-    svg : text of matplotlib with rounded coordinates
-    """
+    """Give an SVG of rounded coordinates shorter, searchable formulas and fonts for machines without the first."""
     svg = _FAMILY.sub(_with_others, _SPANS.sub(_joined, _TURNED_BY_0.sub("", svg)))
     usual = Counter(_FONT.findall(svg)).most_common(1)
     return _with_usual_font(svg, usual[0][0]) if usual else svg

@@ -87,14 +87,7 @@ class SweepAxis(NamedTuple):
 
 
 def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = ()) -> SweepAxis:
-    """Find the axis of a swept path.
-
-    Parameters
-    ----------
-    points : path -> text of the value, of the points to show
-    path : one of the swept paths, or `POINTS`
-    titles : of the points, for `POINTS`
-    """
+    """Find the axis of a swept path, or of `POINTS`, which have titles, from the texts of values by point and path."""
     if path == POINTS:
         return SweepAxis(POINTS, tuple(titles), None, "", "point of the sweep")
     texts = tuple(dict.fromkeys(point[path] for point in points))
@@ -122,10 +115,7 @@ def usual_path(points: Sequence[Mapping[str, str]]) -> str | None:
 def other_paths(points: Sequence[Mapping[str, str]], *shown: str) -> list[str]:
     """Return the paths that the shown ones do not determine, as they do for values that change together.
 
-    Parameters
-    ----------
-    points : path -> text of the value, of all points of the sweep
-    shown : paths on the axes, `POINTS` for all
+    `POINTS` stands for all; points have the texts of values by path.
     """
     if POINTS in shown or not points:
         return []

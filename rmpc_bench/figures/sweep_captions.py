@@ -25,14 +25,7 @@ SPREADS = {
 
 
 def lines_caption(trials: Trials, content: SweepContent, spread: str) -> str:
-    """Write the caption of a metric over a swept value.
-
-    Parameters
-    ----------
-    trials : the table of the sweep
-    content : what the figure shows
-    spread : see `SweepLines`
-    """
+    """Write the caption of a metric over a swept value; for the spread see `SweepLines`."""
     values, axis = content.values, content.axis
     over = axis.words if axis.numbers is not None else f"{len(axis.texts)} points of the sweep"
     if values.kind:
@@ -77,13 +70,7 @@ def number_words(value: PointValue, values: SweepValues) -> str:
 
 
 def cells_caption(trials: Trials, grid: Grid) -> str:
-    """Write the caption of a heat map.
-
-    Parameters
-    ----------
-    trials : the table of the sweep
-    grid : what the figure shows
-    """
+    """Write the caption of a heat map."""
     values = grid.values
     over = f"over {grid.x.words} and {grid.y.words}" + (f" ({grid.title})" if grid.title else "")
     if values.kind:

@@ -63,15 +63,7 @@ class SweepContent(NamedTuple):
 def draw_sweep(
     keys: SweepFigure, trials: Trials, content: SweepContent, *, drawn: str, spread: str, log: bool
 ) -> MplFigure:
-    """Draw all panels.
-
-    Parameters
-    ----------
-    keys : the figure, for its size
-    trials : the table of the sweep
-    content : what it shows
-    drawn, spread, log : keys of the figure
-    """
+    """Draw all panels with the size and by the keys of the figure."""
     from matplotlib.figure import Figure as MplFigure
 
     methods, in_rows = content.values.methods, content.axis.numbers is None

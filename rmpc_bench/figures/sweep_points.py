@@ -19,21 +19,9 @@ MOST_PANELS = 6
 
 
 def points_at(trials: Trials, at: Sequence[PointValues] | None) -> Sequence[Trials]:
-    """Select the points of a figure that shows several, each once.
+    """Select, once each, the points that have the values by path of an entry of `at`; all points if it is not given.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    at : values by path, each of which selects all points that have them; all points if not given
-
-    Returns
-    -------
-    the tables of the points; the whole table where there is no sweep
-
-    Raises
-    ------
-    DesignError
-        when `at` names no point
+    Without a sweep it is the whole table.  Raises a DesignError when `at` names no point.
     """
     if at is None:
         return trials.each
@@ -44,21 +32,9 @@ def points_at(trials: Trials, at: Sequence[PointValues] | None) -> Sequence[Tria
 
 
 def point_at(trials: Trials, at: PointValues | None) -> tuple[Trials, str]:
-    """Select the point of a figure that shows one.
+    """Return the first point that has the given values by path, or the first one of all, and its title.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    at : values by path; the first point that has them, or the first one of all, is taken
-
-    Returns
-    -------
-    the table of the point and its title, which is empty where there is no sweep
-
-    Raises
-    ------
-    DesignError
-        when `at` names no point
+    The title is empty where there is no sweep.  Raises a DesignError when `at` names no point.
     """
     points = trials.each if at is None else _having(trials, at)
     of_several = f" (first of {len(points)} points)" if len(points) > 1 else ""

@@ -58,12 +58,7 @@ class SweepValues(NamedTuple):
 def values_of(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], spread: SpreadKind) -> SweepValues:
     """Describe a metric at every point, with the numbers of summary.csv.
 
-    Parameters
-    ----------
-    points : the tables of the points
-    info : the metric
-    methods : methods to show
-    spread : quartiles about the median, a standard error or the interval of the experiment about the mean
+    Spreads are quartiles about the median, or a standard error or the interval of the experiment about the mean.
     """
     from rmpc_bench.analysis.statistics import summary
 
@@ -87,17 +82,8 @@ def values_of(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str]
 def changes_at(results: Trials, points: Sequence[Trials], info: MetricInfo, order: Sequence[str] | None) -> SweepValues:
     """Compare methods with the baseline at every point, with the numbers of comparisons.csv.
 
-    Parameters
-    ----------
-    results : the table of the whole sweep, from which the levels of simultaneous intervals follow
-    points : the tables of the points to show
-    info : the metric
-    order : methods to show; all if not given
-
-    Raises
-    ------
-    DesignError
-        when no method is left to compare, or the metric has no average change at any point
+    The levels of simultaneous intervals follow from the results of the whole sweep.  Raises a DesignError when no
+    method is left to compare, or the metric has no average change at any point.
     """
     from rmpc_bench.analysis.comparison import levels
 

@@ -38,13 +38,7 @@ class Content(NamedTuple):
 
 
 def draw_panels(made: Content, size: tuple[float, float]) -> MplFigure:
-    """Draw the panels of a figure of trajectories.
-
-    Parameters
-    ----------
-    made : what it shows
-    size : width and height [in]
-    """
+    """Draw the panels of a figure of trajectories in a picture of some width and height [in]."""
     from matplotlib.figure import Figure as MplFigure
 
     point, window, runs = made.point, made.window, made.runs
@@ -111,12 +105,7 @@ def _mark(panels: Sequence[Axes], made: Content) -> None:
 
 
 def caption_of(made: Content) -> str:
-    """Define lines and bands, count the runs and name the enlarged part.
-
-    Parameters
-    ----------
-    made : what it shows
-    """
+    """Define lines and bands, count the runs and name the enlarged part."""
     what = joined(dict.fromkeys(each.label for each in made.panels))
     if made.difference:
         what = f"difference of {what} from {label_of(made.point, made.point.baseline)} in paired runs,"

@@ -87,14 +87,7 @@ class VarianceWithBound(EnsembleFigure):
 
 
 def variance_panels(point: Trials, methods: Sequence[str], component: int | None) -> list[MomentPanel]:
-    """Read the variances of the estimation errors and the reported ones.
-
-    Parameters
-    ----------
-    point : the table that the moments belong to
-    methods : methods to show
-    component : index of the state; all if not given
-    """
+    """Read the variances of the estimation errors and the reported ones; all states if no component is given."""
     cov, P = (components(point.series, name, methods) for name in (MOMENT, COVARIANCE))
     n = count_states(cov[name] for name in methods)
     panels = []

@@ -14,12 +14,7 @@ FORWARDED = ("draw_path", "draw_markers", "draw_path_collection", "draw_text")
 
 
 def can_be_drawn_once(figure: MplFigure) -> bool:
-    """Whether a picture has lines, areas, points and texts only; images depend on the format.
-
-    Parameters
-    ----------
-    figure : the picture
-    """
+    """Whether a picture has lines, areas, points and texts only; images depend on the format."""
     from matplotlib.collections import QuadMesh
     from matplotlib.image import _ImageBase
 
@@ -30,16 +25,10 @@ def can_be_drawn_once(figure: MplFigure) -> bool:
 
 
 def svg_and_pdf(figure: MplFigure, svg: Mapping[str, Any], pdf: Mapping[str, Any]) -> tuple[str, bytes]:
-    """Draw a picture once as SVG and as PDF; call it under `style`.
+    """Draw a picture that `can_be_drawn_once` as SVG and PDF, with the settings of each for `savefig`.
 
-    Parameters
-    ----------
-    figure : a picture that `can_be_drawn_once`, with its final layout
-    svg, pdf : settings of the two formats for `savefig`
-
-    Returns
-    -------
-    the SVG, which is the one of `savefig`, and the PDF, whose texts are placed as in the SVG
+    Its layout is final; call it under `style`.  The SVG is that of `savefig`, and the texts of the PDF are placed as in
+    it.
     """
     from matplotlib.backends import backend_pdf, backend_svg
 

@@ -37,18 +37,9 @@ class TimeWindow(NamedTuple):
 
 
 def window_of(point: Trials, last: int, start: float | None, stop: float | None) -> TimeWindow:
-    """Find the samples between two times [s]; these are samples where the sampling time is not known.
+    """Find the samples between two times [s], both included; these are samples where the sampling time is not known.
 
-    Parameters
-    ----------
-    point : the table that is shown
-    last : the last sample there is
-    start, stop : both ends, included; those of the samples if not given
-
-    Raises
-    ------
-    DesignError
-        when less than two samples are left
+    An end that is not given is that of the samples.  Raises a DesignError when less than two samples are left.
     """
     sample, label = (point.Ts, "$t$ [s]") if point.Ts else (1.0, "$k$")
     window = TimeWindow(*samples_between(start, stop, sample, last), sample, label)
