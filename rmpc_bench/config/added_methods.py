@@ -14,16 +14,9 @@ OPTION = "--add-method"
 
 
 def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
-    """Read methods as they are given on the command line.
+    """Read methods from YAML mappings of the command line, such as ``NAME: {estimator: {kind: kalman}}``.
 
-    Parameters
-    ----------
-    texts : YAML mappings from the name of a method to its components, such as ``NAME: {estimator: {kind: kalman}}``
-    problems : gets the errors
-
-    Returns
-    -------
-    name -> method; every value has its place in the text
+    The values keep their places in the texts.
     """
     found = Map(mark=Mark(OPTION, 1, 1))
     for text in texts:
@@ -50,14 +43,7 @@ def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
 
 
 def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
-    """Add methods to a configuration.
-
-    Parameters
-    ----------
-    tree : a configuration, with overrides and files in place
-    added : from `read_methods`
-    problems : gets an error for every name that is taken
-    """
+    """Add methods from `read_methods` to a tree with overrides and files in place; a taken name is a problem."""
     methods = tree.get("methods")
     if not added or not isinstance(methods, Map):
         return tree

@@ -41,10 +41,6 @@ _MATRIX: Schema = {
 def schema_of(annotation: Any) -> Schema:
     """Return the schema of the values that an annotation allows.
 
-    Parameters
-    ----------
-    annotation : of a parameter of a design function or of a field of a dataclass
-
     Examples
     --------
     >>> schema_of(Annotated[float, Gt(0)])
@@ -111,14 +107,9 @@ def record_schema(kind: type) -> Schema:
 def mapping_schema(
     annotations: Mapping[str, Any], optional: Sequence[str], defaults: Mapping[str, Any], meanings: Mapping[str, str]
 ) -> Schema:
-    """Return the schema of a mapping with fixed keys.
+    """Return the schema of a mapping with fixed keys; a trailing ``_`` of a name is not a part of the key.
 
-    Parameters
-    ----------
-    annotations : name of the parameter -> its annotation; a trailing ``_`` is not a part of the key
-    optional : names that need not be given
-    defaults : name -> default, where it is plain data
-    meanings : name -> description
+    `optional` has the names that need not be given, `defaults` those defaults that are plain data.
     """
     properties: dict[str, Schema] = {}
     for name, annotation in annotations.items():

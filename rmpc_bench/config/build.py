@@ -237,14 +237,8 @@ def build(
 ) -> list[SweepPoint | None]:
     """Make every design of every point; None where one cannot be made, with the reasons in the problems of the draft.
 
-    Points of a sweep share equal designs.
-
-    Parameters
-    ----------
-    drafts : the sections of every point
-    own : gets the files of the user that the points use
-    smoke : whether windows of metrics are cut where a run is too short for them
-    cache, calls : designs and first calls of earlier points, to share; none unless given
+    Points of a sweep share equal designs, also with earlier points by `cache` and `calls`.  `own` gets the files of the
+    user that the points use.  In a smoke run windows of metrics are cut where a run is too short for them.
     """
     cache = DesignCache() if cache is None else cache
     calls = FirstCalls() if calls is None else calls

@@ -28,12 +28,9 @@ class DesignCache:
         return len(self._designs)
 
     def get(self, description: Any, make: Callable[[], Any]) -> Any:
-        """Return a design, made only once.
+        """Return the design that plain data determine, made only once.
 
-        Parameters
-        ----------
-        description : plain data that determine the design
-        make : makes the design; where it returns None it is called again next time, so that every error is reported
+        Where `make` returns None it is called again next time, so that every error is reported.
         """
         key = json.dumps(description, sort_keys=True)
         if self._designs.get(key) is None:
@@ -112,11 +109,7 @@ class MethodBuilder:
     def method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
         """Build an estimator and a controller; points of a sweep with equal methods share one.
 
-        Parameters
-        ----------
-        name : name of the method
-        components : its model, estimator and controller
-        plant : disclosed to an estimator that takes it; None where it cannot be built
+        The plant is disclosed to an estimator that takes it; it is None where it cannot be built.
         """
         named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
         described = {key: component.resolved() for key, component in named.items() if component is not None}

@@ -27,14 +27,10 @@ class NoiseLaws:
         self.draft, self.model = draft, model
 
     def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str, ny: int | None = None) -> tuple[Noise, ...]:
-        """Build the terms of a sum.
+        """Build the terms of a sum for a vector of length n.
 
-        Parameters
-        ----------
-        laws : as configured
-        n : length of the vector
-        channel : ``process``, ``measurement`` or ``initial``, the deviation of the true initial state
-        ny : number of outputs, for laws that alter a measurement (default: n)
+        The channel is ``process``, ``measurement`` or ``initial``, the deviation of the true initial state.  Laws that
+        alter a measurement get the number `ny` of outputs, by default n.
         """
         return tuple(term for law in laws for term in self._terms(law, n, channel, n if ny is None else ny))
 
@@ -77,13 +73,7 @@ class NoiseLaws:
             self.draft.note(["uncertainty", name], message, key=True)
 
     def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
-        """Return the scenario with the cross-covariance of its noises.
-
-        Parameters
-        ----------
-        plant : gives the sizes of the noises
-        scenario : with independent noises
-        """
+        """Return a scenario of independent noises with their cross-covariance; their sizes are those of the plant."""
         cross = self.draft.cross
         if cross == "same":
             model = self._common_model(["noise"])

@@ -44,19 +44,10 @@ def canonicalise(
     overrides: tuple[str, ...] = (),
     added: Mapping[str, str] = MappingProxyType({}),
 ) -> ExperimentConfig:
-    """Return a configuration without errors in its final form.
+    """Return a configuration without errors in its final form, from its points with all designs made.
 
-    Parameters
-    ----------
-    path : file of the configuration
-    sweep : the trees of the points
-    draft : the sections of the first point
-    points : the points, all designs made
-    claims : the checked claims
-    own : the files of the user that the points use; gets those of plugins and figures
-    smoke : whether the sizes are those of a smoke run
-    overrides : options of the command line that change the experiment against its file
-    added : methods that the command line adds
+    `draft` is that of the first point.  `own` has the files of the user that the points use, and gets those of plugins
+    and figures.  Overrides and added methods are those of the command line.
     """
     values, experiment = draft.values, points[0].experiment
     first_point = _first_point(draft, experiment, smoke=smoke)

@@ -33,18 +33,9 @@ def check(
 ) -> tuple[Claim, ...]:
     """Check what the sections say of each other; the errors are added to the problems of the drafts.
 
-    Parameters
-    ----------
-    sweep : the trees of the points
-    drafts : the sections of every point; figures and claims are those of the first
-    points : the designs of every point; None where one could not be made
-    inherited : which places of the file are inherited; a claim, a figure or a setting of the comparison there is left
-        out where it does not fit
-    lenient : whether figures and claims may reach beyond the end of a run, as in a smoke run
-
-    Returns
-    -------
-    The claims; those with an error are of no use.
+    Figures and claims are those of the first draft, and a claim with an error is of no use.  An inherited claim, figure
+    or setting of the comparison is left out where it does not fit.  If lenient, figures and claims may reach beyond the
+    end of a run, as in a smoke run.
     """
     first = drafts[0]
     layout = layout_of(drafts, points, is_valid=not sweep.problems, lenient=lenient)

@@ -29,16 +29,9 @@ from rmpc_bench.types.sweep_points import lies_at, no_such_point, value_text
 
 
 def read_claims(draft: DraftConfig, layout: ResultLayout) -> tuple[Claim, ...]:
-    """Read the claims of a draft; their errors are added to the problems of the draft.
+    """Read the claims of the first draft; errors are added to its problems, and claims with an error are of no use.
 
-    Parameters
-    ----------
-    draft : of the first point
-    layout : names and shapes that the results will have, as far as other errors leave them known
-
-    Returns
-    -------
-    the claims; those with an error are of no use
+    The layout is known as far as other errors allow.
     """
     claims = []
     results = placeholder_results(layout) if layout.trials else None

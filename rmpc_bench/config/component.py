@@ -75,16 +75,9 @@ class Component:
     shared: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:
-        """Call the design function.
+        """Call the design function with those provided objects that are its parameters.
 
-        Parameters
-        ----------
-        problems : gets a DesignError, as a problem at the parameter to blame
-        provided : what the bench provides; the design function receives those that are its parameters
-
-        Returns
-        -------
-        The design, or None where there is a problem.
+        A DesignError becomes a problem at the parameter to blame, and the design is None.
         """
         taken = inspect.signature(self.design).parameters
         given = {name: value for name, value in provided.items() if name in taken and name not in self.parameters}
@@ -95,14 +88,9 @@ class Component:
         return made
 
     def extended(self, made: Any, problems: list[Problem], *, n_steps: int, x_hat: Any) -> Any:
-        """Return a built design model with its disturbances; None where there is a problem.
+        """Return a built design model with its disturbances; None where there is a problem, at the parameter to blame.
 
-        Parameters
-        ----------
-        made : the model without them
-        problems : gets a DesignError, as a problem at the parameter to blame
-        n_steps : number of control periods N
-        x_hat : initial estimate, as configured
+        `n_steps` is the number of control periods N, `x_hat` the initial estimate as configured.
         """
         keys = self.shared.get("disturbance")
         if keys is None or made is None:
@@ -185,12 +173,7 @@ class Component:
         return Problem(*locate(self.tree, steps), join([*self.path, *shown_steps]), message)
 
     def resolved(self, write: Writer = as_given) -> dict[str, Any]:
-        """Return the component as plain data with every default filled in.
-
-        Parameters
-        ----------
-        write : returns what stands for something in a file of the user
-        """
+        """Return the component as plain data with every default; `write` replaces what is from a file of the user."""
         kind = {"kind": self.kind} if self.code is None else {"file": write(self.code)}
         keys = {**self.parameters, **self.shared}
         return {**kind, **{name.rstrip("_"): plain_data(value, write) for name, value in keys.items()}}
@@ -221,22 +204,10 @@ def read_component(
     ignore: Sequence[str] = (),
     access: CodeAccess = NO_ACCESS,
 ) -> Component | None:
-    """Validate a component against the signature of its design function.
+    """Validate a component against the signature of its design function; None where there is an error.
 
-    Parameters
-    ----------
-    group : group of the registry
-    tree : keys of the component, as the configuration gives them
-    path : where it stands
-    problems : gets the errors
-    mark : place to show when the tree has none of its own
-    kind : kind of the component where there is no key `kind`
-    ignore : keys validated elsewhere
-    access : which files of the user may be loaded
-
-    Returns
-    -------
-    The component, or None where there is an error.
+    `mark` is the place to show when the tree has none of its own, `kind` counts where there is no such key.  Keys to
+    ignore are validated elsewhere.  `access` says which files of the user may be loaded.
     """
     if not isinstance(tree, Map):
         problems.append(Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})"))
@@ -311,13 +282,9 @@ def _design(
 
 
 def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
-    """Build a component from plain data; None where there are none or they are invalid.
+    """Build a component from plain data with ``kind`` and keys; None where there are none or they are invalid.
 
-    Parameters
-    ----------
-    group : group of the registry
-    data : ``kind`` and keys
-    provided : what the bench provides, and for a model the initial estimate `x_hat`, as configured
+    A model needs the initial estimate `x_hat`, as configured, among the provided objects.
     """
     if data is None:
         return None

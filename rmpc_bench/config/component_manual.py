@@ -54,14 +54,7 @@ class Manual(NamedTuple):
 
 
 def manual_of(group: str, kind: str, design: Any) -> Manual:
-    """Return the manual of a component.
-
-    Parameters
-    ----------
-    group : group of the registry
-    kind : its name, or the file and name of a component of a user
-    design : its design function or class
-    """
+    """Return the manual of a component; the kind may be the file and name of a component of a user."""
     module = inspect.getmodule(inspect.unwrap(design))
     # A class without a docstring of its own inherits that of the base class, which says nothing about it.
     doc = inspect.getdoc(design) or "" if design.__doc__ else ""
@@ -101,15 +94,7 @@ def shared_keys(group: str) -> tuple[KeyEntry, ...]:
 
 
 def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, ...] = ()) -> KeyEntry:
-    """Return the entry of a key.
-
-    Parameters
-    ----------
-    name : of the key
-    schema : JSON Schema of its value
-    default : as a configuration would write it; None for a required key
-    keys : of the mapping that is its value
-    """
+    """Return the entry of a key; its default is as a configuration would write it, None for a required key."""
     meaning, kind = schema.get("description", ""), type_words(schema)
     unit = unit_of(meaning) if _NUMERIC & {*kind.split()} else ""
     return KeyEntry(name, kind, default, unit, meaning, keys)

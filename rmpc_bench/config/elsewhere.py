@@ -19,12 +19,7 @@ def join_findings(path: Path, draft: DraftConfig) -> None:
     """Give every claim with an `id` the findings that other configurations record for the same `id`.
 
     A claim that has the key `elsewhere`, as in config.resolved.yaml, keeps it: the results of an experiment do not need
-    the other files.
-
-    Parameters
-    ----------
-    path : file of the configuration
-    draft : its sections; a claim whose `id` is given twice is added to the problems
+    the other files.  A claim whose `id` is given twice is a problem of the draft.
     """
     seen: dict[str, int] = {}
     open_ids = set()

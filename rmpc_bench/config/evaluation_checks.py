@@ -13,12 +13,7 @@ from rmpc_bench.simulation.scenario import Experiment
 
 
 def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
-    """Add an error for every method without exact moments if no runs are evaluated: nothing would be computed.
-
-    Parameters
-    ----------
-    draft, experiment : of one point
-    """
+    """Add an error for every method without exact moments if no runs are evaluated: nothing would be computed."""
     wanted = draft.values["evaluate"]
     if "runs" in wanted:
         return
@@ -32,13 +27,7 @@ def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
 
 
 def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]) -> None:
-    """Add an error for every signal to record that does not exist at any point of the sweep.
-
-    Parameters
-    ----------
-    draft : of the first point
-    experiments : of all points, None for a point that could not be built
-    """
+    """Add an error to the first draft for every signal to record that does not exist at any point of the sweep."""
     found = [experiment for experiment in experiments if experiment is not None]
     if len(found) < len(experiments):
         return

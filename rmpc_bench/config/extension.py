@@ -36,21 +36,10 @@ _COMPONENTS = {
 
 
 def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
-    """Read a configuration with all that it inherits.
+    """Read a configuration with all that it inherits, without the key `extends`; not a mapping where the file is none.
 
-    Parameters
-    ----------
-    path : the YAML file
-    extended : the files that extend this one, resolved
-
-    Returns
-    -------
-    the tree without the key `extends`; not a mapping where the file is none
-
-    Raises
-    ------
-    ConfigError
-        If a file cannot be read, extends itself, or deletes what it does not inherit.
+    `extended` has the resolved files that extend this one.  Raises a ConfigError if a file cannot be read, extends
+    itself, or deletes what it does not inherit.
     """
     tree = load(path)
     if not isinstance(tree, Map) or EXTENDS not in tree:
@@ -92,13 +81,7 @@ class _Merger:
         self.problems: list[Problem] = []
 
     def merged(self, base: Map, own: Map, path: list[str | int]) -> Map:
-        """Lay a mapping over an inherited one; neither is changed.
-
-        Parameters
-        ----------
-        base, own : the two mappings
-        path : where they stand
-        """
+        """Lay a mapping over an inherited one at a path; neither is changed."""
         result = base.copy()
         result.mark = own.mark
         _drop_other_length(result, own, path)

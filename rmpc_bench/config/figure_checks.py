@@ -7,13 +7,7 @@ from rmpc_bench.types import Figure, ResultLayout
 
 
 def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
-    """Report every figure option that the experiment cannot satisfy.
-
-    Parameters
-    ----------
-    draft : of the first point
-    layout : of the results; if it is not complete, only names are checked
-    """
+    """Report every figure option that the experiment cannot satisfy; of an incomplete layout only names are checked."""
     for number, component in enumerate(draft.figures):
         if component is None:
             continue

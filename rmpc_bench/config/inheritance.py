@@ -26,16 +26,8 @@ def inherit(source: GivenConfig) -> Map:
     """Return the tree of a configuration with overrides, files and added methods in place.
 
     Overrides that name a file are laid first, the others after the files have been read, so that they can replace
-    values of these files.
-
-    Parameters
-    ----------
-    source : the configuration as given
-
-    Raises
-    ------
-    ConfigError
-        If an override does not fit the tree, or a file cannot be read, has no plant, or includes itself.
+    values of these files.  Raises a ConfigError if an override does not fit the tree, or a file cannot be read, has no
+    plant, or includes itself.
     """
     problems = list(source.problems)
     naming = [override for override in source.overrides if _names_a_file(override)]
@@ -72,13 +64,9 @@ class _FileReader:
         self.problems = problems
 
     def read_all(self, tree: Map, path: Path, including: tuple[Path, ...]) -> Map:
-        """Read the files that the plant and the sweep of a configuration name.
+        """Read the files that plant and sweep of a configuration name, relative to its own file `path`.
 
-        Parameters
-        ----------
-        tree : a configuration
-        path : its file; a name is relative to the file it stands in
-        including : the files that led to this one
+        `including` has the files that led to this one.
         """
         including = (*including, path.resolve())
         result = tree.copy()

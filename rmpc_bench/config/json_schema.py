@@ -88,13 +88,7 @@ def _component(group: str, kind: str) -> Schema:
 
 
 def _one_of(group: str, *, partial: bool) -> Schema:
-    """Schema of a component of a group.
-
-    Parameters
-    ----------
-    group : of the registry
-    partial : whether required keys may stand elsewhere, as in the default of all methods
-    """
+    """Schema of a component of a group; if partial, required keys may stand elsewhere, as in the default of methods."""
     choices: list[Schema] = [_choice(group, kind, partial=partial) for kind in _usable(group)]
     file: Schema = {"type": "object", "properties": {"file": CODE}, "required": ["file"]}
     source: list[Schema] = [{"type": "object", "required": ["from"]}] if group in _EXTRA else []

@@ -23,16 +23,10 @@ BUILT_IN_KEYS = "rmpc_bench.built_in_keys"
 def key_problem(
     entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None, further: Sequence[str] = ()
 ) -> Problem:
-    """Return an error of pydantic as a problem at the value or key to blame.
+    """Return an entry of `ValidationError.errors` as a problem at the value or key to blame.
 
-    Parameters
-    ----------
-    entry : of `ValidationError.errors`
-    tree : what was validated, with its marks
-    path : where it stands
-    kind : pydantic model or annotation
-    mark : place of the tree, for a scalar, which has none of its own
-    further : keys beside those of the model, which are validated elsewhere
+    `kind` is a pydantic model or an annotation.  A scalar has no place of its own and takes `mark`.  Further keys are
+    validated elsewhere.
     """
     steps, node = [], tree
     error = entry.get("ctx", {}).get("error")

@@ -7,22 +7,13 @@ from typing import Any
 
 
 def key_meanings(design: Any) -> dict[str, str]:
-    """Return the meaning of every documented parameter.
-
-    Parameters
-    ----------
-    design : a design function, or a class; a class inherits keys, which are documented in the class that has them
-    """
+    """Return the meaning of every documented parameter; a class has those of its base classes too."""
     documented = reversed(design.__mro__) if inspect.isclass(design) else (design,)
     return {key: text for each in documented for key, text in meanings_in(inspect.getdoc(each) or "").items()}
 
 
 def meanings_in(doc: str) -> dict[str, str]:
     r"""Return the meaning of every parameter in a numpydoc section.
-
-    Parameters
-    ----------
-    doc : a docstring
 
     Examples
     --------

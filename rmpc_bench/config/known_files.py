@@ -33,22 +33,15 @@ def known_configs() -> list[str]:
 
 
 def short_names(place: str) -> list[str]:
-    """Return the short names of a place below configs: ``zenere2018/fig7`` and ``fig7``.
-
-    Parameters
-    ----------
-    place : such as ``configs/zenere2018/fig7.yaml``
-    """
+    """Return the short names of ``configs/zenere2018/fig7.yaml``: ``zenere2018/fig7`` and ``fig7``."""
     inside = Path(place).relative_to(FOLDER).with_suffix("")
     return [inside.as_posix(), inside.name]
 
 
 def files_of(name: str) -> list[Path]:
-    """Return the files that a name may mean: those of the current directory, or else the installed ones.
+    """Return the files that a place below configs or a short name may mean.
 
-    Parameters
-    ----------
-    name : a place below configs, or a short name
+    Those of the current directory come before the installed ones.
     """
     for folder in (Path(FOLDER), installed_folder()):
         found = [place for place in _places(folder) if name == place or name in short_names(place)]
@@ -63,12 +56,9 @@ def is_file_name(text: object) -> bool:
 
 
 def file_beside(directory: Path, name: str) -> Path:
-    """Return the file that a configuration names in ``extends`` or ``plant.from``.
+    """Return the file that a configuration names in ``extends`` or ``plant.from``, relative to its directory.
 
-    Parameters
-    ----------
-    directory : of the configuration, to which the name is relative
-    name : of a file; if it is not there, a place below configs or a short name of an installed configuration
+    If there is none, the name is a place below configs or a short name of an installed configuration.
     """
     file, folder = directory / name, installed_folder()
     if os.path.exists(file) or not is_file_name(name):
@@ -79,16 +69,9 @@ def file_beside(directory: Path, name: str) -> Path:
 
 
 def located(given: str | Path) -> Path:
-    """Return the file of a configuration that is given by a path or a name.
+    """Return the file of a configuration that is given by a path, or by a place below configs or a short name.
 
-    Parameters
-    ----------
-    given : a path; if there is no such file, a place below configs or a short name
-
-    Raises
-    ------
-    ConfigError
-        If a name may mean several configurations, or is neither a file nor a name.
+    Raises a ConfigError if a name may mean several configurations, or is neither a file nor a name.
     """
     path, name = Path(given), Path(given).as_posix()
     is_name = path.suffix != SUFFIX or path.parts[:1] == (FOLDER,)

@@ -44,16 +44,9 @@ class Inherited:
 def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int, inherited: Inherited) -> tuple[Claim, ...]:
     """Leave out inherited claims and figures that do not fit; the draft gets a line for each kind.
 
-    Parameters
-    ----------
-    draft : of the first point; its claims and figures have been checked
-    claims : the claims that were read, one for each of the draft that is valid in itself
-    before : number of problems of the draft before its claims and figures were checked
-    inherited : which places are inherited
-
-    Returns
-    -------
-    the claims that fit, and those with an error that is reported
+    It is that of the first point, and its claims and figures have been checked.  There is one claim for each of the
+    draft that is valid in itself.  `before` is the number of problems before that check.  Claims with an error that is
+    reported stay.
     """
     found: dict[tuple[str, int], Problem] = {}
     kept, settings = draft.problems[:before], list[Problem]()
@@ -133,15 +126,7 @@ def _kind(draft: DraftConfig, number: int) -> str:
 def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited) -> tuple[Map, list[str]]:
     """Leave out inherited metrics that cannot be computed, such as one of a window behind the end of a shorter run.
 
-    Parameters
-    ----------
-    tree : a configuration
-    problems : its errors
-    inherited : which places are inherited
-
-    Returns
-    -------
-    the tree, and a line for each metric; none where no metric would be left
+    Also return a line for each; none where no metric would be left.
     """
     given = tree.get("metrics")
     if not isinstance(given, Items):
@@ -163,14 +148,7 @@ def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited
 def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
     """Leave out inherited paths of the sweep into methods that do not exist any more; they change nothing else.
 
-    Parameters
-    ----------
-    tree : a configuration
-    inherited : which places are inherited
-
-    Returns
-    -------
-    the tree, and a line for all these paths
+    Also return a line for all these paths.
     """
     sweep, methods = tree.get("sweep"), tree.get("methods")
     if not isinstance(sweep, Map) or not isinstance(methods, Map):
@@ -204,13 +182,7 @@ def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
 
 
 def drop_statistics(draft: DraftConfig, inherited: Inherited) -> None:
-    """Use the defaults for an inherited primary metric, baseline or margin that does not exist any more.
-
-    Parameters
-    ----------
-    draft : of the first point
-    inherited : which places are inherited
-    """
+    """Use the defaults for an inherited primary metric, baseline or margin that does not exist any more."""
     given, statistics = draft.tree.get("statistics"), draft.values["statistics"]
     if not isinstance(given, Map) or statistics is None:
         return

@@ -97,13 +97,7 @@ def _validated(
     left_out: Sequence[str],
     chosen: Chosen,
 ) -> ExperimentConfig:
-    """Take a tree through the stages from its sweep on, with the values that tuning has chosen.
-
-    Raises
-    ------
-    ConfigError
-        All errors.
-    """
+    """Take a tree through the stages from its sweep on, with the values that tuning has chosen; raises all errors."""
     sweep = expand(tree, source.overrides, access)
     drafts = validate_sections(sweep.points, runs=size.runs, smoke=size.smoke, access=access, chosen=chosen)
     drafts[0].left_out += left_out

@@ -12,13 +12,8 @@ from rmpc_bench.config.writer import dump, one_line
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return, per method, the keys whose values differ between the methods, and its values of them.
 
-    Parameters
-    ----------
-    methods : name -> its keys with every default
-
-    Returns
-    -------
-    method -> key with dots, such as ``estimator.c`` -> value; a key that a method does not have is absent
+    Keys have dots, such as ``estimator.c``, and the given ones have every default.  A key that a method does not have
+    is absent.
     """
     flat = {name: {key: leaf for key, leaf in _leaves(parts) if key != "label"} for name, parts in methods.items()}
     keys = dict.fromkeys(key for leaves in flat.values() for key in leaves)

@@ -10,13 +10,7 @@ from rmpc_bench.config.draft import DraftConfig, ModelFacts
 
 
 def model_facts(draft: DraftConfig, model: Callable[[Component | None], Any]) -> tuple[ModelFacts, ...]:
-    """Return the properties of every design model that has any.
-
-    Parameters
-    ----------
-    draft : the sections of one point, without errors
-    model : returns the design model of a component
-    """
+    """Return the properties of every design model that has any, for a draft without errors."""
     found: list[ModelFacts] = []
     for name, components in draft.methods.items():
         shared = components.model is draft.model

@@ -150,12 +150,7 @@ def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | No
 def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
     """Read one noise law; None where it is invalid.
 
-    Parameters
-    ----------
-    draft : gets the errors
-    law : the law as configured
-    path : where it stands
-    words : laws without a design function that are allowed there
+    `words` are the laws without a design function that are allowed there.
     """
     if law == "same":
         return NoiseTerm(None, SameLaw())

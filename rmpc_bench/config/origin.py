@@ -10,14 +10,10 @@ from rmpc_bench.types import Problem
 
 
 def problems_at_origin(draft: DraftConfig) -> list[Problem]:
-    """Return the problems of a draft, each at the path where its value is written.
+    """Return the problems of a checked draft, each at the path where its value is written.
 
-    An error in a default is reported once, at the default, not for every method that inherits it; an error in the plant
-    is reported at the plant, not at the model that comes from it.
-
-    Parameters
-    ----------
-    draft : a draft after the checks
+    An error in a default is reported once, at the default, not for every method that inherits it.  An error in the
+    plant is reported at the plant, not at the model that comes from it.
     """
     paths: dict[tuple[str, int, int], list[str]] = {}
 

@@ -43,12 +43,7 @@ Limits: Any = Limit | list[Limit] | dict[str, Limit]
 
 
 def read_range(draft: DraftConfig) -> None:
-    """Validate the keys as far as the plant need not be known.
-
-    Parameters
-    ----------
-    draft : with a plant; gets the values in `plant_range`, and the units of bounds in `bound_units`
-    """
+    """Validate the keys as far as the plant need not be known; sets `plant_range` and `bound_units` of the draft."""
     tree = draft.tree["plant"]
     for key, annotation in zip(KEYS, (Bounds, Limits), strict=True):
         if isinstance(tree, Map) and key in tree:
@@ -80,26 +75,16 @@ def mean_start(draft: DraftConfig) -> Any:
 
 
 def refuse_start(draft: DraftConfig, plant: Plant) -> None:
-    """Report an initial state beside a plant that has its own; that of recorded runs is reported with their sections.
-
-    Parameters
-    ----------
-    draft : gets the problem
-    plant : has its own initial state, or not
-    """
+    """Report an initial state beside a plant that has its own, but not that of recorded runs; see `recorded_data`."""
     if plant.has_own_start and plant.recorded is None and "x" in (draft.values["initial"] or {}):
         way_out = "leave `x` out, or let the plant start from it (`plant.start: initial`)"
         draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
 
 
 def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRange:
-    """Expand the keys to the states of a plant; errors are added to the problems of the draft.
+    """Expand the validated keys to the states of a plant; errors are added to the problems of the draft.
 
-    Parameters
-    ----------
-    draft : with the validated keys
-    plant : for its states
-    x0 : true initial state, without its deviation; None where it has an error
+    `x0` is the true initial state without its deviation, None where it has an error.
     """
     bounds, found = draft.plant_range.get("bounds") or {}, len(draft.problems)
     low, high = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf)

@@ -29,15 +29,8 @@ PATH = "plant.from"
 def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
     """Lay what is given here over the plant, the sections and the models that come from elsewhere.
 
-    Parameters
-    ----------
-    tree : a configuration whose files have been read, without a sweep
-    access : which files of the user may be loaded
-
-    Raises
-    ------
-    ConfigError
-        If ``from`` is not a file, or a model comes from anything but a plant with a design model.
+    The tree has its files read, and no sweep.  Raises a ConfigError if ``from`` is not a file, or a model comes from
+    anything but a plant with a design model.
     """
     tree = lay_over_source(tree).copy()
     if _from_plant(tree.get("model")):
@@ -55,10 +48,7 @@ def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
 def lay_over_source(tree: Map) -> Map:
     """Lay a plant over the one of its file, and take the other sections of that file where there are none.
 
-    Raises
-    ------
-    ConfigError
-        If ``from`` is not the name of a file.
+    Raises a ConfigError if ``from`` is not the name of a file.
     """
     plant = tree.get("plant")
     if not isinstance(plant, Map) or "from" not in plant:
@@ -88,13 +78,7 @@ def _has_controller(tree: Map) -> bool:
 
 
 def open_section(tree: Map, path: str) -> Map:
-    """Copy a section that comes with the plant into the tree, so that a value inside it can be set.
-
-    Parameters
-    ----------
-    tree : a configuration whose files have been read
-    path : of the value to set
-    """
+    """Copy a section that comes with the plant into the tree, so that a value inside it can be set at a path."""
     key, _, rest = path.partition(".")
     plant = tree.get("plant")
     source = plant.get("from") if isinstance(plant, Map) else None

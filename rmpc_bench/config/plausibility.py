@@ -52,14 +52,9 @@ def warnings_of(
     model: Callable[[Component | None], Any],
     start: Callable[[Any], dict[str, Array] | None],
 ) -> list[Problem]:
-    """Return what is probably not meant, each with its place and the way out.
+    """Return what is probably not meant, each with its place and the way out; the draft has no errors.
 
-    Parameters
-    ----------
-    draft : the sections of one point, without errors
-    experiment : the designs made from them
-    model : returns the design model of a component
-    start : returns x0 and P0 for a design model
+    `model` returns the design model of a component, `start` x0 and P0 for a design model.
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
     found += [*_initial(draft, model), *gap_warnings(draft, experiment)]

@@ -18,12 +18,7 @@ DATA = "data"
 
 
 def refuse_sections(draft: DraftConfig) -> None:
-    """Report the sections that have no meaning beside recorded data.
-
-    Parameters
-    ----------
-    draft : with its methods; gets the problems
-    """
+    """Report the sections that have no meaning beside recorded data."""
     if draft.plant is None or draft.plant.kind != DATA or not draft.plant.is_built_in:
         return
     own = draft.values["methods"] or {}

@@ -27,12 +27,7 @@ def check_required(draft: DraftConfig) -> None:
 
 
 def reported_once(problems: Sequence[Problem]) -> list[Problem]:
-    """Leave out what says again that a library is missing which `requires` names.
-
-    Parameters
-    ----------
-    problems : of a configuration
-    """
+    """Leave out what says again that a library is missing which `requires` names."""
     missing = [each.message for each in problems if each.path.startswith(f"{REQUIRES}.")]
     return [
         each
@@ -44,14 +39,7 @@ def reported_once(problems: Sequence[Problem]) -> list[Problem]:
 def skipped(config: str | Path) -> str:
     """Say why a configuration is skipped; empty where all libraries that it requires are installed.
 
-    Parameters
-    ----------
-    config : file or name of a configuration
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read.
+    Raises a ConfigError if the file cannot be read.
     """
     names = missing_extras(config)
     return f"skipped {config}: needs {', '.join(names)} ({extras.install(*names)})" if names else ""
@@ -60,14 +48,7 @@ def skipped(config: str | Path) -> str:
 def missing_extras(config: str | Path) -> list[str]:
     """Return the extras that a configuration requires and that are not installed; no code is loaded.
 
-    Parameters
-    ----------
-    config : file or name of a configuration
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read.
+    Raises a ConfigError if the file cannot be read.
     """
     tree = read_extended(located(config))
     names = tree.get(REQUIRES) if isinstance(tree, Map) else None

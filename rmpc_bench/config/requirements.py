@@ -34,17 +34,9 @@ def check_requirements(draft: DraftConfig) -> None:
 
 
 def read_requirement(text: str, metrics: Collection[str]) -> Requirement:
-    """Read a requirement.
+    """Read a requirement such as ``settling_time < 20`` of known metrics.
 
-    Parameters
-    ----------
-    text : such as ``settling_time < 20``
-    metrics : names of the metrics that it may use
-
-    Raises
-    ------
-    ExpressionError
-        with the column, and for an unknown metric the nearest one
+    Raises an ExpressionError with the column, and for an unknown metric the nearest one.
     """
     parser = _Parser(text, metrics)
     return parser.requirement()

@@ -24,12 +24,8 @@ def layout_of(
 ) -> ResultLayout:
     """Return the layout of the results that a configuration will have.
 
-    Parameters
-    ----------
-    drafts : the sections of every point of the sweep
-    points : the designs of every point, None where one could not be made; a method may report a signal at some only
-    is_valid : whether the sweep has no error, so that its points are known
-    lenient : whether figures may reach beyond the end of the runs, which are shorter than in the file
+    A method may report a signal at some points only.  If the sweep has an error (not `is_valid`), its points are not
+    known.  If lenient, figures may reach beyond the end of the runs, which are shorter than in the file.
     """
     built = [point for point in points if point is not None]
     is_complete = is_valid and len(built) == len(points)

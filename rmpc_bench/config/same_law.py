@@ -58,13 +58,9 @@ class SameLaw:
         return {"scale": self.scale, **{key: value for key, value in given.items() if value is not None}}
 
     def noise(self, mean: Float[Array, " n"], cov: Float[Array, "n n"]) -> Noise:
-        """Build the stochastic part of the noise.
+        """Build the stochastic part from mean (n,) and cov (n, n) of the noise of the design model.
 
         The normal numbers of a run are the same with every key.
-
-        Parameters
-        ----------
-        mean, cov : of the noise of the design model
         """
         n, shifted = len(mean), mean + self.bias * self.scale * np.sqrt(np.diag(cov))
         centre = shifted.tolist()

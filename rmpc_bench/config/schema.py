@@ -176,14 +176,7 @@ def model_of(group: str, kind: str) -> type[BaseModel]:
 
 @cache
 def keys_of(group: str, kind: str, design: Callable[..., Any]) -> type[BaseModel]:
-    """Return the pydantic model of the keys of a design function.
-
-    Parameters
-    ----------
-    group : of the registry
-    kind : name of the component
-    design : its design function or class
-    """
+    """Return the pydantic model of the keys of a design function or class."""
     provided = PROVIDED[group]
     if is_built_in(group, kind):
         return create_model(kind, __config__=_CONFIG, __module__=BUILT_IN_KEYS, **_fields(design, provided))
@@ -212,20 +205,10 @@ def validate(
     mark: Mark | None = None,
     further: Sequence[str] = (),
 ) -> Any:
-    """Validate a tree against a pydantic model or any annotation.
+    """Validate a tree against a pydantic model or any annotation; None where there is an error.
 
-    Parameters
-    ----------
-    kind : pydantic model or annotation, inside which numbers may be written as quantities
-    tree : what to check, with its marks
-    path : where it stands, for the messages
-    problems : gets one entry per error
-    mark : place of the tree, for a scalar, which has none of its own
-    further : keys of the tree that are validated elsewhere, for the messages
-
-    Returns
-    -------
-    The validated value, or None.
+    Inside an annotation numbers may be written as quantities.  A scalar has no place of its own and takes `mark`.
+    Further keys, validated elsewhere, and the path are for the messages.
     """
     kind, adapter = _adapter(kind)
     try:

@@ -28,10 +28,6 @@ _IS_UNIT = re.compile(rf"{_SYMBOLS}(?:\^-?\d+)?(?:[ /]{_SYMBOLS}(?:\^-?\d+)?)*")
 def type_words(schema: Schema) -> str:
     """Return the values that a schema allows, with their limits.
 
-    Parameters
-    ----------
-    schema : of one key, as `annotation_schema.schema_of` makes it
-
     Examples
     --------
     >>> type_words({"type": ["number", "string"], "exclusiveMinimum": 0})
@@ -97,10 +93,6 @@ def _shown(limit: Any) -> str:
 
 def unit_of(meaning: str) -> str:
     """Return the unit that stands in brackets in a meaning; empty without one.
-
-    Parameters
-    ----------
-    meaning : of a key, such as ``sampling time [s]``
 
     Examples
     --------

@@ -68,12 +68,7 @@ def uncertainty() -> Schema:
 
 
 def law(kinds: Iterable[str]) -> Schema:
-    """Return the schema of a noise law, which may be a sum of laws.
-
-    Parameters
-    ----------
-    kinds : names of the laws that can be loaded
-    """
+    """Return the schema of a noise law of one of the loadable kinds, which may be a sum of laws."""
     any_law: Schema = {"$ref": "#/definitions/law"}
     keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in kinds}
     keys["same"] = record_schema(SameLaw)

@@ -22,13 +22,7 @@ SHORT_FORMS: Mapping[str, tuple[str, ...]] = {
 
 
 def with_kind(group: str, tree: Any) -> Any:
-    """Return a component with its kind under `kind`; a tree of which no single kind is given is returned as it is.
-
-    Parameters
-    ----------
-    group : group of the registry
-    tree : keys of the component, as the configuration gives them
-    """
+    """Return a component with its kind under `kind`; a tree of which no single kind is given is returned as it is."""
     if not isinstance(tree, Map) or "kind" in tree:
         return tree
     forms = given_forms(group, tree)

@@ -9,12 +9,9 @@ from rmpc_bench.config.stop_section import EVERY
 
 
 def apply_stop(draft: DraftConfig, *, fixed: bool) -> None:
-    """Fill in the defaults of the rule, and take its largest number of runs as that of the experiment.
+    """Fill in the defaults of the rule, and take its largest number of runs in place of that of the file.
 
-    Parameters
-    ----------
-    draft : of one point; its number of runs is that of the file
-    fixed : whether the command line gives the number of runs, so that there is no rule
+    If the command line gives the number of runs (`fixed`), there is no rule.
     """
     values = draft.values
     stop, runs = values["stop"], values["runs"]
@@ -32,12 +29,7 @@ def apply_stop(draft: DraftConfig, *, fixed: bool) -> None:
 
 
 def check_stop(draft: DraftConfig) -> None:
-    """Refuse a rule that has nothing to decide on.
-
-    Parameters
-    ----------
-    draft : of the first point, with its claims
-    """
+    """Refuse a rule of the first draft that has nothing to decide on."""
     stop = draft.values["stop"]
     if stop is None:
         return

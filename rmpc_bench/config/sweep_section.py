@@ -54,13 +54,7 @@ def columns(zipped: Any) -> list[str]:
 
 
 def assigned(tree: Map, paths: Sequence[str], values: Sequence[SweptValue]) -> Map:
-    """Set the values of some paths in a configuration.
-
-    Raises
-    ------
-    ConfigError
-        If a path leads through something that is no mapping.
-    """
+    """Set the values of some paths; raises a ConfigError if a path leads through something that is no mapping."""
     for path, value in sorted(zip(paths, values, strict=True), key=lambda pair: pair[0] != PATH):
         if path != NAME and not value.kept:
             tree = assign(open_section(tree, path), path, value.tree, value.mark, value.key_mark)

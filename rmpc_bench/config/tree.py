@@ -39,12 +39,7 @@ class Mark(NamedTuple):
     column: int
 
     def directory(self, config: Path) -> Path:
-        """Return the directory that a file name at this place is relative to.
-
-        Parameters
-        ----------
-        config : file of the configuration, in whose directory the options of the command line are read
-        """
+        """Return the directory that a file name at this place is relative to; for the command line that of `config`."""
         return (config if self.file.startswith(OPTIONS) else Path(self.file)).parent
 
 
@@ -93,10 +88,7 @@ class Items(list[Any]):
 def scalar(text: str) -> Any:
     """Read an unquoted scalar by the YAML 1.2 core schema; anything else is text.
 
-    Raises
-    ------
-    ValueError
-        If an integer has more than MAX_DIGITS digits.
+    Raises a ValueError if an integer has more than MAX_DIGITS digits.
     """
     if text in _CONSTANTS:
         return _CONSTANTS[text]
@@ -121,10 +113,7 @@ def _fail(mark: Mark, path: Sequence[str | int], message: str) -> NoReturn:
 def split(path: str, mark: Mark) -> list[str]:
     """Return the steps of a dotted path; a step that contains a dot stands in double quotes.
 
-    Raises
-    ------
-    ConfigError
-        If the text is no path.
+    Raises a ConfigError if the text is no path.
     """
     steps, end = [], 0
     while (step := _STEP.match(path, end)) and end < len(path):
@@ -200,24 +189,11 @@ def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
 
 
 def assign(tree: Map, path: str, value: Any, mark: Mark, key_mark: Mark | None = None) -> Map:
-    """Return a tree with another value at a path.
+    """Return a tree with another value at a dotted path; it shares the unchanged values with the given one.
 
-    Parameters
-    ----------
-    tree : is not changed
-    path : steps with dots between them; missing mappings are created, a step into a list is an existing index
-    value : the new value
-    mark : the place of the value
-    key_mark : the place of its key and of new mappings; by default that of the value
-
-    Returns
-    -------
-    The new tree, which shares the unchanged values.
-
-    Raises
-    ------
-    ConfigError
-        If the path leads through a value that is neither a mapping nor a list, or the index does not exist.
+    The given tree is not changed.  Missing mappings are created, and a step into a list is an existing index.
+    `key_mark` is the place of the key and of new mappings, by default that of the value.  Raises a ConfigError for a
+    path through a value that is neither a mapping nor a list, or an index that does not exist.
     """
     result: Map = _assigned(tree, split(path, mark), 0, value, (key_mark or mark, mark))
     return result

@@ -18,12 +18,7 @@ BEST_AT = {"zero": 0, "one": 1}
 
 
 def shrink_tuning(draft: DraftConfig) -> None:
-    """Take the size of a smoke run for the tuning, without the regret.
-
-    Parameters
-    ----------
-    draft : the sections of one point
-    """
+    """Take the size of a smoke run for the tuning, without the regret."""
     tune, size = draft.values["tune"], draft.values["smoke"]
     if tune is not None and size is not None:
         budget, runs = min(tune.budget, SMOKE_BUDGET), min(tune.runs, size.runs)
@@ -40,10 +35,7 @@ def metric_of_tuning(draft: DraftConfig) -> str:
 def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
     """Refuse ranges without a section and what cannot be tuned; warn of a section without a method to tune.
 
-    Parameters
-    ----------
-    drafts : the sections of every point; errors and warnings are added to those of the first
-    points : the designs of every point; None where one could not be made
+    The first draft gets errors and warnings.  A design that could not be made is None.
     """
     first = drafts[0]
     names = [name for name, own in (first.values["methods"] or {}).items() if isinstance(own, Map) and own.get("tune")]

@@ -102,17 +102,9 @@ Range: Any = Annotated[list[float], Len(2, 2)] | RangeKeys
 
 
 def parameter_of(path: str, given: list[float] | RangeKeys) -> TunedParameter:
-    """Return a parameter to tune.
+    """Return a parameter to tune, at a path inside the method such as ``estimator.radius``.
 
-    Parameters
-    ----------
-    path : inside the method, such as ``estimator.radius``
-    given : its range as validated
-
-    Raises
-    ------
-    ValueError
-        If there is nothing between the ends, or the scale or the integers do not fit them.
+    Raises a ValueError if there is nothing between the ends, or the scale or the integers do not fit them.
 
     Examples
     --------

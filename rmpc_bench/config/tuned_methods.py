@@ -24,19 +24,9 @@ DIGITS = 12
 
 
 def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark: Mark) -> Map:
-    """Return a method with other values at some paths; what it inherits there is laid below it first.
+    """Return a method with other values by path; what it inherits there from the draft is laid below first.
 
-    Parameters
-    ----------
-    draft : has the defaults of all methods
-    own : the method as the configuration gives it
-    values : path inside the method -> value
-    mark : the place of the new values
-
-    Raises
-    ------
-    ConfigError
-        If a path leads through something that is neither a mapping nor a list.
+    Raises a ConfigError if a path leads through something that is neither a mapping nor a list.
     """
     for root in dict.fromkeys(split(path, mark)[0] for path in values):
         default, given = (with_kind(f"{root}s", tree.get(root)) for tree in (draft.tree, own))
@@ -49,19 +39,9 @@ def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark:
 
 
 def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components: MethodComponents) -> MethodComponents:
-    """Read the key `tune` of a method; the draft gets its ranges, and the errors.
+    """Read the key `tune` of a method as configured; the draft gets its ranges, and the errors.
 
-    Parameters
-    ----------
-    draft : the sections of one point
-    name : of the method
-    own : the method as the configuration gives it
-    read : validates a method
-    components : the method without tuned values
-
-    Returns
-    -------
-    the components with the values that were chosen; those without them where none were
+    Return the components with the values that were chosen; those without them where none were.
     """
     path: list[str | int] = ["methods", name, "tune"]
     tree = own["tune"]

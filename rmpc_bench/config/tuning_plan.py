@@ -91,12 +91,7 @@ class TuningPlan:
         return {"protocol": vars(self.protocol), "ranges": ranges}
 
     def n_trials(self, methods: Sequence[str] | None = None) -> tuple[int, int]:
-        """Return the largest numbers of trials on tuning runs and, for the regret, on the runs of the experiment.
-
-        Parameters
-        ----------
-        methods : names of the methods to count; all unless given
-        """
+        """Return the largest numbers of trials on tuning runs and, for the regret, on the runs of the experiment."""
         wanted = [each for each in self.missing if methods is None or each.method in methods]
         n = len({each.key for each in wanted})
         tested = n * (self.protocol.budget + 1) * self.test_runs if self.regret else 0
@@ -104,12 +99,7 @@ class TuningPlan:
 
 
 def tuning_seed(seed: int, number: int) -> int:
-    """Return the seed of the tuning runs of an experiment.
-
-    Parameters
-    ----------
-    seed : of the experiment
-    number : of the tuning stream
+    """Return the seed of the tuning runs of an experiment by the number of their stream.
 
     Examples
     --------
@@ -122,13 +112,7 @@ def tuning_seed(seed: int, number: int) -> int:
 
 
 def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> TuningPlan | None:
-    """Return what there is to tune in a valid configuration; None where no method is tuned.
-
-    Parameters
-    ----------
-    drafts : the sections of every point
-    points : their designs
-    """
+    """Return what there is to tune in a valid configuration; None where no method is tuned."""
     tune = drafts[0].values["tune"]
     if tune is None or not drafts[0].tuned:
         return None
@@ -164,12 +148,7 @@ def _search(
 
 
 def parameter_words(draft: DraftConfig) -> dict[str, str]:
-    """Return method -> where its parameters come from.
-
-    Parameters
-    ----------
-    draft : the sections of one point
-    """
+    """Say for every method where its parameters come from."""
     tune, usual = draft.values["tune"], usual_parameters(draft.values["paper"])
     words = {name: draft.sources.get(name, usual) for name in draft.methods}
     tuned = {} if tune is None else dict.fromkeys(draft.tuned, tune.protocol("").words)

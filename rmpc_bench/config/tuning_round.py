@@ -67,17 +67,9 @@ class RoundBuilder:
         self._cache, self._calls = DesignCache(), FirstCalls()
 
     def build(self, trials: Sequence[Trial], *, tested: bool = False) -> Round:
-        """Return the configuration of a round.
+        """Return the configuration of a round, on the runs of the experiment if tested, else on the tuning runs.
 
-        Parameters
-        ----------
-        trials : what is to be computed
-        tested : whether on the runs of the experiment; else on the tuning runs
-
-        Raises
-        ------
-        ConfigError
-            If something else than the design of a value that is tried is wrong.
+        Raises a ConfigError if something else than the design of a value that is tried is wrong.
         """
         if len(self._cache) > MOST_DESIGNS:
             self._cache = DesignCache()

@@ -26,12 +26,9 @@ def _shape(value: Any) -> str:
 
 
 def union(members: Sequence[Any], checked: Callable[[Any], Any]) -> Any:
-    """Choose the member by the shape of the value, of several dataclasses by its `kind`.
+    """Choose the member by the shape of the value, of several dataclasses by their field `kind`.
 
-    Parameters
-    ----------
-    members : annotations to choose from; each of several dataclasses has a field `kind` that allows one word
-    checked : turns an annotation into one that pydantic validates
+    It allows one word in each.  `checked` turns an annotation into one that pydantic validates.
     """
     tagged = _by_shape(members, checked)
     if [*tagged] == ["a mapping"]:

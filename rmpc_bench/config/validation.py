@@ -42,15 +42,8 @@ def validate_sections(
 ) -> list[DraftConfig]:
     """Return the sections of every point, with the problems that were found in them.
 
-    Figures and claims are the same at all points and are read at the first.
-
-    Parameters
-    ----------
-    points : trees of the points of a sweep
-    runs : number of runs instead of the one given
-    smoke : whether to reduce runs and steps to the size under ``smoke``
-    access : which files of the user may be loaded
-    chosen : values that tuning has chosen
+    Figures and claims are the same at all points and are read at the first.  `runs` replaces the number that is given,
+    `chosen` are the values of tuning.  A smoke run has the size under ``smoke``.
     """
     drafts: list[DraftConfig] = []
     for point in points:

@@ -21,12 +21,7 @@ _STOCK = yaml.resolver.Resolver()
 def dump(value: Any) -> str:
     """Write plain data as a YAML 1.2 text that ``parse`` reads back to the same data.
 
-    Raises
-    ------
-    TypeError
-        If YAML has no form for a value.
-    ValueError
-        If ``parse`` would refuse the text.
+    Raises a TypeError if YAML has no form for a value, and a ValueError if ``parse`` would refuse the text.
     """
     _check(value, 0)
     return "\n".join(_block(value, _WIDTH, root=True)) + "\n"
