@@ -29,12 +29,7 @@ BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is 
 
 
 def latex_captions(summary: Summary) -> dict[str, str]:
-    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes.
-
-    Parameters
-    ----------
-    summary : the statistics, with the methods and metrics to show
-    """
+    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes."""
     points = shown_points(summary)
     if not points:
         return {}
@@ -48,11 +43,7 @@ def latex_captions(summary: Summary) -> dict[str, str]:
 def latex_notes(summary: Summary, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
     """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes.
 
-    Parameters
-    ----------
-    summary : the statistics, with the methods and metrics to show
-    columns : columns behind the name of the method; the usual ones that fit if None
-    width : width for the usual columns [pt]
+    Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
     """
     points = shown_points(summary)
     if not points:
@@ -66,12 +57,9 @@ def latex_notes(summary: Summary, columns: Sequence[Column] | None = None, width
 
 
 def table_note(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str:
-    """Define the columns of a table of one metric: plain text with formulas between dollar signs.
+    """Define the columns behind the name of the method: plain text with formulas between dollar signs.
 
-    Parameters
-    ----------
-    tables : of one metric, at every point of the sweep
-    shown : its columns behind the name of the method
+    The tables are of one metric, at every point of the sweep.
     """
     first = tables[0]
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}.", *_described(first, shown)]

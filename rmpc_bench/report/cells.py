@@ -37,14 +37,7 @@ class MetricTable(NamedTuple):
 
 
 def metric_table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, info: MetricInfo) -> MetricTable:
-    """Collect the rows of one metric.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    summary, comparisons : of `analysis.statistics` and `analysis.comparison`
-    info : the metric
-    """
+    """Collect the rows of one metric from tables of `analysis.statistics` and `analysis.comparison`."""
     described = {row["method"]: row for row in summary[summary["metric"] == info.name].to_dict("records")}
     compared = {row["method"]: row for row in comparisons[comparisons["metric"] == info.name].to_dict("records")}
     return MetricTable(

@@ -59,22 +59,7 @@ def comparison_table(
     relevant: float | None = None,
     confidence: float | None = None,
 ) -> ComparisonTable:
-    """Compare methods with a baseline run by run, at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    metric : name of the metric; all unless given
-    methods : names of the methods to compare; all unless given
-    baseline : name of the method to compare with; that of the experiment unless given
-    relevant : smallest relative change that matters, such as 0.01; that of the experiment unless given
-    confidence : level of the intervals, such as 0.95; that of the experiment unless given
-
-    Raises
-    ------
-    DesignError
-        If a metric or method is unknown.
-    """
+    """Compare methods with a baseline run by run, at every point of a sweep; see `rmpc_bench.compare`."""
     if confidence is not None and not 0 < confidence < 1:
         raise DesignError(f"must lie between 0 and 1 (got {confidence:g})", "confidence")
     if relevant is not None and not 0 <= relevant < 1:

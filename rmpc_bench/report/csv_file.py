@@ -18,22 +18,14 @@ ROWS = 20_000
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Write a table so that equal tables give equal bytes and every float reads back as itself.
 
-    Parameters
-    ----------
-    frame : the table; its index is not written
-    path : the file, replaced; floats as their shortest repr, inf where an event did not occur, empty for missing
+    Floats are their shortest repr, inf where an event did not occur, empty for missing.  The index is left out.
     """
     with replaced(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         file.writelines(csv_lines(frame))
 
 
 def csv_lines(frame: pd.DataFrame) -> Iterator[str]:
-    """Yield a table as blocks of lines, the names of the columns first.
-
-    Parameters
-    ----------
-    frame : the table; its index is left out
-    """
+    """Yield a table without its index as blocks of lines, the names of the columns first."""
     names = [_quoted(str(name)) for name in frame.columns]
     if len(names) < 2:
         # An empty field that stands alone has quotes.

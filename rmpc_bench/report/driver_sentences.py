@@ -19,15 +19,7 @@ MOST_NAMED = 4
 
 
 def method_sentences(trials: Trials, method: str, rows: Sequence[Row], found: Inputs) -> Iterator[str]:
-    """Say what drives a method, where it does worst and where it fails.
-
-    Parameters
-    ----------
-    trials : the table of one point
-    method : name of the method
-    rows : its rows of `rmpc_bench.analysis.drivers`
-    found : the uncertain quantities of the table
-    """
+    """Say what drives a method, where it does worst and where it fails, by its rows of `analysis.drivers`."""
     shares = [row for row in rows if row["response"] != FAILED]
     info = next(info for info in trials.metrics if info.name == shares[0]["metric"])
     yield _explained(trials, method, shares, info, found)

@@ -94,12 +94,7 @@ EXPLANATION = (
 
 
 def drivers_table(trials: Trials) -> DriversTable:
-    """Compute the drivers of the primary metric at every point of a sweep, and where the ranking turns.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
+    """Compute the drivers of the primary metric at every point of a sweep, and where the ranking turns."""
     points = [(point, drivers(point)) for point in trials.each]
     return DriversTable(trials, points, tuple(turning_sentences(trials)))
 

@@ -30,20 +30,10 @@ def end_screen(
 ) -> str:
     """Lay out the text at the end of a run; that of a smoke run has no verdicts and no findings.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    table : the table of the primary metric as plain text
-    directory : where the results are
-    n_complete, n_runs : runs that are stored of all methods, and runs of the experiment; 0 for exact moments alone
-    seconds : how long the run took [s]; left out where it is None
-    driven : what drives the primary metric, in lines
-    tuned : how the parameters were chosen, in lines
-    verdicts : the finding of every claim
-    overrides : options that changed the configuration
-    incomplete : methods of which runs are missing
-    files : files to open, relative to `directory`
-    stop : what a stopping rule has decided, in words
+    `n_complete` counts runs that are stored of all methods, of `n_runs`; both are 0 for exact moments alone.  The run
+    took some seconds [s], left out where None.  `driven`, `tuned` and `stop` say what drives the metric, how parameters
+    were chosen, and what a stopping rule has decided.  Overrides are options that changed the configuration,
+    `incomplete` methods of which runs are missing.  Files are relative to the directory of the results.
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
     lines += _indented([f"{'stop':12}{stop}"] if stop else [])

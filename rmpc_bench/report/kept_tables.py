@@ -26,21 +26,13 @@ UNRELIABLE = 1e-12
 
 
 def summary_table(described: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of summary.csv.
+    """Return the content of summary.csv, from `Summary.described`; numbers are rounded, counts and texts are exact.
 
-    The scale of a row is its largest quartile, that of a metric the largest quartile of all rows of the metric;
-    minimum and maximum do not count, as those of a single run may be enormous.  Where the scale of a row is below
-    `NEGLIGIBLE` of that of its metric, those of its numbers that are, too, are written as 0; a row above it keeps its
+    The scale of a row is its largest quartile, that of a metric the largest quartile of all rows of the metric.
+    Minimum and maximum do not count, as those of a single run may be enormous.  Where the scale of a row is below
+    `NEGLIGIBLE` of that of its metric, those of its numbers that are, too, are written as 0.  A row above it keeps its
     small numbers, such as the error of its mean.  No digit is kept below `NEGLIGIBLE` of the scale of the row or below
     `UNRELIABLE` of that of the metric.
-
-    Parameters
-    ----------
-    described : `Summary.described`
-
-    Returns
-    -------
-    the table with its numbers rounded; counts and texts are exact
     """
     table = described.drop(columns="did_not_occur")
     numbers = table[NUMBERS].to_numpy(dtype=float)
@@ -54,15 +46,9 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
 
 
 def comparisons_table(compared: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of comparisons.csv.
+    """Return the content of comparisons.csv, from `Summary.compared`.
 
-    Parameters
-    ----------
-    compared : `Summary.compared`
-
-    Returns
-    -------
-    the table with its numbers rounded: changes beside 100 per cent, shares beside 1; counts and texts are exact
+    Changes are rounded beside 100 per cent, shares beside 1; counts and texts are exact.
     """
     table = compared.copy()
     table[CHANGES] = rounded(table[CHANGES].to_numpy(dtype=float), PER_CENT)

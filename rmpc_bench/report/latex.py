@@ -58,12 +58,8 @@ def latex_tables(
 ) -> dict[str, str]:
     """Return name -> LaTeX of the table of every metric, and of all metrics together where there are several.
 
-    Parameters
-    ----------
-    summary : the statistics, with the methods and metrics to show
-    comments : lines at the head: version, hash, seed, number of runs, command
-    columns : columns behind the name of the method; the usual ones that fit if None
-    width : width for the usual columns in footnotesize [pt]
+    Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
+    method; without them the usual ones that fit into the width in footnotesize [pt].
     """
     points = shown_points(summary)
     if not points:
@@ -84,14 +80,9 @@ def shown_points(summary: Points) -> list[PointSummary]:
 def body_of(
     points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None, width: float = WIDTH
 ) -> Body:
-    """Lay out the table of one metric.
+    """Lay out the table of one metric at one point, or at the points of a sweep.
 
-    Parameters
-    ----------
-    points : one, or the points of a sweep
-    info : the metric
-    columns : columns behind the name of the method; the usual ones that fit if None
-    width : width for the usual columns [pt]
+    Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
     """
     tables = [metric_table(*point, info) for point in points]
     wanted = chosen_columns(tables, columns, width)
@@ -111,12 +102,7 @@ def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> lis
 
 
 def title_of(trials: Trials) -> str:
-    """Name a point of a sweep; empty without one.
-
-    Parameters
-    ----------
-    trials : the table of the point
-    """
+    """Name a point of a sweep; empty without one."""
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
 
 
@@ -156,14 +142,7 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
 
 
 def row_label(trials: Trials, method: str, *, short: bool) -> str:
-    """Return the label of a method, broken into lines if it has to be short.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    method : its name
-    short : whether to break it
-    """
+    """Return the label of a method, broken into lines if it has to be short."""
     return stacked(label_lines(trials, method), place="t", align="l") if short else label_of(trials, method)
 
 
@@ -189,14 +168,7 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
 
 
 def written_table(body: Body, comments: Sequence[str], name: str) -> str:
-    """Write a table with its comments; all columns but the first are aligned to the right.
-
-    Parameters
-    ----------
-    body : the table
-    comments : lines at the head
-    name : of the table
-    """
+    """Write a table with comments at its head; all columns but the first are aligned to the right."""
     n = len(body.head)
     needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]

@@ -28,13 +28,9 @@ _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
 def chosen_columns(tables: Sequence[MetricTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
-    """Return the columns behind the name of the method.
+    """Return the columns behind the name of the method: the asked ones that exist, or the usual ones that fit.
 
-    Parameters
-    ----------
-    tables : of one metric, at every point of the sweep
-    columns : those that are asked for; of these the ones that the experiment has are returned
-    width : the usual columns are limited to this width [pt]
+    The tables are of one metric, at every point of the sweep; the width is in pt.
     """
     there = [columns_of(table) for table in tables]
     wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
@@ -59,12 +55,7 @@ def rows_of(table: MetricTable, there: Mapping[Column, Sequence[str]], wanted: S
 
 
 def columns_of(table: MetricTable) -> dict[Column, list[str]]:
-    """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head.
-
-    Parameters
-    ----------
-    table : of one metric at one point
-    """
+    """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head."""
     trials = table.trials
     found: dict[Column, list[str]] = {"mean": cells.means(table)}
     found["lost"] = [cell.replace(" %", "", 1) for cell in lost_cells(table)]
@@ -99,13 +90,7 @@ def _unit_of_change(table: MetricTable) -> str:
 
 
 def head_of(table: MetricTable, column: Column) -> str:
-    """Return the head of a column as LaTeX.
-
-    Parameters
-    ----------
-    table : of one metric
-    column : which one
-    """
+    """Return the head of a column as LaTeX."""
     average = cells.average_of(table)
     unit = bracketed(table.info.unit)
     if column == "mean":
@@ -134,13 +119,9 @@ def bracketed(unit: str) -> str:
 
 
 def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
-    """Put lines below each other, so that a column is as narrow as its numbers.
+    """Put lines of LaTeX, without the empty ones, below each other, so that a column is as narrow as its numbers.
 
-    Parameters
-    ----------
-    lines : LaTeX; empty ones are left out
-    place : ``b`` for the last line at the height of the row, ``t`` for the first
-    align : ``c`` or ``l``
+    Place ``b`` puts the last line at the height of the row, ``t`` the first; the alignment is ``c`` or ``l``.
     """
     there = [line for line in lines if line]
     # A bracket behind a line break would be read as its option.
@@ -158,24 +139,12 @@ def name_lines(info: MetricInfo) -> list[str]:
 
 
 def label_of(trials: Trials, method: str) -> str:
-    """Return the label of a method as LaTeX, where an oracle is marked.
-
-    Parameters
-    ----------
-    trials : with the labels
-    method : its name
-    """
+    """Return the label of a method as LaTeX, where an oracle is marked."""
     return to_latex(_marked(trials, method))
 
 
 def label_lines(trials: Trials, method: str) -> list[str]:
-    """Break the label of a method at blanks outside its formulas into lines of LaTeX.
-
-    Parameters
-    ----------
-    trials : with the labels
-    method : its name
-    """
+    """Break the label of a method at blanks outside its formulas into lines of LaTeX."""
     return [to_latex(line) for line in wrapped(typeset(_marked(trials, method)), LABEL)]
 
 

@@ -17,9 +17,7 @@ _IS_NUMBER = re.compile(rf"<?\s*{_NUMBER}")
 def number_latex(cell: str) -> str:
     r"""Write a cell such as ``-10.9 % [-12.1, -9.7]`` as a formula; the digits are those of the cell.
 
-    Parameters
-    ----------
-    cell : numbers with error, interval, unit or counts; or words, which stay words
+    It has numbers with error, interval, unit or counts; words stay words.
 
     Examples
     --------

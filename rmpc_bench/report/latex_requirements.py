@@ -20,13 +20,9 @@ REQUIREMENTS = "requirements"
 
 
 def latex_requirements(summary: Summary, comments: Sequence[str] = (), width: float = WIDTH) -> dict[str, str]:
-    """Return name -> LaTeX of the table of requirements; empty without requirements.
+    """Return name -> LaTeX of the table of requirements, with comments at its head; empty without requirements.
 
-    Parameters
-    ----------
-    summary : the statistics, with the methods to show
-    comments : lines at the head
-    width : width in footnotesize; where the table is wider, labels are broken into lines [pt]
+    Where it is wider than the width in footnotesize [pt], labels are broken into lines.
     """
     tables = _tables(summary)
     if not tables:
@@ -37,23 +33,13 @@ def latex_requirements(summary: Summary, comments: Sequence[str] = (), width: fl
 
 
 def requirements_caption(summary: Summary) -> dict[str, str]:
-    """Return name -> LaTeX of the caption of the table; empty without requirements.
-
-    Parameters
-    ----------
-    summary : the statistics, with the methods to show
-    """
+    """Return name -> LaTeX of the caption of the table; empty without requirements."""
     sentences = _sentences(summary)
     return {REQUIREMENTS: f"{to_latex(sentences[0])}%\n"} if sentences else {}
 
 
 def requirements_note(summary: Summary) -> dict[str, str]:
-    """Return name -> LaTeX of the note below the table, which defines its columns; empty without requirements.
-
-    Parameters
-    ----------
-    summary : the statistics, with the methods to show
-    """
+    """Return name -> LaTeX of the note below the table, which defines its columns; empty without requirements."""
     text = " ".join(_sentences(summary)[1:])
     return {REQUIREMENTS: f"{to_latex(text)}%\n"} if text else {}
 

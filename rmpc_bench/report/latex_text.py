@@ -50,14 +50,9 @@ COMMANDS = frozenset(
 def to_latex(text: str) -> str:
     r"""Write a text for LaTeX: formulas are kept, and every other special character is printed as it is.
 
-    Parameters
-    ----------
-    text : plain text with formulas between dollar signs
-
-    Returns
-    -------
-    one paragraph, which needs no package.  A formula that uses commands other than `COMMANDS`, or that matplotlib could
-    not set, is printed as text, so that a name cannot run a command of LaTeX
+    The text has formulas between dollar signs; it becomes one paragraph, which needs no package.  A formula that uses
+    commands other than `COMMANDS`, or that matplotlib could not set, is printed as text, so that a name cannot run a
+    command of LaTeX.
 
     Examples
     --------
@@ -72,10 +67,6 @@ def to_latex(text: str) -> str:
 
 def printed_latex(text: str) -> str:
     r"""Write full sentences for LaTeX: as `to_latex`, with minus signs, raised exponents of units and infinity.
-
-    Parameters
-    ----------
-    text : plain text with formulas between dollar signs
 
     Examples
     --------

@@ -24,12 +24,7 @@ _COMMAND = re.compile(r"\\([A-Za-z]+) ?")
 
 
 def width_of(cell: str) -> float:
-    """Estimate the width of a cell, that of its widest line [pt].
-
-    Parameters
-    ----------
-    cell : LaTeX
-    """
+    """Estimate the width [pt] of the widest line of a cell of LaTeX."""
     return max(_line(line) for line in cell.split(r"\\"))
 
 
@@ -46,13 +41,6 @@ def _sum(text: str) -> float:
 
 
 def table_width(head: Sequence[str], rows: Sequence[Sequence[str]], gap: float) -> float:
-    """Estimate the width of a table [pt].
-
-    Parameters
-    ----------
-    head : heads of the columns
-    rows : cells of the rows
-    gap : distance between columns, in units of the size of the text
-    """
+    """Estimate the width of a table [pt]; the gap between columns is in units of the size of the text."""
     columns = zip(*[head, *rows], strict=True)
     return sum(max(map(width_of, column)) for column in columns) + gap * SIZE * (len(head) - 1)

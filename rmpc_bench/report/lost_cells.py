@@ -9,15 +9,9 @@ from rmpc_bench.report.cells import MetricTable
 
 
 def lost_cells(table: MetricTable) -> list[str]:
-    """Return the share of lost runs of every method with its interval, for a column of a table.
+    """Return the share of lost runs of every method with its interval, such as "2 % [0.8, 5.0]", for a column.
 
-    Parameters
-    ----------
-    table : of one metric at one point
-
-    Returns
-    -------
-    such as "2 % [0.8, 5.0]"; nothing where no factor is given or the metric is not the primary one
+    There is none where no factor is given or the metric is not the primary one.
     """
     if not shows_lost(table):
         return []
@@ -32,13 +26,7 @@ def shows_lost(table: MetricTable) -> bool:
 
 
 def lost_text(trials: Trials, baseline: str = "") -> str:
-    """Say when a run is lost, as a part of a legend.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    baseline : what is written for the baseline; its name unless given
-    """
+    """Say when a run is lost, as a part of a legend, with a word for the baseline or its name."""
     name = trials.primary_info.name if trials.primary_info else ""
     limit = f"{trials.lost:g} times that of {baseline or trials.baseline}"
     interval = f"Wilson interval at {100 * trials.confidence:g} %"

@@ -39,10 +39,5 @@ class LostTable:
 
 
 def lost_table(trials: Trials) -> LostTable:
-    """Count the lost runs at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
+    """Count the lost runs at every point of a sweep."""
     return LostTable([(point, lost_runs(point)) for point in trials.each])

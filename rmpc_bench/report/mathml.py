@@ -55,16 +55,9 @@ class FormulaError(ValueError):
 
 
 def mathml(formula: str) -> str:
-    """Write a formula as a MathML element.
+    """Write a formula, without its dollar signs, as a MathML element.
 
-    Parameters
-    ----------
-    formula : the text between the dollar signs
-
-    Raises
-    ------
-    FormulaError
-        If it holds something that is not covered; it is then shown as text.
+    Raises a FormulaError if it holds something that is not covered; it is then shown as text.
 
     Examples
     --------

@@ -186,12 +186,7 @@ class RanksTable:
 
 
 def ranks_table(trials: Trials) -> RanksTable:
-    """Rank the methods of an experiment whose configuration asks for it.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
+    """Rank the methods of an experiment whose configuration asks for it."""
     return RanksTable(trials, ranking(trials) if trials.with_verdicts else None)
 
 

@@ -19,13 +19,7 @@ REQUIREMENTS_NOTE = (
 
 
 def requirement_columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
-    """Return the columns of a table, head -> cells; empty without requirements.
-
-    Parameters
-    ----------
-    trials : the table of one point
-    frame : its pass rates, see `rmpc_bench.analysis.requirements`
-    """
+    """Return head -> cells by the pass rates of one point, see `analysis.requirements`; empty without any."""
     rows = frame.to_dict("records")
     if not rows:
         return {}

@@ -65,12 +65,7 @@ class RequirementsTable:
 
 
 def requirements_table(trials: Trials) -> RequirementsTable:
-    """Count the runs that meet each requirement at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
+    """Count the runs that meet each requirement at every point of a sweep."""
     return RequirementsTable(trials, [(point, pass_rates(point)) for point in trials.each])
 
 

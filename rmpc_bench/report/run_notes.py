@@ -42,13 +42,7 @@ def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
 
 
 def step_times(trials: Trials, methods: list[str]) -> list[str]:
-    """Return the time per step of every method, for a column of a table; none where none is known.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    methods : names in the order of the lines
-    """
+    """Return the time per step of every method, in the given order, for a column of a table; empty if none is known."""
     seconds = [notes.seconds_per_step if (notes := trials.notes.get(method)) else None for method in methods]
     return ["-" if each is None else short_time(each) for each in seconds] if any(seconds) else []
 
@@ -118,13 +112,7 @@ def notes_markdown(trials: Trials) -> list[str]:
 
 
 def screen_lines(trials: Trials, directory: object) -> list[str]:
-    """Return the lines of the screen on failed runs, held and failed steps, and warnings.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    directory : where the results are
-    """
+    """Return the lines of the screen on failed runs, held and failed steps, and warnings."""
     lines: list[str] = []
     failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
     for number, (table, method, run) in enumerate(failed[:MOST_ON_SCREEN]):
@@ -148,12 +136,8 @@ def failure_files(
 ) -> dict[str, str]:
     """Return the files on failed runs: name -> text, for the first runs of every method.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    directory : where the results are
-    uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
-    versions : name of a package -> version that computed the trials
+    `uncertainty` has the sweep columns, ``run`` and one column per named uncertain quantity.  `versions` are those of
+    the packages that computed the trials.
     """
     files: dict[str, str] = {}
     for table in trials.each:

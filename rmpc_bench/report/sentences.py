@@ -24,19 +24,11 @@ AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio o
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
-    """Say one comparison in one sentence that can be pasted into a paper.
+    """Say one row of `comparison.comparisons` in one sentence that can be pasted into a paper.
 
-    Parameters
-    ----------
-    row : a row of `comparison.comparisons`
-    info : the metric of the row
-    trials : the table that was compared
-
-    Returns
-    -------
-    such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired
-    runs, 95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better in the runs seen; no run of 200
-    was lost: at most 1.5 % are (lost: failed or 10 times worse than the partner; 95 % bound)."
+    It is such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired runs,
+    95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better in the runs seen; no run of 200 was
+    lost: at most 1.5 % are (lost: failed or 10 times worse than the partner; 95 % bound)."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
     word = seen_text(row, margin_text(trials, info, row))

@@ -29,13 +29,8 @@ MOST_ON_SCREEN = 6
 def trials_csv(trials: Trials, path: Path) -> None:
     """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
 
-    Where a component may hold failed steps, `held_steps` follows the status; where a controller optimises and goes on
-    after a failed step, `failed_steps` and `worst_step`, the worst status of the steps of the run.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    path : the file, replaced
+    Where a component may hold failed steps, `held_steps` follows the status.  Where a controller optimises and goes on
+    after a failed step, `failed_steps` and `worst_step` follow, the worst status of the steps of the run.
     """
     metrics = (info.name for info in trials.metrics)
     columns = [*trials.paths, "method", "run", "status"]
@@ -163,12 +158,7 @@ def stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
 
 
 def summarise(trials: Trials) -> Summary:
-    """Describe every method and compare it with the baseline, at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
+    """Describe every method and compare it with the baseline, at every point of a sweep."""
     pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
     of = levels(trials)
     return Summary([_summary(point, of) for point in trials.each], pooled)

@@ -54,12 +54,7 @@ def value_text(found: Outcome) -> str:
 
 
 def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
-    """Return head -> cells of the table of values, a line per method and parameter.
-
-    Parameters
-    ----------
-    found : of the methods at one point of the sweep
-    """
+    """Return head -> cells of the table of values at one point of the sweep, a line per method and parameter."""
     columns: dict[str, list[str]] = {}
     for each in found:
         for place in range(len(each.search.parameters)):
@@ -92,17 +87,9 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
 
 
 def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:
-    """Write the rank of a method with its smallest and largest rank over the bootstrap sets.
+    """Write a rank with its smallest and largest rank over the bootstrap sets, such as "2 (1 to 3)".
 
-    Parameters
-    ----------
-    ranks : at one point of the sweep
-    method : name of the method
-    budget : index among the budgets; the last one unless given
-
-    Returns
-    -------
-    such as "2 (1 to 3)"
+    The budget is an index among the budgets.
     """
     place = ranks.methods.index(method)
     ends = ranks.smallest[budget, place], ranks.largest[budget, place]
@@ -110,12 +97,9 @@ def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:
 
 
 def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
-    """Return head -> cells of the table of ranks: every method after each budget.
+    """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget.
 
-    Parameters
-    ----------
-    ranks : at one point of the sweep
-    trials : the table of trials, which says where parameters come from
+    The trials say where parameters come from.
     """
     columns = {"method": [*ranks.methods]}
     words = [parameter_text(trials, name) for name in ranks.methods]

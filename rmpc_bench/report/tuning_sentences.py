@@ -45,12 +45,7 @@ def end_sentences(found: Outcome) -> Iterator[str]:
 
 
 def rank_sentences(ranks: TuningRanks) -> list[str]:
-    """Say how far the ranks depend on the tuning runs and on the budget.
-
-    Parameters
-    ----------
-    ranks : at one point of the sweep
-    """
+    """Say how far the ranks at one point of the sweep depend on the tuning runs and on the budget."""
     order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
     text = f"Other tuning runs: the order is the same in {order} of {SETS} bootstrap sets"
     texts = [f"{text}, the first rank in {winner}."]

@@ -17,9 +17,7 @@ from rmpc_bench.types import MetricInfo
 def turning_sentences(trials: Trials) -> Iterator[str]:
     """Say for every swept number and method where the sign of the change from the baseline turns.
 
-    Parameters
-    ----------
-    trials : the table of trials; one without sweep, and a population of single runs, have no sentences
+    A table without sweep, and a population of single runs, have no sentences.
     """
     info = trials.points[0].primary_info if trials.points else None
     if info is None or not trials.with_verdicts or trials.is_population:

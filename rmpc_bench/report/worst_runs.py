@@ -20,13 +20,7 @@ FEWEST = 20
 
 
 def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
-    """Return the columns of the table, head -> cells; empty with few runs and where nothing is estimated.
-
-    Parameters
-    ----------
-    trials : the table of one point
-    metrics : those of the table; all if None
-    """
+    """Return head -> cells at one point for some metrics or all; empty with few runs and where nothing is estimated."""
     if len(trials.runs) < FEWEST or trials.alike or not trials.with_verdicts:
         return {}
     trials = trials if metrics is None else trials.with_numbers(trials.frame, metrics=tuple(metrics))
@@ -40,13 +34,7 @@ def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = No
 
 
 def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]:
-    """Return method -> distance from the best value and index of its worst finished run, the first of equal ones.
-
-    Parameters
-    ----------
-    trials : the table of one point
-    info : the metric
-    """
+    """Return method -> distance from the best value and index of its worst finished run, the first of equal ones."""
     found = {}
     for method in trials.methods:
         values = distance_from_best(trials.column(info.name, method), info.direction)

@@ -73,16 +73,10 @@ def table(
     notes: Sequence[Text] = (),
     prose: bool = False,
 ) -> Block:
-    """Make a table whose first column names its rows.
+    """Make a table whose first column names its rows, from head -> cells.
 
-    Parameters
-    ----------
-    caption : what it shows
-    columns : head -> cells
-    methods : number of the method of every row, so that the row can be hidden with it; None for none
-    metric : name of the metric, so that the table can be chosen by it
-    notes : lines below the table
-    prose : whether cells hold sentences, which are broken into lines
+    A row has the number of its method, by which it can be hidden, or None.  By its metric the table can be chosen.
+    Notes are lines below it.  Cells of `prose` hold sentences, which are broken into lines.
     """
     rows = [list(cells) for cells in zip(*columns.values(), strict=True)]
     numbers = [*methods] if methods else [None] * len(rows)

@@ -24,12 +24,7 @@ SHORT = {
 
 
 def claim_blocks(source: PageSource) -> list[Block]:
-    """Return a block per statement, grouped as in claims.md.
-
-    Parameters
-    ----------
-    source : of the page
-    """
+    """Return a block per statement, grouped as in claims.md."""
     blocks: list[Block] = []
     informational = bool(source.overrides or source.incomplete)
     names = {figure.name for figure in source.figures}

@@ -52,16 +52,10 @@ DRIVERS = ("drivers", "ranking")
 
 
 def page_context(source: PageSource) -> dict[str, Any]:
-    """Return all that the templates of a page lay out.
+    """Return the plain data that the templates of a page lay out.
 
-    Parameters
-    ----------
-    source : tables, findings and figures of the experiment
-
-    Returns
-    -------
-    plain data: ``title``, ``subtitle``, ``provenance``, ``methods``, ``metrics`` and ``sections``, each with an id, a
-    title and blocks; sections without blocks are left out
+    They are ``title``, ``subtitle``, ``provenance``, ``methods``, ``metrics`` and ``sections``, each with an id, a
+    title and blocks.  Sections without blocks are left out.
     """
     trials = source.trials
     parts = [

@@ -20,16 +20,7 @@ SMOKE = "This is a smoke run: it is too short for verdicts, and its numbers mean
 
 
 def headline(tables: Summary) -> str:
-    """Say in one sentence how the methods compare with the baseline.
-
-    Parameters
-    ----------
-    tables : summary and comparisons
-
-    Returns
-    -------
-    the sentence, followed by one on what the numbers in it are
-    """
+    """Say in one sentence how the methods compare with the baseline, and in another what its numbers are."""
     first = tables.points[0]
     info = shown_metric(first.trials)
     if not first.trials.with_verdicts:

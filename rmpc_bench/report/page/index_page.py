@@ -35,13 +35,7 @@ class IndexEntry(NamedTuple):
 
 
 def index_context(entries: Sequence[IndexEntry], version: str) -> dict[str, Any]:
-    """Return all that the template of a page lays out for an index.
-
-    Parameters
-    ----------
-    entries : the experiments, in the order in which they are listed
-    version : of this program
-    """
+    """Return all that the template of a page lays out for an index, in the order of the entries."""
     groups: dict[str, list[IndexEntry]] = {}
     for entry in entries:
         groups.setdefault(entry.group, []).append(entry)

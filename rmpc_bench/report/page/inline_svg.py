@@ -16,19 +16,10 @@ _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 
 
 def inline_svg(text: str, name: str, title: str, description: str) -> str:
-    """Return the SVG element of a file for use in a page.
+    """Return the SVG element of a file for use in a page, without declarations, comments, dates and links.
 
-    Groups whose id is ``method-2`` or begins so get ``data-method="2"`` instead, by which a script can hide them.
-
-    Parameters
-    ----------
-    text : content of an SVG file
-    name : unique among the figures of the page; put in front of every id
-    title, description : plain text of the picture for readers who cannot see it
-
-    Returns
-    -------
-    the element, without declarations, comments, dates and links
+    Groups whose id is ``method-2`` or begins so get ``data-method="2"`` instead, by which a script can hide them.  The
+    name, unique in the page, is put in front of every id.  Title and description are for readers who cannot see it.
     """
     start = text.find("<svg")
     text = _METADATA.sub("", _COMMENT.sub("", text[start:]))

@@ -19,12 +19,9 @@ LIMITATIONS = (
 
 
 def rank_blocks(ranks: RanksTable | None, methods: Sequence[str]) -> list[Block]:
-    """Return the table of ranks, what they cannot show, and sentences to quote; nothing without ranks.
+    """Return the table of ranks, what they cannot show, and sentences to quote; nothing if ranks are not known.
 
-    Parameters
-    ----------
-    ranks : the table; None where it is not known
-    methods : all methods of the experiment, by whose place a row can be hidden
+    A row can be hidden by the place of its method among all methods of the experiment.
     """
     columns = {} if ranks is None else ranks.columns
     if ranks is None or not columns:

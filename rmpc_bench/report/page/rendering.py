@@ -20,16 +20,9 @@ TEMPLATES = Path(__file__).parents[1] / "templates"
 
 
 def render_html(template: str, context: Mapping[str, Any]) -> str:
-    """Fill a template of HTML.
+    """Fill a template such as ``page.html`` with plain data.
 
-    Parameters
-    ----------
-    template : such as ``page.html``
-    context : plain data
-
-    Returns
-    -------
-    one file that loads nothing: its style and script are in it, and its policy allows this script alone
+    The file loads nothing: its style and script are in it, and its policy allows this script alone.
     """
     script = _content("page.js").strip()
     digest = b64encode(sha256(f"\n{script}\n".encode()).digest()).decode()
@@ -43,13 +36,7 @@ def render_html(template: str, context: Mapping[str, Any]) -> str:
 
 
 def render_markdown(template: str, context: Mapping[str, Any]) -> str:
-    """Fill a template of Markdown.
-
-    Parameters
-    ----------
-    template : such as ``page.md``
-    context : plain data
-    """
+    """Fill a template such as ``page.md`` with plain data."""
     text = _environment(html=False).get_template(f"{template}.j2").render(**context)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 

@@ -35,10 +35,7 @@ MOST_ROWS = 200
 def result_blocks(tables: Summary, methods: Sequence[str]) -> list[Block]:
     """Return the tables: of all metrics at a few points; of a large sweep the primary metric at its first points.
 
-    Parameters
-    ----------
-    tables : summary and comparisons
-    methods : all methods of the experiment, by whose place a row can be hidden
+    A row can be hidden by the place of its method among all methods of the experiment.
     """
     points = [point for point in tables.points if len(point.trials.frame)]
     blocks: list[Block] = []

@@ -23,10 +23,7 @@ TAILS_NOTE = (
 def tail_blocks(tables: Summary, methods: Sequence[str]) -> list[Block]:
     """Return the worst runs in the primary metric, and folded those in the other metrics and at more points.
 
-    Parameters
-    ----------
-    tables : summary and comparisons
-    methods : all methods of the experiment, by whose place a row can be hidden
+    A row can be hidden by the place of its method among all methods of the experiment.
     """
     points = [point for point in tables.points[:MOST_ON_SCREEN] if len(point.trials.frame)]
     found = [each for point in points if (each := _tables(point, methods))]
@@ -57,12 +54,9 @@ def _table(trials: Trials, info: MetricInfo, methods: Sequence[str]) -> Block | 
 
 
 def requirement_blocks(requirements: RequirementsTable | None, methods: Sequence[str]) -> list[Block]:
-    """Return how many runs meet the requirements, at the first points of a sweep.
+    """Return how many runs meet the requirements, at the first points of a sweep; nothing if not known.
 
-    Parameters
-    ----------
-    requirements : pass rates; None where they are not known
-    methods : all methods of the experiment, by whose place a row can be hidden
+    A row can be hidden by the place of its method among all methods of the experiment.
     """
     points = [] if requirements is None else requirements.points
     blocks: list[Block] = []

@@ -12,10 +12,7 @@ from rmpc_bench.report.tuning_table import TuningTable
 def tuning_blocks(tuning: TuningTable | None, methods: Sequence[str]) -> list[Block]:
     """Return the protocol, and for each point the tables of values and ranks with their sentences; nothing untuned.
 
-    Parameters
-    ----------
-    tuning : the table; None where it is not known
-    methods : all methods of the experiment, by whose place a row can be hidden
+    A row can be hidden by the place of its method among all methods of the experiment.
     """
     if tuning is None or not tuning.outcomes:
         return []
