@@ -175,11 +175,7 @@ def _mask(mask: bytes | None, n: int) -> Bool[Array, " n"]:
 
 
 def ranges(runs: Sequence[int] | Int[Array, " runs"]) -> list[tuple[int, int]]:
-    """Return consecutive runs as (first, stop).
-
-    Parameters
-    ----------
-    runs : indices in ascending order
+    """Return consecutive runs, given in ascending order, as (first, stop).
 
     Examples
     --------

@@ -47,16 +47,8 @@ def _valid(given: dict[str, Any], found: list[tuple[str, str]]) -> dict[str, Any
 def choose(results: Results, **keys: Any) -> Results:
     """Return the same results whose tables and figures show something else, or are written otherwise.
 
-    Parameters
-    ----------
-    results : from `run` or `load_results`
-    keys : keys of the section `report` to replace: order, width, metrics, columns, style, font, format; None leaves
-        a key as it is
-
-    Raises
-    ------
-    DesignError
-        If a value is wrong; it has the choices, or the nearest name.
+    The keys replace those of the section `report`: order, width, metrics, columns, style, font, format.  None leaves a
+    key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
 
     Examples
     --------

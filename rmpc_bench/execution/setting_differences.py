@@ -63,12 +63,7 @@ def setting_differences(a: Results, b: Results) -> list[Setting]:
 
 
 def differing(a: Any, b: Any, path: str = "") -> list[Setting]:
-    """Compare two trees of plain data.
-
-    Parameters
-    ----------
-    a, b : the trees
-    path : where they stand
+    """Compare two trees of plain data that stand at a path.
 
     Examples
     --------

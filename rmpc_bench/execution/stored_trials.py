@@ -23,19 +23,9 @@ from rmpc_bench.execution.traces import traces_of, with_estimates
 
 
 def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
-    """Read the stored trials of an experiment.
+    """Read the stored trials of an experiment, without methods that have no stored run.
 
-    Methods without a single stored run are left out.
-
-    Parameters
-    ----------
-    experiment : the record of the experiment
-    store : its open store
-
-    Raises
-    ------
-    MissingError
-        If no trial is stored.
+    Raises a MissingError if there are none.
     """
     series = SeriesReader(experiment, store)
     quantities: dict[str, pd.DataFrame] = {}

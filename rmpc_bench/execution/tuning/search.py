@@ -112,15 +112,10 @@ class Plan(NamedTuple):
 def plan(
     parameters: Sequence[TunedParameter], budget: int, search: str, known: Mapping[Row, float], start: int = 0
 ) -> Plan:
-    """Return what to try next.
+    """Return what to try next, within a budget of different values.
 
-    Parameters
-    ----------
-    parameters : what is tuned
-    budget : number of different values
-    search : ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``
-    known : values that were tried -> objective, which may be infinite
-    start : index of the first quasi-random point
+    The search is ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``, with the index of its first random
+    point.  Objectives of known values may be infinite.
     """
     evaluations = _Evaluations(known, budget)
     name = search if search != "auto" else "grid-golden" if len(parameters) == 1 else "nelder-mead"

@@ -46,23 +46,10 @@ def tuned(
 ) -> ExperimentConfig:
     """Return a configuration with tuned values: those that are known, and those that are found here.
 
-    The same call continues an interrupted one.
-
-    Parameters
-    ----------
-    config : from `load_config`
-    directory : of the results; tuning.json and the trials of the tuning lie or will lie in it, or in that of a shard
-    shard : the shard that is computed, which uses the tuning.json of the whole experiment too; None for all runs
-    only : names of the methods to tune; all unless given
-    means : how trials are computed
-    progress : display
-
-    Raises
-    ------
-    StoreError, WriteError
-        As `rmpc_bench.execution.runner.compute`.
-    ConfigError
-        If no value of a range gives a design.
+    The same call continues an interrupted one.  The directory of the results, or that of a shard, has or gets
+    tuning.json and the trials of the tuning.  A shard uses the tuning.json of the whole experiment too.  `means` says
+    how trials are computed.  Raises as `rmpc_bench.execution.runner.compute`, and a ConfigError if no value of a range
+    gives a design.
     """
     plan_of = config.tuning
     if plan_of is None:
