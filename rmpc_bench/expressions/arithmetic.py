@@ -210,14 +210,7 @@ class ArithmeticParser:
 
 
 def unknown_name(token: Token, kind: str, known: Collection[str]) -> ExpressionError:
-    """Return an error that names what is known and what is near.
-
-    Parameters
-    ----------
-    token : the unknown name
-    kind : what it should have been, such as "name" or "function"
-    known : the names that there are
-    """
+    """Return an error that names what is known and what is near; the kind is a word such as "name" or "function"."""
     near = get_close_matches(token.text, known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return ExpressionError(token.column, f"unknown {kind} {token.text!r} (known: {', '.join(known)}){hint}")

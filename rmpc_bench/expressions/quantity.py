@@ -73,20 +73,9 @@ class Expression:
         return " ".join(_postfix(self.tree))
 
     def __call__(self, values: Mapping[str, float] = {}) -> float:
-        """Evaluate in plain float arithmetic.
+        """Evaluate in plain float arithmetic; the values have at least the ``names``, and the result is finite.
 
-        Parameters
-        ----------
-        values : a number for every name in ``names``; more are ignored
-
-        Returns
-        -------
-        a finite number
-
-        Raises
-        ------
-        QuantityError
-            when there is none, with the column of the operation that fails
+        Raises a QuantityError when there is no number, with the column of the operation that fails.
         """
         try:
             return _value(self.tree, values)
@@ -94,16 +83,9 @@ class Expression:
             _fail(self.text, error)
 
     def of_columns(self, columns: Mapping[str, Column], n: int) -> Column | None:
-        """Evaluate many rows at once, each as a call does.
+        """Evaluate n rows at once, each as a call does; None where one is not finite, or beyond plain arithmetic.
 
-        Parameters
-        ----------
-        columns : (n,) numbers for every name in ``names``
-        n : number of rows
-
-        Returns
-        -------
-        (n,) numbers; None where a row has no finite value, or where the expression is more than plain arithmetic
+        Columns are (n,) numbers for every name in ``names``, and so is the result.
         """
         return _column(self.tree, columns, n)
 
@@ -223,21 +205,9 @@ class _QuantityParser(ArithmeticParser):
 
 
 def parse(text: str | float | int, names: Collection[str] = ()) -> Expression:
-    """Read a quantity.
+    """Read a quantity with some free names; ``pi`` and the functions cannot be among them.
 
-    Parameters
-    ----------
-    text : the arithmetic, or a number
-    names : free names that it may use; ``pi`` and the functions cannot be among them
-
-    Returns
-    -------
-    what to call for the value
-
-    Raises
-    ------
-    QuantityError
-        with what is wrong, and its column
+    Raises a QuantityError with what is wrong, and its column.
     """
     return _parse(text, names, 0)
 
@@ -275,20 +245,10 @@ def number(value: str | float | int) -> float:
 
 
 def with_unit(value: str | float | int) -> tuple[float, str]:
-    """Read a number that may have a unit behind it, after a blank: ``8 ml/s``.
+    """Read a quantity that may have a unit behind it, after a blank: ``8 ml/s``.
 
-    Parameters
-    ----------
-    value : a quantity without free names, possibly with the name of a unit
-
-    Returns
-    -------
-    the number and the unit, empty where none is given; units are names here: nothing is converted
-
-    Raises
-    ------
-    QuantityError
-        when there is no number
+    Units are names here, empty where none is given; nothing is converted.  Raises a QuantityError when there is no
+    number.
 
     Examples
     --------
@@ -313,20 +273,9 @@ def with_unit(value: str | float | int) -> tuple[float, str]:
 
 
 def spread(text: str | float | int) -> float | None:
-    """Half the width that ``+-10%`` or ``±10%`` states (here 0.1).
+    """Half the width that ``+-10%`` or ``±10%`` states (here 0.1); None when the text does not start with the sign.
 
-    Parameters
-    ----------
-    text : a quantity, possibly after the sign of a spread
-
-    Returns
-    -------
-    the half width; None when the text does not start with the sign
-
-    Raises
-    ------
-    QuantityError
-        when what follows the sign is no quantity, or is negative
+    Raises a QuantityError when what follows the sign is no quantity, or is negative.
     """
     sign = _SPREAD.match(text) if isinstance(text, str) else None
     if sign is None:

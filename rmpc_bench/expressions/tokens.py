@@ -85,12 +85,7 @@ class Tokens:
         return self.next() if self.current.kind == "symbol" and self.current.text in symbols else None
 
     def until(self, closing: str) -> str | None:
-        """Return the text from the current token to a closing symbol, and move past that.
-
-        Returns
-        -------
-        the text between, whatever characters it has; None where the closing symbol does not follow
-        """
+        """Return the text up to a closing symbol, with any characters, and move past it; None if there is none."""
         place = self.text.find(closing, self.current.end)
         if place < 0:
             return None

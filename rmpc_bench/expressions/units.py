@@ -11,16 +11,9 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]+)\s*")
 
 
 def seconds(value: float | str) -> float:
-    """Return a duration in seconds.
+    """Return a duration, a number or a text with a unit, in seconds.
 
-    Parameters
-    ----------
-    value : a number of seconds, or a text with a unit
-
-    Raises
-    ------
-    ValueError
-        If it is no duration, or not longer than 0.
+    Raises a ValueError if it is none, or not longer than 0.
 
     Examples
     --------
@@ -34,16 +27,7 @@ def seconds(value: float | str) -> float:
 
 
 def n_bytes(text: str) -> int:
-    """Return a size in bytes.
-
-    Parameters
-    ----------
-    text : such as ``2 GB`` (2e9 bytes) or ``2 GiB``
-
-    Raises
-    ------
-    ValueError
-        If it is no size.
+    """Return a size such as ``2 GB`` (2e9 bytes) or ``2 GiB`` in bytes; raises a ValueError if it is none.
 
     Examples
     --------
@@ -54,19 +38,11 @@ def n_bytes(text: str) -> int:
 
 
 def inches(text: str) -> float:
-    """Return a length in inches.
+    """Return a length such as ``252pt``, ``88 mm`` or ``3.5in`` in inches.
 
-    A point is that of LaTeX, of which an inch has 72.27, as in the width of a column that LaTeX
-    prints.  The point of PostScript and CSS, of which an inch has 72, is ``bp`` here and there.
-
-    Parameters
-    ----------
-    text : such as ``252pt``, ``88 mm`` or ``3.5in``
-
-    Raises
-    ------
-    ValueError
-        If it is no length, or not longer than 0.
+    A point is that of LaTeX, of which an inch has 72.27, as in the width of a column that LaTeX prints.  The point of
+    PostScript and CSS, of which an inch has 72, is ``bp`` here and there.  Raises a ValueError if it is no length, or
+    not longer than 0.
 
     Examples
     --------
