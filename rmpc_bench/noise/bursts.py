@@ -190,12 +190,9 @@ class BurstyNoise(Noise):
 
 
 def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:
-    """Return a child of a fresh generator, counted from 0: that of `Generator.spawn`, without counting it.
+    """Return a numbered child of a fresh generator: that of `Generator.spawn`, without counting it.
 
-    Parameters
-    ----------
-    rng : generator whose seed is a SeedSequence
-    number : of the child; another number is an independent stream
+    The generator has a SeedSequence; children count from 0 and are independent streams.
     """
     seed: Any = rng.bit_generator.seed_seq
     child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number), pool_size=seed.pool_size)
@@ -203,34 +200,18 @@ def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:
 
 
 def with_bursts(steady: Steady, bursts: list[Burst] | RandomBursts | None, Ts: float) -> Steady | BurstyNoise:
-    """Return a noise with bursts; without any it is the noise itself, with its moments.
+    """Return a noise with bursts as configured [s]; without any it is the noise itself, with its moments.
 
-    Parameters
-    ----------
-    steady : the noise without bursts
-    bursts : as configured, in seconds
-    Ts : sampling time [s]
-
-    Raises
-    ------
-    DesignError
-        As `placed`.
+    Raises as `placed`.
     """
     return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
 
 
 def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
-    """Put bursts on the samples.
+    """Put bursts, as configured [s], on the samples.
 
-    Parameters
-    ----------
-    bursts : as configured, in seconds
-    Ts : sampling time [s]
-
-    Raises
-    ------
-    DesignError
-        If a burst ends before it begins or contains no sample, or a window is shorter than its longest possible burst.
+    Raises a DesignError if a burst ends before it begins or contains no sample, or a window is shorter than its longest
+    possible burst.
     """
     if isinstance(bursts, RandomBursts):
         return _drawn(bursts, Ts)

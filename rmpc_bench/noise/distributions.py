@@ -24,9 +24,7 @@ class Distribution(ABC):
     def scaled(self, factor: float) -> Distribution:
         """Return the law with its spread about its centre multiplied; the centre of a choice is the mean of its values.
 
-        Parameters
-        ----------
-        factor : at least 0; 1 returns an equal law, 0 one without spread
+        The factor is at least 0; 1 returns an equal law, 0 one without spread.
         """
 
 

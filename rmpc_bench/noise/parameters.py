@@ -27,13 +27,7 @@ def _naming(key: str) -> Iterator[None]:
 
 
 def vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
-    """Expand a number (for every coordinate) or one per coordinate.
-
-    Raises
-    ------
-    DesignError
-        If the length does not fit; it names the key.
-    """
+    """Expand a number, for every coordinate, or n; raises a DesignError, with the key, if the length does not fit."""
     with _naming(name):
         return as_vector(value, n)
 
@@ -41,10 +35,7 @@ def vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
 def matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
     """Expand a number (times the identity), a diagonal or a matrix.
 
-    Raises
-    ------
-    DesignError
-        If the size does not fit; it names the key.
+    Raises a DesignError, with the key, if the size does not fit.
     """
     with _naming(name):
         return as_matrix(value, n)
@@ -53,10 +44,7 @@ def matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
 def psd_root(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
     """Symmetric root of a covariance: a number (times the identity), a diagonal or a matrix.
 
-    Raises
-    ------
-    DesignError
-        If the size does not fit or the matrix is not positive semidefinite; it names the key.
+    Raises a DesignError, with the key, if the size does not fit or the matrix is not positive semidefinite.
     """
     with _naming(name):
         return psd_sqrt(as_covariance(value, n))
@@ -68,19 +56,9 @@ def spread_root(
     cov: Matrix | Array | None,
     names: tuple[str, str] = ("std", "cov"),
 ) -> Float[Array, "n n"]:
-    """Root of a covariance that is given either by standard deviations or as a matrix.
+    """Root of a covariance that is given by standard deviations, one or n, or as `matrix` expands it.
 
-    Parameters
-    ----------
-    n : dimension
-    std : a number (for every coordinate) or one per coordinate
-    cov : a number (times the identity), a diagonal or a matrix
-    names : keys of both
-
-    Raises
-    ------
-    DesignError
-        If both or none are given, or a size does not fit.
+    Raises a DesignError, with the keys, if both or none are given, or a size does not fit.
     """
     if (std is None) == (cov is None):
         raise DesignError(f"give either {names[0]} or {names[1]}")
