@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rmpc_bench.adapters.casadi_calls import CasadiFunction, reason
 from rmpc_bench.extras import library
+from rmpc_bench.models.ode_names import Names, count
 from rmpc_bench.types import DesignError
 
 ARGUMENTS = {1: ("x",), 2: ("x", "u"), 3: ("x", "u", "p"), 4: ("t", "x", "u", "p")}
@@ -45,44 +46,92 @@ def named_object(found: Any) -> Any:
 def equation(made: Any) -> tuple[Any, tuple[str, ...]]:
     """Return the function of an equation without algebraic variables, and the names of its inputs."""
     if not isinstance(made, Mapping):
-        if made.n_in() not in ARGUMENTS:
-            raise DesignError(f"must have the inputs (x, u, p) or (t, x, u, p) (got {made})", "casadi")
-        return made, ARGUMENTS[made.n_in()]
+        return made, input_names(made, ARGUMENTS, "casadi")
     names = ARGUMENTS[4 if "t" in made else 3]
     none = type(made["x"]).sym("none", 0)
     return library("casadi").Function("ode", [made.get(name, none) for name in names], [made["ode"]]), names
 
 
+def input_names(function: Any, orders: Mapping[int, tuple[str, ...]], key: str) -> tuple[str, ...]:
+    """Return what the inputs are: by their names, else those of the symbols, else the order for their number."""
+    n, every = function.n_in(), max(orders.values(), key=len)
+    automatic = function.name_in() == [f"i{i}" for i in range(n)]
+    own = tuple(map(_common_name, _symbols(function)) if automatic else function.name_in())
+    if "x" in own and set(own) <= set(every) and len({*own}) == n:
+        return own
+    order = orders.get(n, ())
+    if order and automatic and not any(each in ARGUMENTS[4] and each != order[i] for i, each in enumerate(own)):
+        return order
+    expected = " or ".join(f"({', '.join(orders[size])})" for size in sorted(orders)[-2:])
+    text = f"must have the inputs {expected}, or inputs with names from {', '.join(every)}"
+    raise DesignError(f"{text}: Function(name, [..], [..], ['x', ..], [..]) (got {function})", key)
+
+
+def _symbols(function: Any) -> list[list[str]]:
+    """Return the names of the entries of every input; none where CasADi does not keep them."""
+    if function.is_a("SXFunction"):
+        return [entry_names(each) for each in function.sx_in()]
+    symbols = function.mx_in() if function.is_a("MXFunction") else []
+    return [[each.name()] if each.is_symbolic() else [] for each in symbols]
+
+
+def _common_name(entries: Sequence[str]) -> str:
+    """Return the name of the symbol that has these entries; empty where they belong to several."""
+    name = entries[0].removesuffix("_0") if entries else ""
+    return name if len(entries) == 1 or [*entries] == [f"{name}_{i}" for i in range(len(entries))] else ""
+
+
+def entry_names(column: Any) -> list[str]:
+    """Return the names of the entries of a column of symbols; none of a column of MX, which is one symbol."""
+    casadi = library("casadi")
+    is_column = isinstance(column, casadi.SX) and column.is_column() and column.is_dense()
+    return [each.name() if each.is_symbolic() else "" for each in casadi.vertsplit(column)] if is_column else []
+
+
+def refuse_other_order(entries: Sequence[str], given: Any, what: str, key: str) -> None:
+    """Refuse names of a configuration that the entries of a column have in another order."""
+    names = [] if isinstance(given, int) else [*given]
+    if any(name in entries and entries.index(name) != i for i, name in enumerate(names)):
+        text = f"{what} has the entries {', '.join(entries)}; give their names in this order"
+        raise DesignError(f"{text} (got {', '.join(names)})", key)
+
+
 def checked(
-    function: Any, names: tuple[str, ...], counts: Mapping[str, int], key: str, *, alone: bool = False
+    function: Any, names: tuple[str, ...], given: Mapping[str, Names], key: str, *, alone: bool = False
 ) -> CasadiFunction:
     """Return a `casadi.Function` with inputs of these names as a function of numbers.
 
     Parameters
     ----------
     function, names, alone : as `CasadiFunction` takes them
-    counts : input -> number of its entries; any number where it is left out
+    given : input -> names of its entries, or their number; anything where it is left out
     key : of the configuration; a function of `output` is called with (x, p)
 
     Raises
     ------
     DesignError
-        If an input or the result is no column, or has another size.
+        If an input or the result is no column, has another size, or has entries of these names in another order.
     """
-    casadi, n = library("casadi"), len(names)
-    if function.n_in() != n or function.n_out() != 1:
+    casadi, n, shown_name = library("casadi"), len(names), function.name()
+    if function.n_out() != 1:
         raise DesignError(f"must have the inputs {', '.join(names)} and one result (got {function})", key)
     if any(each != 1 for each in [*map(function.size2_in, range(n)), function.size2_out(0)]):
         raise DesignError(f"must take and return columns (got {function})", key)
-    for i, name in enumerate(names):
-        size, wanted = function.size1_in(i), counts.get(name)
-        if wanted is not None and size != wanted:
-            raise DesignError(f"{name} of {function.name()} has {size} entries; {KEYS[name]}: {wanted}", KEYS[name])
+    entries = dict(zip(names, _symbols(function), strict=False))
+    for name, each in given.items():
+        if name in names:
+            size = function.size1_in(names.index(name))
+            if size != count(each):
+                raise DesignError(f"{name} of {shown_name} has {size} entries; {KEYS[name]}: {count(each)}", KEYS[name])
+            if len(own := entries.get(name, [])) == size:
+                refuse_other_order(own, each, f"{name} of {shown_name}", KEYS[name])
+        elif count(each) and key != "output":
+            raise DesignError(f"{shown_name} has no input {name}: its inputs are {', '.join(names)}", KEYS[name])
     symbols = [casadi.MX.sym(name, function.size1_in(i)) for i, name in enumerate(names)]
     if not all(each.is_dense() for each in [*map(function.sparsity_in, range(n)), function.sparsity_out(0)]):
         # The memory of a call has no structural zeros.
-        function = casadi.Function(function.name(), symbols, [casadi.densify(function(*symbols))])
-    shown = ("x", "p") if key == "output" else ARGUMENTS[max(n, 3)]
+        function = casadi.Function(shown_name, symbols, [casadi.densify(function(*symbols))])
+    shown = ("x", "p") if key == "output" else ARGUMENTS[4 if "t" in names else 3]
     return CasadiFunction(function, names, shown, alone=alone)
 
 
@@ -118,6 +167,7 @@ def sampled_dae(
     z0 = [0.0] * dae["z"].numel() if guess is None else [*guess.values()]
     if len(z0) != dae["z"].numel():
         raise DesignError(f"has {len(z0)} entries; z has {dae['z'].numel()}", "algebraic")
+    refuse_other_order(entry_names(dae["z"]), guess or {}, "z", "algebraic")
     whole = {name: int(value) if float(value).is_integer() else value for name, value in options.items()}
     try:
         begin = parts["alg"] if "t" not in dae else casadi.substitute(parts["alg"], dae["t"], 0)

@@ -5,9 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from rmpc_bench.adapters.casadi_equation import checked, equation, named_object, sampled_dae
+from rmpc_bench.adapters.casadi_equation import (
+    KEYS,
+    checked,
+    entry_names,
+    equation,
+    input_names,
+    named_object,
+    refuse_other_order,
+    sampled_dae,
+)
 from rmpc_bench.extras import library
-from rmpc_bench.models.ode_names import Names, count
+from rmpc_bench.models.ode_names import Names
 from rmpc_bench.plants import ode
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import DesignError, UserFunction
@@ -41,8 +50,8 @@ def plant(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    casadi : ``PATH.py:NAME`` of a casadi.Function of (x, u, p) or (t, x, u, p), of a dict as casadi.integrator takes
-        it, or of a function without arguments that returns one
+    casadi : ``PATH.py:NAME`` of a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
+        these names, of a dict as casadi.integrator takes it, or of a function without arguments that returns one
     output : ``PATH.py:NAME`` of a casadi.Function or a function of Python of (x, p); without it all states are measured
     states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}`` (default: as many as there are)
     outputs : names; needed with `output`
@@ -65,11 +74,13 @@ def plant(
             raise DesignError(f"has no effect on an equation {'with' if has_z else 'without'} z", key)
     sampled = sampled_dae(made, Ts, integrator, options or {}, algebraic) if has_z else None
     function, names = sampled or equation(made)
-    given_names = {"x": states, "u": inputs, "p": [*nominal]}
-    counts = {name: count(each) for name, each in given_names.items() if each is not None}
-    rhs = checked(function, names, counts, "casadi", alone=has_z)
+    every = {"x": states, "u": inputs, "p": [*nominal]}
+    named = {name: each for name, each in every.items() if each is not None}
+    rhs = checked(function, names, named, "casadi", alone=has_z)
+    for name, each in named.items() if isinstance(made, Mapping) else ():
+        refuse_other_order(entry_names(made.get(name)), each, name, KEYS[name])
     if isinstance(output, library("casadi").Function):
-        output = checked(output, ("x", "p")[: max(output.n_in(), 1)], counts, "output")
+        output = checked(output, input_names(output, {1: ("x",), 2: ("x", "p")}, "output"), named, "output")
     sizes = {name: rhs.function.size1_in(i) for i, name in enumerate(names)}
     try:
         return ode.design(

@@ -169,7 +169,7 @@ def test_a_plant_that_was_used_can_be_sent_to_another_process():
         ({"states": ["h1", "h2", "h3"]}, "states", "x of tanks has 2 entries; states: 3"),
         ({"inputs": ["a", "b"]}, "inputs", "u of tanks has 1 entries; inputs: 2"),
         ({"parameters": {"a1": 1.0}}, "parameters", "p of tanks has 3 entries; parameters: 1"),
-        ({"output": function()}, "output", r"must have the inputs x, p and one result"),
+        ({"output": function()}, "output", r"must have the inputs \(x\) or \(x, p\), or inputs with names from x, p"),
         ({"integrator": "collocation"}, "integrator", "no effect on an equation without z"),
         ({"algebraic": {"v": 1.0}}, "algebraic", "no effect on an equation without z"),
         ({"x0": [-5.0, 0.1], "bounds": {}}, "casadi", "which are not all finite"),
@@ -180,6 +180,96 @@ def test_mistakes_are_reported_at_their_key(keys, key, message):
     with pytest.raises(DesignError, match=message) as caught:
         two_tanks(**keys)
     assert caught.value.parameter == key
+
+
+def swapped(*order, kind=casadi.SX, names=True):
+    """Return the tanks as a function whose inputs have another order, or fewer of them, with their names."""
+    x, _, u, p = symbols(kind)
+    given = {"x": x, "u": u, "p": p}
+    numbers = {"u": 8.0, "p": [*tanks.PARAMETERS.values()]}
+    values = {name: each if name in order else numbers[name] for name, each in given.items()}
+    right = function(kind)(values["x"], values["u"], values["p"])
+    own = [[*order], ["dx"]] if names else []
+    return casadi.Function("tanks", [given[name] for name in order], [right], *own)
+
+
+@pytest.mark.parametrize("kind", ["SX", "MX"])
+@pytest.mark.parametrize("names", [True, False])
+def test_inputs_are_matched_by_name(kind, names):
+    """Oracle: the function with the inputs in the order x, u, p.  Without names of its own the symbols have them."""
+    kind = getattr(casadi, kind)
+    np.testing.assert_array_equal(moved(two_tanks(swapped("x", "p", "u", kind=kind, names=names))), moved(two_tanks()))
+    at = At(x=[0.2, 0.1], u=8.0)
+    ours, theirs = (linearise(TS, two_tanks(each), at=at, noise=NOISE) for each in (None, swapped("p", "x", "u")))
+    np.testing.assert_array_equal([*theirs.A, theirs.B.T[0]], [*ours.A, ours.B.T[0]])
+
+
+def test_a_function_without_an_input_has_its_parameters():
+    """Naive form: of two inputs the second one is u, so that `perturb` has no effect."""
+    made = two_tanks(swapped("x", "p"), inputs=0, bounds={})
+    delta, x, _ = drawn(made)
+    none = np.zeros((9, 0))
+    found = made.step(0, delta, x, none, np.zeros_like(x)).x
+    ours = two_tanks()
+    expected = ours.step(0, drawn(ours)[0], x, np.full((9, 1), 8.0), np.zeros_like(x)).x
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+def columns(first, second):
+    """Return x and p whose entries are symbols with names."""
+    return casadi.vertcat(*map(casadi.SX.sym, first)), casadi.vertcat(*map(casadi.SX.sym, second))
+
+
+@pytest.mark.parametrize(
+    ("given", "key", "message"),
+    [
+        ({"casadi": swapped("x", "u")}, "parameters", "tanks has no input p: its inputs are x, u"),
+        ({"casadi": swapped("x", "p")}, "inputs", "tanks has no input u: its inputs are x, p"),
+        (
+            {"casadi": casadi.Function("f", symbols()[::2], [1.0], ["level", "pump"], ["dx"])},
+            "casadi",
+            r"\(x, u, p\) or \(t, x, u, p\), or inputs with names from t, x, u, p: .*got f:\(level",
+        ),
+        (
+            {"output": casadi.Function("h", [symbols()[0], symbols()[2]], [1.0], ["x", "u"], ["y"])},
+            "output",
+            r"\(x\) or \(x, p\), or inputs with names from x, p",
+        ),
+        (
+            {"output": casadi.Function("h", [symbols()[0], casadi.SX.sym("u", 3)], [1.0])},
+            "output",
+            r"names from x, p",
+        ),
+        (
+            {"casadi": casadi.Function("f", [columns(["h2", "h1"], "abc")[0], symbols()[2], symbols()[3]], [[0, 0]])},
+            "states",
+            r"x of f has the entries h2, h1; give their names in this order \(got h1, h2\)",
+        ),
+    ],
+)  # fmt: skip
+def test_inputs_that_do_not_fit_are_named(given, key, message):
+    """Parameters or inputs that would have no effect, names that mean nothing, and entries in another order."""
+    with pytest.raises(DesignError, match=message) as caught:
+        two_tanks(**given)
+    assert caught.value.parameter == key
+
+
+def test_entries_of_an_equation_are_in_the_order_of_their_names():
+    """Oracle: the order of the symbols.  A parameter in the place of another one is silent otherwise."""
+    x, p = columns(["a", "b"], ["k", "m"])
+    given = {"states": ["a", "b"], "x0": [1.0, 1.0]}
+    equation = {"x": x, "p": p, "ode": casadi.vertcat(-p[0] * x[0], -p[1] * x[1])}
+    made = plant(TS, STEPS, casadi=equation, parameters={"k": 1.0, "m": 2.0}, solver=Solver(substeps=99), **given)
+    delta, none = made.draw({"k": np.ones(1), "m": np.full(1, 2.0)}, [None], STEPS), np.zeros((1, 0))
+    motion = made.step(0, delta, np.ones((1, 2)), none, np.zeros((1, 2)))
+    np.testing.assert_allclose(motion.x[0], np.exp([-TS, -2 * TS]), rtol=1e-4)
+    with pytest.raises(DesignError, match="p of ode has the entries k, m; give their names in this order"):
+        plant(TS, STEPS, casadi=equation, parameters={"m": 2.0, "k": 1.0}, **given)
+    z = columns(["q", "v"], "")[0]
+    algebraic = {**equation, "z": z, "alg": z - x, "ode": -z}
+    with pytest.raises(DesignError, match="z has the entries q, v") as caught:
+        plant(TS, STEPS, casadi=algebraic, parameters={"k": 1.0, "m": 2.0}, algebraic={"v": 1.0, "q": 1.0}, **given)
+    assert caught.value.parameter == "algebraic"
 
 
 def test_matrices_are_refused():
