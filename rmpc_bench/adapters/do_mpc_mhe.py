@@ -5,7 +5,8 @@ Window  do-mpc repeats the oldest measurement until the window is full.  Here th
         first places.  The equations of missing and later measurements have no bounds: those samples are predictions
         with the last input and add nothing to the cost.  The estimate is the state at the last measurement.  x0 stays
         in the arrival cost until the window is full; then the smoothed x(1) replaces it.  Bounds hold for the
-        predictions as well.
+        predictions as well.  Time-varying parameters are those of the samples in the window: the last of those that
+        the function of the user gives for the time, as in a full window.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.adapters.do_mpc_setup import checked_solution, set_up, shorten_history
+from rmpc_bench.adapters.do_mpc_setup import checked_solution, refuse_other_order, set_up, shorten_history
 from rmpc_bench.types import Array
 
 
 class MheEstimator:
-    """An MHE of do-mpc; its model has the measurements y with noise, and after them none or u without noise.
+    """An MHE of do-mpc; its model has the measurements y with noise, and none or u without noise.
 
     Parameters
     ----------
-    made, model, Ts : the MHE, the design model, the sampling time [s]
+    made, model, Ts, plant_info : the MHE, the design model, the sampling time [s], names of the signals
     """
 
     returns = "an MHE of do-mpc"
@@ -36,14 +37,22 @@ class MheEstimator:
 
     bridges_missing = True
 
-    def __init__(self, made: Any, model: Any, Ts: float) -> None:
+    def __init__(self, made: Any, model: Any, Ts: float, plant_info: Any = None) -> None:
         set_up(made, Ts)
+        refuse_other_order(made.model, plant_info)
         if made.model.n_v != model.ny or made.model.n_y not in (model.ny, model.ny + model.nu):
             found = f"measurements of the do-mpc model: {made.model.n_y}, of which {made.model.n_v} have noise"
-            needed = f"{model.ny} outputs with noise (meas_noise=True), and then {model.nu} inputs without, or none"
+            needed = f"{model.ny} outputs with noise (meas_noise=True), and {model.nu} inputs without, or none"
             raise ValueError(f"{found}; needed are {needed}")
         self.mhe, self.N, self.Ts, self.n_y = made, made.settings.n_horizon, Ts, made.model.n_y
         self.window: deque[Array] = deque(maxlen=self.N)
+        measured = made.model._y
+        self.is_output = np.zeros(self.n_y, dtype=bool)
+        for name in measured.keys():  # noqa: SIM118, the structure is no mapping
+            self.is_output[measured.f[name]] = f"{name}_noise" in made.model._v.keys()  # noqa: SIM118
+        self.order = np.argsort(~self.is_output, kind="stable")
+        if made.model._tvp.size > 0:
+            made.set_tvp_fun(self._tvp_of_window(made.tvp_fun, made.get_tvp_template()))
         self.template, self.scale = made.get_y_template(), made._x_scaling.cat.full().ravel()
         made.set_y_fun(lambda t: self.template)
         self.p_est = made.p_est0.cat
@@ -51,6 +60,16 @@ class MheEstimator:
         rows, columns = (np.array(each) for each in made.S.get_function("nlp_jac_g").sparsity_out(1).get_triplet())
         self.equations = [row for j in range(self.N) for row in rows[np.isin(columns, made.opt_x.f["_v", j])].tolist()]
         self.missing = np.ones((self.N, model.ny), dtype=bool)
+
+    def _tvp_of_window(self, own: Any, template: Any) -> Any:
+        """Return the user's function with its last samples in the first places while the window grows."""
+
+        def tvp_fun(t: Any) -> Any:
+            given = own(t).cat.full().reshape(self.N + 1, -1)
+            template.master[:] = given[np.minimum(np.arange(self.N + 1) + self.N - len(self.window), self.N)].ravel()
+            return template
+
+        return tvp_fun
 
     def start(self, x0: Array) -> None:
         """Begin with x(0) of the arrival cost."""
@@ -67,10 +86,11 @@ class MheEstimator:
             first = self.path[0]
         else:
             mhe.p_est0.master = self.p_est
-        self.window.append(np.concatenate([y, u_previous])[: self.n_y])
+        self.window.append(np.empty(self.n_y))
+        self.window[-1][self.order] = np.concatenate([y, u_previous])[: self.n_y]
         n = len(self.window)
         data = np.array([*self.window, *[self.window[-1]] * (self.N - n)])
-        self.missing[:n] = np.isnan(data[:n, : len(y)])
+        self.missing[:n] = np.isnan(data[:n, self.is_output])
         self.template.master[:] = np.where(np.isnan(data), 0.0, data).ravel()
         bound = np.where(self.missing, np.inf, 0.0).ravel()
         mhe.nlp_cons_lb[self.equations], mhe.nlp_cons_ub[self.equations] = -bound, bound

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.adapters.do_mpc_setup import checked_solution, set_up, shorten_history
+from rmpc_bench.adapters.do_mpc_setup import checked_solution, refuse_other_order, set_up, shorten_history
 from rmpc_bench.types import Array, Count
 
 
@@ -18,6 +18,7 @@ class MpcController:
     made : the MPC
     model, Ts : design model, sampling time [s]
     preview : samples of the reference that the MPC knows, r(k) included; the last one is held over the horizon
+    plant_info : names of the signals
     """
 
     returns = "an MPC of do-mpc"
@@ -27,8 +28,9 @@ class MpcController:
         """Whether a function has returned an MPC, which has weights of the moves of the input."""
         return hasattr(made, "make_step") and hasattr(made, "set_rterm")
 
-    def __init__(self, made: Any, model: Any, Ts: float, preview: Count = 1) -> None:
+    def __init__(self, made: Any, model: Any, Ts: float, preview: Count = 1, plant_info: Any = None) -> None:
         set_up(made, Ts)
+        refuse_other_order(made.model, plant_info)
         n = made.settings.n_horizon + 1
         if preview > n:
             raise ValueError(f"preview = {preview}; an MPC with n_horizon = {n - 1} uses {n} samples of the reference")

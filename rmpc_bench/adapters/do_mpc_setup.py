@@ -64,6 +64,16 @@ def set_up(made: Any, Ts: float) -> None:
     made.setup()
 
 
+def refuse_other_order(model: Any, info: Any) -> None:
+    """Refuse variables of a do-mpc model that have the names of signals of the plant in another order."""
+    outputs = [name for name in model._y.keys() if f"{name}_noise" in model._v.keys()]
+    for noun, own in (("states", [*model._x.keys()]), ("inputs", [*model._u.keys()]), ("outputs", outputs)):
+        own, names = [name for name in own if name != "default"], [*getattr(info, noun, own)]
+        if own != names and sorted(own) == sorted(names):
+            text = f"{noun} of the do-mpc model: {', '.join(own)}; they need the order of the plant: {', '.join(names)}"
+            raise ValueError(text)
+
+
 def shorten_history(made: Any) -> None:
     """Keep the last samples only: the history is copied at every step, and would grow with the length of the run."""
     data = made.data

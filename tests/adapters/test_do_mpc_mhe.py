@@ -1,5 +1,7 @@
 """MHE of do-mpc: the numbers of a batch least-squares problem and of the Kalman filter, and its traps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from adapters.do_mpc_laws import small_mhe
@@ -8,9 +10,10 @@ from scipy.linalg import expm
 
 from rmpc_bench import SolverError
 from rmpc_bench.adapters.do_mpc import do_mpc_estimator, do_mpc_model
-from rmpc_bench.adapters.do_mpc_setup import do_mpc_library, quiet, set_up
+from rmpc_bench.adapters.do_mpc_setup import do_mpc_library, quiet, refuse_other_order, set_up
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.extras import is_installed
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.types import Status
 
 if not is_installed("do-mpc"):
@@ -96,6 +99,76 @@ def test_every_window_is_batch_least_squares():
     """While the window grows, when it is full, and while it moves."""
     ys, us = data()
     np.testing.assert_allclose(estimated(started(), ys, us), expected(ys, us)[1:], **NEWTON)
+
+
+TIMED = np.sin(1.3 * np.arange(K + 1)) + 0.2 * np.arange(K + 1)
+"""A known input of the model that differs from sample to sample: entry j acts between samples j and j + 1."""
+
+
+def driven(P0, order: str = "yu"):
+    """Return an MHE whose model has this input as a time-varying parameter, and measurements in an order."""
+    do_mpc = do_mpc_library()
+    made = do_mpc.model.Model("discrete", "SX")
+    x, u = (made.set_variable(f"_{name}", name, shape=(n, 1)) for name, n in (("x", 2), ("u", 1)))
+    d = made.set_variable("_tvp", "d")
+    made.set_rhs("x", MODEL.A @ x + MODEL.B @ u + np.array([[0.3], [1.0]]) @ d, process_noise=True)
+    for name in order:
+        made.set_meas(name, u if name == "u" else MODEL.C @ x, meas_noise=name == "y")
+    made.setup()
+    mhe = do_mpc.estimator.MHE(made)
+    mhe.settings.n_horizon = NE
+    P_x, P_w, P_v = (np.linalg.inv(each) for each in vars_of(MODEL).values())
+    mhe.set_default_objective(P_x, P_v, P_w=P_w)
+    template = mhe.get_tvp_template()
+
+    def tvp_fun(t):
+        """As in a full window: the place NE - 1 is the sample of the time, and nothing is known of later ones."""
+        now = round(np.ravel(t)[0] / TS)
+        for j in range(NE + 1):
+            sample = now + j - NE + 1
+            template["_tvp", j, "d"] = TIMED[sample] if 0 <= sample <= now else 1e3
+        return template
+
+    mhe.set_tvp_fun(tvp_fun)
+    return mhe
+
+
+@pytest.mark.parametrize("order", ["yu", "uy"])
+def test_time_varying_parameters_are_those_of_the_samples_in_the_window(order):
+    """Oracle: least squares with the parameter as a further input.  The model may measure u before y."""
+    ys, us = data()
+    ys[[3, 8]] = np.nan
+    law = do_mpc_estimator(driven)(model=MODEL, P0=START["P0"], Ts=TS, order=order)
+    law.start(START["x0"])
+    law.update(np.ones(1), None, 0.0)
+    wide = LinearModel(MODEL.A, np.hstack([MODEL.B, [[0.3], [1.0]]]), MODEL.C, MODEL.Q_w, MODEL.R_v)
+    x_prev, path = START["x0"], None
+    for k, estimate in enumerate(estimated(law, ys, us), start=1):
+        begin = max(0, k - NE)
+        path = batch(x_prev, ys[begin:k], np.column_stack([us, TIMED[:K]])[begin:k], wide)
+        np.testing.assert_allclose(estimate, path[-1], rtol=0.0, atol=1e-8, err_msg=f"k = {k}")
+        x_prev = path[1] if k >= NE else x_prev
+
+
+@pytest.mark.parametrize("noun", ["states", "inputs", "outputs"])
+def test_signals_in_another_order_are_refused(noun):
+    """A model of the user with the names of the plant; without this the numbers are exchanged."""
+    made = do_mpc_library().model.Model("discrete", "SX")
+    names = {"states": ["h1", "h2"], "inputs": ["q1", "q2"], "outputs": ["y1", "y2"]}
+    own = {**names, noun: names[noun][::-1]}
+    x, u = (
+        [made.set_variable(f"_{letter}", name) for name in own[key]]
+        for letter, key in (("x", "states"), ("u", "inputs"))
+    )
+    for i, (state, output) in enumerate(zip(own["states"], own["outputs"], strict=True)):
+        made.set_rhs(state, 0.9 * x[i] + u[i])
+        made.set_meas(output, x[i], meas_noise=True)
+    made.setup()
+    info = SimpleNamespace(**names)
+    with pytest.raises(ValueError, match=f"{noun} of the do-mpc model: .2, .1; they need the order of the plant: .1"):
+        refuse_other_order(made, info)
+    refuse_other_order(made, SimpleNamespace(**own))
+    refuse_other_order(made, None)
 
 
 def test_a_missing_measurement_is_left_out():
