@@ -58,7 +58,7 @@ def plant(
     refuse_shared(x, u)
     signals = Signals(x, u, y, {**y_units, **u_units, **units}, bounds_by_name(bounds or {}, x, u))
     nominal = {name: float(value) for name, value in (parameters or {}).items()}
-    unit, about = described(fmu, signals, [*nominal], variables or {})
+    unit, about = described(fmu, signals, [*nominal], variables or {}, float(Ts))
     made = FmuPlant(unit, signals, nominal, float(Ts), n_steps)
     _try(made, np.broadcast_to(np.asarray(0.0 if x0 is None else x0, dtype=float), (len(x),)))
     own = " (x(0) is that of the FMU)" if made.has_own_start else ""

@@ -35,7 +35,7 @@ class Unit:
     start_references: tuple[int, ...]
     inputs: tuple[int, ...]
     read: tuple[int, ...]
-    """States, then outputs."""
+    """States, outputs, and the time where a file of version 2 shows it; `doStep` of version 3 returns it."""
 
     def instance(self, start: Mapping[str, float]) -> Any:
         """Return a new instance after its initialisation at t = 0; all instances share the library of the file."""
@@ -67,7 +67,9 @@ def loaded(path: str) -> Any:
     return version(guid=found.guid, unzipDirectory=str(directory), modelIdentifier=identifier, instanceName="run")
 
 
-def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: Mapping[str, str]) -> tuple[Unit, str]:
+def described(
+    files: Sequence[Any], signals: Signals, p: Sequence[str], named: Mapping[str, str], Ts: float
+) -> tuple[Unit, str]:
     """Return a file with the variables that a plant uses, and a text about it."""
     if len(files) != 1:
         raise DesignError(f"must be one file (got {len(files)})", "fmu")
@@ -83,6 +85,10 @@ def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: M
     if found.coSimulation.canBeInstantiatedOnlyOncePerProcess:
         text = f"{files[0].name} allows one instance per process, and every run and method needs an instance"
         raise DesignError(text, "fmu")
+    step = float(found.coSimulation.fixedInternalStepSize or Ts)
+    if abs(Ts / step - round(Ts / step)) > 1e-6 * Ts / step or not round(Ts / step):
+        text = f"{files[0].name} has the internal step {step:g} s (fixedInternalStepSize)"
+        raise DesignError(f"{text}; `time.step`, {Ts:g} s, must be a multiple of it", "fmu")
     try:
         loaded(path)
     except DesignError:
@@ -98,6 +104,7 @@ def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: M
     y = all_of(signals.outputs, "outputs", ("output", "local"))
     parameters = all_of(p, "parameters", ("parameter",))
     u = all_of(signals.inputs, "inputs", ("input",))
+    clock = [each for each in found.modelVariables if each.causality == "independent" and each.type == "Real"][:1]
     settable = all(each.initial in ("exact", "approx") for each in x)
     at_start = [*zip(p, parameters, strict=True), *(zip(signals.states, x, strict=True) if settable else ())]
     unit = Unit(
@@ -106,7 +113,7 @@ def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: M
         tuple(name for name, _ in at_start),
         tuple(each.valueReference for _, each in at_start),
         tuple(each.valueReference for each in u),
-        tuple(each.valueReference for each in (*x, *y)),
+        tuple(each.valueReference for each in (*x, *y, *clock)),
     )
     return unit, f"{found.modelName}, FMI {found.fmiVersion}, one instance per run and method"
 

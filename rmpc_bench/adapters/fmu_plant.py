@@ -32,6 +32,7 @@ class FmuRun:
         second = self.unit.version == 2
         self.set = self.fmu.setReal if second else self.fmu.setFloat64
         self.get = self.fmu.getReal if second else self.fmu.getFloat64
+        self.time = -self.Ts
         self._read()
 
     def step(self, u: Float[Array, " nu"], k: int) -> Float[Array, " nx"]:
@@ -42,6 +43,11 @@ class FmuRun:
         if ended is not None and ended[1]:
             raise OutOfRange("the FMU has ended the simulation")
         self._read()
+        end = (k + 1) * self.Ts
+        now = self.time if ended is None else ended[3]
+        if abs(now - end) > 1e-6 * self.Ts + 1e-9 * end:
+            step = "`time.step` must be a multiple of its internal step"
+            raise ValueError(f"after the step to t = {end:g} s the clock of the FMU is at {now:g} s; {step}")
         return self.x
 
     def output(self) -> Float[Array, " ny"]:
@@ -49,8 +55,9 @@ class FmuRun:
         return self.y
 
     def _read(self) -> None:
-        values = np.array(self.get(self.unit.read))
-        self.x, self.y = values[: self.signals.nx], values[self.signals.nx :]
+        values, nx, ny = np.array(self.get(self.unit.read)), self.signals.nx, self.signals.ny
+        self.x, self.y, clock = values[:nx], values[nx : nx + ny], values[nx + ny :]
+        self.time = float(clock[0]) if len(clock) else self.time + self.Ts
 
     def __del__(self) -> None:
         """Free the instance; the library stays loaded for the other runs."""

@@ -35,8 +35,8 @@ def _attributes(variable, own_start):
     return text, "" if start is None else f' start="{start!r}"'
 
 
-def description(version, *, own_start=False, once=False):
-    """Return modelDescription.xml."""
+def description(version, *, own_start=False, once=False, says_step=False, step=0.0):
+    """Return modelDescription.xml; `says_step` writes the internal step into it."""
     entries = []
     for i, each in enumerate(_VARIABLES):
         text, start = _attributes(each, own_start)
@@ -44,9 +44,10 @@ def description(version, *, own_start=False, once=False):
             entries.append(f'<ScalarVariable {text} valueReference="{i}"><Real{start}/></ScalarVariable>')
         else:
             entries.append(f'<Float64 {text} valueReference="{i}"{start}/>')
-    if version == 3:
-        entries.append('<Float64 name="time" causality="independent" variability="continuous" valueReference="99"/>')
+    clock = 'name="time" causality="independent" variability="continuous" valueReference="99"'
+    entries.append(f"<Float64 {clock}/>" if version == 3 else f"<ScalarVariable {clock}><Real/></ScalarVariable>")
     limit = ' canBeInstantiatedOnlyOncePerProcess="true"' if once else ""
+    limit += f' fixedInternalStepSize="{step}"' if says_step else ""
     side = f'<CoSimulation modelIdentifier="tanks"{limit}/>'
     variables = f"<ModelVariables>{''.join(entries)}</ModelVariables>"
     if version == 2:
@@ -68,17 +69,17 @@ def missing_functions(source, version):
     return [name for name in dir(slave) if name.startswith(f"fmi{version}") and f"{name}(" not in text]
 
 
-def build(directory, version, **options):
-    """Compile a unit and return its file."""
+def build(directory, version, step=0.0, **options):
+    """Compile a unit, with an internal step [s] or steps of any length, and return its file."""
     directory.mkdir(parents=True, exist_ok=True)
     binary, file = directory / "tanks.so", directory / f"tanks{version}.fmu"
     # Without fused operations, which round once and not twice.
     flags = ["-shared", "-fPIC", "-O1", "-ffp-contract=off", "-w"]
     source, others = SOURCES / f"tanks{version}.c", directory / "others.c"
     others.write_text("".join(f"int {name}(void) {{ return 3; }}\n" for name in missing_functions(source, version)))
-    subprocess.run(["gcc", *flags, "-o", binary, source, others, "-lm"], check=True)
+    subprocess.run(["gcc", *flags, f"-DSTEP={step}", "-o", binary, source, others, "-lm"], check=True)
     platform = "linux64" if version == 2 else "x86_64-linux"
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("modelDescription.xml", description(version, **options))
+        archive.writestr("modelDescription.xml", description(version, step=step, **options))
         archive.write(binary, f"binaries/{platform}/tanks.so")
     return file

@@ -151,6 +151,44 @@ def test_a_unit_with_its_own_start_keeps_it(tmp_path):
     assert dict(made.facts())["states"] == "h1, h2 (x(0) is that of the FMU)"
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_clock_of_the_unit_is_that_of_the_run(version, tmp_path):
+    """A unit with internal steps of 0.1 s is at 0.2 s after a step of 0.25 s, without an error of its own."""
+    file = build(tmp_path, version, step=0.1)
+    message = r"the first sample fails .*t = 0.25 s the clock of the FMU is at 0.2 s; `time.step` must be a multiple"
+    with pytest.raises(DesignError, match=message):
+        plant(0.25, STEPS, fmu=(file,), **GIVEN)
+    free, made = (plant(0.1, STEPS, fmu=(each,), **GIVEN) for each in (build(tmp_path / "free", version), file))
+    np.testing.assert_allclose(trajectory(made), trajectory(free), rtol=0, atol=1e-15)
+    multiple = trajectory(plant(0.3, STEPS, fmu=(file,), **GIVEN))
+    assert np.abs(multiple - trajectory(plant(0.3, STEPS, fmu=(tmp_path / "free" / file.name,), **GIVEN))).max() < 1e-8
+
+
+def test_the_internal_step_of_a_description_is_read(tmp_path):
+    """Before any step: FMI 3 has the attribute fixedInternalStepSize."""
+    file = build(tmp_path, 3, step=0.1, says_step=True)
+    for Ts in (0.25, 0.05):
+        with pytest.raises(
+            DesignError, match=r"internal step 0.1 s .*`time.step`, 0.\d5 s, must be a multiple"
+        ) as caught:
+            plant(Ts, STEPS, fmu=(file,), **GIVEN)
+        assert caught.value.parameter == "fmu"
+    plant(0.7, STEPS, fmu=(file,), **GIVEN)
+
+
+def test_a_clock_that_goes_wrong_later_ends_the_run(tmp_path):
+    """Naive form: the times k Ts of the configuration, whatever the unit says."""
+    made = plant(TS, STEPS, fmu=(build(tmp_path, 3),), **GIVEN)
+    parameters, x, u = drawn()
+    runs = run_info(N)
+    delta = made.start(made.draw(parameters, [None] * N, STEPS), x, runs)
+    fmu = delta.objects.made[1].fmu
+    whole = fmu.doStep
+    fmu.doStep = lambda t, h: whole(t, h / 2)
+    assert made.step(0, delta, x, u[0], np.zeros((N, 0))).status.tolist() == [0, int(Status.CRASHED), 0, 0, 0]
+    assert "the clock of the FMU is at 2.5 s" in runs.journal.failures[1].message
+
+
 def test_variables_may_have_other_names_in_the_file(unit):
     """Names of tools have dots; those of a configuration are identifiers."""
     names = {**GIVEN, "inputs": ["flow"], "variables": {"flow": "pump"}}

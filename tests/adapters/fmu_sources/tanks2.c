@@ -29,7 +29,7 @@ EXPORT int fmi2SetReal(Component c, const Ref *r, size_t n, const double *value)
 }
 EXPORT int fmi2GetReal(Component c, const Ref *r, size_t n, double *value) {
     Tanks *m = c;
-    for (size_t i = 0; i < n; i++) value[i] = m->v[r[i]];
+    for (size_t i = 0; i < n; i++) value[i] = value_of(m, r[i]);
     return 0;
 }
-EXPORT int fmi2DoStep(Component c, double t, double h, int no_set) { return advance(c, h) ? 0 : 3; }
+EXPORT int fmi2DoStep(Component c, double t, double h, int no_set) { return communicate(c, t, h) ? 0 : 3; }

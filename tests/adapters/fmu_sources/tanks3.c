@@ -28,7 +28,7 @@ EXPORT int fmi3SetFloat64(Instance c, const Ref *r, size_t n, const double *valu
 }
 EXPORT int fmi3GetFloat64(Instance c, const Ref *r, size_t n, double *value, size_t n_values) {
     Tanks *m = c;
-    for (size_t i = 0; i < n; i++) value[i] = m->v[r[i]];
+    for (size_t i = 0; i < n; i++) value[i] = value_of(m, r[i]);
     return 0;
 }
 EXPORT int fmi3DoStep(Instance c, double t, double h, bool no_set, bool *event, bool *terminate, bool *early,
@@ -37,6 +37,7 @@ EXPORT int fmi3DoStep(Instance c, double t, double h, bool no_set, bool *event, 
     *event = *early = false;
     /* More than 1000 ml/s end the simulation. */
     *terminate = m->v[PUMP] > 1000.0;
-    *last = t + h;
-    return advance(m, h) ? 0 : 3;
+    int good = communicate(m, t, h);
+    *last = m->time;
+    return good ? 0 : 3;
 }
