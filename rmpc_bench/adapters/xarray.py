@@ -57,8 +57,9 @@ def traces(trials: Trials | Results | str | Path) -> Any:
 
     Returns
     -------
-    A variable per recorded signal over method, run, time and its components, and the reference `r` over time.  An entry
-    is NaN where a signal has none: u at the last sample, and a signal of other methods.
+    A variable per recorded signal over method, run, time and its components, the reference `r` over time, and the
+    variable `status`.  An entry is NaN where a signal has none: u at the last sample, a signal of other methods, and
+    all samples after that at which a run has failed.
 
     Raises
     ------
@@ -70,7 +71,10 @@ def traces(trials: Trials | Results | str | Path) -> Any:
     variables = {name: (("method", "run", "time", f"{name}_component"), values) for name, values in signals.items()}
     time = k * (table.Ts or 1.0)
     coordinates = {"method": list(table.methods), "run": runs, "time": time, **_components(table.names, signals)}
-    made = library("xarray").Dataset({**variables, "r": (("time", "y_component"), r)}, coordinates)
+    points = points_of(table)
+    status = values_of(points, "status")[:, np.isin(points.runs, runs)]
+    more = {"r": (("time", "y_component"), r), "status": (("method", "run"), status)}
+    made = library("xarray").Dataset({**variables, **more}, coordinates)
     for name in signals:
         made[name].attrs = {"units": table.units.get(name, "")}
     return made

@@ -14,6 +14,11 @@ COVARIANCE = "P"
 """Recorded signal: the covariance of x_hat - x that a method reports, row by row."""
 
 
+def last_new_sample(state: Array) -> int:
+    """Return the last sample at which a state (samples, n) has changed: that of a failed run is kept afterwards."""
+    return int(np.flatnonzero(np.append(True, (state[1:] != state[:-1]).any(axis=1)))[-1])
+
+
 class Traces(NamedTuple):
     """The recorded runs of one method."""
 
@@ -29,6 +34,14 @@ class Traces(NamedTuple):
     """(samples, ny) reference at k = 0..N."""
     shapes: Mapping[str, tuple[int, ...]] = {}
     """Signal that the method reports -> shape of an entry, whose components follow each other row by row."""
+
+    def until(self, last: Mapping[int, int]) -> Traces:
+        """Return the runs with NaN after the last sample of those that failed, run -> sample."""
+        signals = {name: np.array(values, dtype=float) for name, values in self.signals.items()}
+        for row, run in enumerate(self.runs.tolist()):
+            for values in signals.values() if run in last else ():
+                values[row, last[run] + 1 :] = np.nan
+        return self._replace(signals=signals)
 
     def groups(self, finished: Array) -> RunGroups | None:
         """Take the runs that were finished as groups; None where the state is not recorded."""

@@ -99,7 +99,7 @@ def metric_attributes(info: MetricInfo) -> dict[str, str]:
 
 
 def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "methods runs samples n"]], Array]:
-    """Return recorded runs, time indices, signals and reference of a table.
+    """Return recorded runs, time indices, signals and reference of a table; NaN after the end of a failed run.
 
     Raises
     ------
@@ -108,16 +108,17 @@ def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "metho
     """
     if table.points:
         raise ValueError("the trials are those of a sweep; take the recorded runs of one of its points")
-    if not table.traces:
+    traces = table.exported_traces()
+    if not traces:
         raise ValueError("no run is recorded; `record: {runs: 5, signals: [y, u]}` of the configuration records some")
-    runs = np.unique(np.concatenate([each.runs for each in table.traces.values()]))
-    r = next(iter(table.traces.values())).r
+    runs = np.unique(np.concatenate([each.runs for each in traces.values()]))
+    r = next(iter(traces.values())).r
     sizes: dict[str, int] = {}
-    for each in table.traces.values():
+    for each in traces.values():
         for name, values in each.signals.items():
             sizes[name] = max(sizes.get(name, 0), values.shape[2])
     signals = {name: np.full((len(table.methods), len(runs), len(r), n), np.nan) for name, n in sizes.items()}
-    for method, trace in table.traces.items():
+    for method, trace in traces.items():
         rows = np.searchsorted(runs, trace.runs)
         for name, values in trace.signals.items():
             signals[name][table.methods.index(method), rows, : values.shape[1], : values.shape[2]] = values

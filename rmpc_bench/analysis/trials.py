@@ -13,7 +13,7 @@ import pandas as pd
 from rmpc_bench.analysis.looks import PlannedLook
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.traces import Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import Tuning
@@ -303,6 +303,23 @@ class Trials:
         """
         found = (self._recorded(method), self.groups.get(method))
         return next((groups for groups in found if groups is not None and groups.has(quantity)), None)
+
+    def exported_traces(self) -> dict[str, Traces]:
+        """Return method -> its recorded runs, with NaN after the sample at which a run has failed."""
+        found = {}
+        for method, trace in self.traces.items():
+            failed = self.frame.loc[(self.frame["method"] == method) & (self.frame["status"] != Status.OK.word), "run"]
+            # A built-in component says no sample; nothing of the plant moves after it.
+            state = trace.signals.get("x", trace.signals.get("y", ()))
+            recorded = zip(trace.runs.tolist(), state, strict=False)
+            last = {run: last_new_sample(x) for run, x in recorded if run in failed.to_numpy()}
+            for each in self.notes[method].failures if method in self.notes else ():
+                if each.component == "metric":
+                    last.pop(each.run, None)
+                elif each.k is not None:
+                    last[each.run] = each.k
+            found[method] = trace.until(last)
+        return found
 
     def _recorded(self, method: str) -> RunGroups | None:
         if method not in self._recorded_groups:

@@ -277,12 +277,12 @@ def _write_failures(results: Results, directory: Path, place: str) -> list[Path]
 
 
 def _write_traces(trials: Trials, path: Path) -> list[Path]:
-    """Write the recorded runs: t, r and, for every point, method and signal, an array (runs, samples, components)."""
+    """Write t, r and, for every point, method and signal, (runs, samples, components); NaN after a failure."""
     # A file of an earlier configuration would stay where this one records nothing.
     path.unlink(missing_ok=True)
     arrays: dict[str, Array] = {}
     for table in trials.each:
-        for method, trace in table.traces.items():
+        for method, trace in table.exported_traces().items():
             where = "/".join(part for part in (table.title, method) if part)
             # A method may report a signal of one of these names.
             own = {name: f"{name}_reported" for name in ("runs", "r", "t")}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.traces import last_new_sample
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.sweep_point import SweepPoint, chosen_point
 from rmpc_bench.execution.database import FILE, MissingError
@@ -190,6 +191,8 @@ def _simulated(
     code, metrics = _evaluated(experiment, record, status, start) if whole else (int(status[0]), {})
     failure = start.journal.failures.get(run)
     last = n_steps if failure is None or failure.k is None else failure.k
+    if status[0] != OK and (failure is None or failure.k is None):
+        last = last_new_sample(record.x[0, : n_steps + 1])
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
     if not plant.limits_inputs:
         del named["u_command"]

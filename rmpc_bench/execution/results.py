@@ -68,8 +68,8 @@ class Results:
 
     @property
     def traces(self) -> Mapping[str, Traces]:
-        """Method -> its recorded runs; in a sweep each of `trials.points` has its own."""
-        return self.trials.traces
+        """Method -> its recorded runs, NaN after a failure; in a sweep each of `trials.points` has its own."""
+        return self.trials.exported_traces()
 
     @cached_property
     def plotted(self) -> Trials:

@@ -7,6 +7,7 @@ xarray = pytest.importorskip("xarray")
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench.adapters.xarray import dataset, traces  # noqa: E402
+from rmpc_bench.execution.publish import _write_traces  # noqa: E402
 
 CONFIG = """\
 version: 1
@@ -32,11 +33,15 @@ record: {runs: 2, signals: [y, u]}
 def stored(tmp_path_factory):
     """Return a function that runs the configuration with further keys."""
 
-    def run(more="", high="0.28"):
+    def run(more="", high="0.28", law=""):
         directory = tmp_path_factory.mktemp("sets")
         (directory / "lag.py").write_text("def rhs(x, u, p):\n    return [-p.a * x[0] + u[0]]\n")
         path = directory / "sets.yaml"
-        path.write_text(CONFIG.replace("HIGH", high) + more)
+        text = CONFIG.replace("HIGH", high) + more
+        if law:
+            (directory / "law.py").write_text(law)
+            text = text.replace("{kind: mpc, Hp: 5, Hu: 2, Q: 1, R: 1}", "{file: law.py:Law}")
+        path.write_text(text)
         return rmpc_bench.run(rmpc_bench.load_config(path), directory=directory / "out", engine="serial")
 
     return run
@@ -121,3 +126,42 @@ def test_recorded_runs(stored, tmp_path):
     assert data["y"].attrs == {"units": "m"}
     data.to_netcdf(tmp_path / "traces.nc", engine="scipy")
     assert xarray.load_dataset(tmp_path / "traces.nc", engine="scipy").equals(data)
+
+
+LAW = """\
+from rmpc_bench import single_run
+
+
+@single_run
+class Law:
+    def control(self, r, k):
+        if k == 4:
+            raise ValueError("no input")
+        return 0.5 * r
+"""
+
+
+@pytest.mark.parametrize("failing", ["controller of the user", "built-in bounds"])
+def test_a_failed_run_ends_with_its_failure(stored, failing):
+    """Oracle: the replay of the run, which ends there.  Without it y would stay as it is to the last sample."""
+    more, high = ("", "0.2") if failing == "built-in bounds" else ("", "5")
+    results = stored(more, high, law=LAW if failing != "built-in bounds" else "")
+    data, status = traces(results), results.trials.frame.set_index(["method", "run"])["status"]
+    ends = set()
+    for method in results.trials.methods:
+        for run in data["run"].values.tolist():
+            cell = data.sel({"method": method, "run": run})
+            assert cell["status"] == status[method, run]
+            again = rmpc_bench.replay(results.directory, run, method)
+            assert again.status == status[method, run]
+            for name in ("y", "u"):
+                shown = again.signals[name]
+                np.testing.assert_array_equal(cell[name].values[: len(shown)], shown)
+                assert np.isnan(cell[name].values[len(shown) :]).all()
+            ends.add(len(again.signals["y"]))
+    assert min(ends) < 11
+    assert failing == "built-in bounds" or ends == {5}
+    _write_traces(results.trials, results.directory / "traces.npz")
+    file = np.load(results.directory / "traces.npz")
+    np.testing.assert_array_equal(file["Kalman/y"], data["y"].sel({"method": "Kalman"}))
+    np.testing.assert_array_equal(results.traces["Kalman"].signals["y"], file["Kalman/y"])
