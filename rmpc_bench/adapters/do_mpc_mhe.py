@@ -31,6 +31,11 @@ class MheEstimator:
     returns = "an MHE of do-mpc"
 
     @staticmethod
+    def owned(made: Any) -> list[Any]:
+        """Return the objects that no other run may have."""
+        return [made]
+
+    @staticmethod
     def fits(made: Any) -> bool:
         """Whether a function has returned an MHE, which takes measurements by a function."""
         return hasattr(made, "make_step") and hasattr(made, "set_y_fun")

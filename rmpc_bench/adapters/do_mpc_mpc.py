@@ -24,6 +24,11 @@ class MpcController:
     returns = "an MPC of do-mpc"
 
     @staticmethod
+    def owned(made: Any) -> list[Any]:
+        """Return the objects that no other run may have."""
+        return [made]
+
+    @staticmethod
     def fits(made: Any) -> bool:
         """Whether a function has returned an MPC, which has weights of the moves of the input."""
         return hasattr(made, "make_step") and hasattr(made, "set_rterm")

@@ -44,6 +44,12 @@ class FilterpyEstimator:
         first, further = made if isinstance(made, tuple) and len(made) == 2 else (made, {})
         return hasattr(first, "predict") and hasattr(first, "update") and isinstance(further, Mapping)
 
+    @staticmethod
+    def owned(made: Any) -> list[Any]:
+        """Return the objects that no other run may have: the filter and those of a bank."""
+        first = made[0] if isinstance(made, tuple) else made
+        return [first, *getattr(first, "filters", ())]
+
     def __init__(self, made: Any, model: Any, rng: np.random.Generator) -> None:
         self.filter, further = made if isinstance(made, tuple) else (made, {})
         self._update: Callable[..., Any] = partial(self.filter.update, **further)

@@ -34,8 +34,8 @@ BY_ACTION = (
     "that paired differences have a larger standard error"
 )
 UNSEEDED = (
-    "equal seeds and actions give different states: the environment does not use its own generator `np_random`, and "
-    "its runs cannot be repeated"
+    "equal seeds and actions give different states, so that equal methods differ and runs cannot be repeated: the "
+    "environment draws from another generator than its own `np_random`, or changes what all its objects share"
 )
 
 
@@ -85,6 +85,8 @@ def designed(
     read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
     access = Access(make, action, read, write, ends=ends)
     first = attempt("state", lambda: started(access, nominal))
+    if first.inner is inner:
+        raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
     signals = _signals(keys, first.x, low, high, bounds)
     if isinstance(action, partial) and action.func is access_to.nearest:
         signals = DiscreteInput(**vars(signals), values=action.keywords["values"])

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from copy import deepcopy
 from functools import partial
 from typing import Any, overload
 
@@ -57,7 +58,7 @@ def class_around(
     base : class with the methods of the component; its `__init__` takes what the function has made, and after it any
         standard names and keys, each by its name.  If `rng` is among them, the function draws from it what it draws
         from NumPy's global generator.  With a static method `fits(made)` and a text `returns` it refuses what a
-        function must not return
+        function must not return, and with `owned(made)` objects that are the same in every run
     function : the user's function; its arguments are standard names and keys.  None where a decorator is written with
         arguments, ``@filterpy_estimator(deviation=True)``
     needs : arguments that the function must have
@@ -91,12 +92,25 @@ def class_around(
     if missing := [name for name in needs if name not in of_function]:
         raise TypeError(f"{function.__name__} needs the argument{'s' * (len(missing) > 1)} {' and '.join(missing)}")
     of_base = dict(list(_arguments(base.__init__).items())[2:])  # type: ignore[misc]
+    compared: list[bool] = []
+
+    def returned(given: dict[str, Any], rng: Any) -> Any:
+        call = drawing_from(rng, function) if "rng" in of_base else function
+        return call(**{name: rng if name == "rng" else value for name, value in given.items() if name in of_function})
 
     def make(self: Any, **given: Any) -> None:
-        call = drawing_from(given["rng"], function) if "rng" in of_base else function
-        made = call(**{name: value for name, value in given.items() if name in of_function})
+        rng = given.get("rng")
+        # Called twice at first, so that every process gives the same answer in all of its runs.
+        owned = getattr(base, "owned", None) if not compared else None
+        other = returned(given, deepcopy(rng)) if owned else None
+        made = returned(given, rng)
         if not getattr(base, "fits", _anything)(made):
             raise TypeError(f"{function.__name__} returned {_described(made)}; it must return {base.returns}")  # type: ignore[attr-defined]
+        if owned and any(each is before for each in owned(made) for before in owned(other)):
+            raise TypeError(
+                f"{function.__name__} returns the same object for every run; make a new one in the function"
+            )
+        compared.append(True)
         base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})  # type: ignore[misc]
 
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)

@@ -1,4 +1,4 @@
-"""Failed runs, held and failed steps and warnings as text: for the screen, tables/summary.md and failures/*.txt."""
+"""Failed runs, held and failed steps, warnings, limitations: for the screen, tables/summary.md and failures/*.txt."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def failed_sentences(trials: Trials) -> list[str]:
 
 
 def notes_markdown(trials: Trials) -> list[str]:
-    """Return the sections on held steps, failed steps and warnings; none where there are none."""
+    """Return the sections on limitations, held and failed steps and warnings; none where there are none."""
     held = [f"- {text}" for text in held_sentences(trials)]
     failed = [f"- {text}" for text in failed_sentences(trials)]
     warned = [
@@ -106,13 +106,15 @@ def notes_markdown(trials: Trials) -> list[str]:
         for method, notes in trials.notes.items()
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]
-    parts = ["## Held steps", "\n".join(held)] if held else []
+    limits = [f"- {text}" for text in _limitations(trials)]
+    parts = ["## Limitations", "\n".join(limits)] if limits else []
+    parts += ["## Held steps", "\n".join(held)] if held else []
     parts += ["## Failed steps", "\n".join(failed)] if failed else []
     return [*parts, *(["## Warnings of components", "\n".join(warned)] if warned else [])]
 
 
 def screen_lines(trials: Trials, directory: object) -> list[str]:
-    """Return the lines of the screen on failed runs, held and failed steps, and warnings."""
+    """Return the lines of the screen on failed runs, held and failed steps, warnings and limitations."""
     lines: list[str] = []
     failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
     for number, (table, method, run) in enumerate(failed[:MOST_ON_SCREEN]):
@@ -128,7 +130,13 @@ def screen_lines(trials: Trials, directory: object) -> list[str]:
     if kinds:
         what = f"{len(kinds)} different warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"
         lines.append(f"{'warnings':12}{what}")
+    lines += [f"{'limitation' if i == 0 else '':12}{text}" for i, text in enumerate(_limitations(trials))]
     return lines
+
+
+def _limitations(trials: Trials) -> list[str]:
+    """Return what a comparison with the plants of all points cannot show, each sentence once."""
+    return [*dict.fromkeys(text for table in trials.each for text in table.limitations)]
 
 
 def failure_files(

@@ -63,6 +63,17 @@ class Unseeded(Lag):
         return 0.1 * random.random()
 
 
+class Worn(Lag):
+    """Counts the steps of all its objects in an attribute of the class, which has an effect."""
+
+    n_steps = 0
+
+    def noise(self, u):
+        """Return a slow growth."""
+        type(self).n_steps += 1
+        return 1e-3 * self.n_steps
+
+
 class Single(Lag):
     """Refuses actions that are not in its space, as float64 is not."""
 

@@ -10,6 +10,7 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from adapters import gymnasium_environments as environments  # noqa: E402
 from adapters.test_gymnasium import design, inputs, simulated  # noqa: E402
+from small_experiment import cli  # noqa: E402
 
 import rmpc_bench  # noqa: E402
 
@@ -41,8 +42,16 @@ def test_random_numbers_without_a_seed_are_said():
     """Such an environment gives another run every time; its trials are not shared."""
     plant = design(0.1, 10, env=environments.Unseeded, state="x")
     assert not plant.deterministic
-    assert "its runs cannot be repeated" in " ".join(plant.remarks)
+    assert "runs cannot be repeated" in " ".join(plant.remarks)
     assert design(0.1, 10, env=environments.Lag, state="x").deterministic
+
+
+def test_the_same_environment_every_time_is_refused():
+    """Naive form: the runs of all methods move one environment in turn."""
+    one = environments.Lag()
+    with pytest.raises(rmpc_bench.types.DesignError, match="same environment every time: make a new one") as caught:
+        design(0.1, 10, env=lambda: one, state="x")
+    assert caught.value.parameter == "env"
 
 
 def test_parameters_are_keywords_or_attributes():
@@ -131,3 +140,17 @@ def test_the_report_lists_it(tmp_path):
     rmpc_bench.publish(results)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert f"The environment {BY_ACTION}" in " ".join(page.split())
+
+
+def test_run_says_that_equal_methods_differ(tmp_path):
+    """A class attribute that `step` changes is shared by all runs and methods: the verdict stands beside a sentence."""
+    source = Path(environments.__file__).read_text(encoding="utf-8")
+    (tmp_path / "noisy_env.py").write_text(source, encoding="utf-8")
+    path = tmp_path / "noisy.yaml"
+    text = PAIRED.replace("NoisyByAction", "Worn").replace("{kind: robust-kalman, c: 0.1}", "{kind: kalman}")
+    path.write_text(text.replace("reference: {kind: constant, value: 0.3}\n", ""), encoding="utf-8")
+    done = cli("run", path, "-o", tmp_path / "out", "-j", "1")
+    assert done.exit_code == 0, done.output
+    sentence = "Equal seeds and actions give different states, so that equal methods differ and runs cannot be repeated"
+    assert f"limitation  {sentence}" in done.stdout
+    assert f"## Limitations\n\n- {sentence}" in (tmp_path / "out" / "tables" / "summary.md").read_text(encoding="utf-8")
