@@ -55,6 +55,7 @@ class StonesoupEstimator:
         states = library("stonesoup", "types.state")
         self._input, self._last = states.State, prior[0] if prior else states.GaussianState(x0, P0)
         self._last.timestamp, self._Ts = EPOCH, Ts
+        self._inputs: list[Any] = []
         self._detection = library("stonesoup", "types.detection").Detection
         self._hypothesis = library("stonesoup", "types.hypothesis").SingleHypothesis
 
@@ -62,7 +63,11 @@ class StonesoupEstimator:
         """Return x_hat(k) and P."""
         now = EPOCH + timedelta(seconds=k * self._Ts)
         if u_previous is not None:
-            self._last = self._predict(self._last, timestamp=now, control_input=self._input(u_previous, timestamp=now))
+            self._inputs.append((now, self._input(u_previous, timestamp=now)))
+        while self._inputs:  # one that has failed is made with the next one
+            time, u = self._inputs[0]
+            self._last = self._predict(self._last, timestamp=time, control_input=u)
+            del self._inputs[0]
         self._last = self._update(self._hypothesis(self._last, self._detection(y, timestamp=now)))
         # It holds the prediction, which holds the estimate before: the whole past of the run.
         self._last.hypothesis = None

@@ -47,6 +47,8 @@ class FirstAnswer(NamedTuple):
     """The estimate at k = 0, without info; None where there is none."""
     seconds: Mapping[str, float]
     """Role of a component written for one run -> duration of its last step [s]."""
+    warnings: Mapping[str, tuple[str, ...]]
+    """Role -> warnings of its code."""
 
 
 class Sample(NamedTuple):
@@ -71,6 +73,7 @@ class FirstCall:
         self.runs: RunInfo = run_info(1)
         self.found: Finding | None = None
         self.first: Estimate | None = None
+        self.warnings: dict[str, tuple[str, ...]] = {}
 
     def answer(self) -> FirstAnswer:
         """Simulate the two samples."""
@@ -82,7 +85,7 @@ class FirstCall:
         # The durations of the first step are kept apart: it may compile.
         kept = self.runs.journal.seconds
         seconds = {role: kept[role][-1] for role in ("plant", "estimator", "controller") if kept.get(role)}
-        return FirstAnswer(self.found, self.first, seconds)
+        return FirstAnswer(self.found, self.first, seconds, self.warnings)
 
     def _samples(self) -> None:
         plant, estimator, controller = self.plant, self.method.estimator, self.method.controller
@@ -150,6 +153,8 @@ class FirstCall:
         except (Exception, SystemExit, KeyboardInterrupt) as error:
             place = last_user_frame(error)
             self._stop(role, f"{place}: {one_line(error)}" if place else one_line(error))
+        known = [text for texts in self.warnings.values() for text in texts]
+        self.warnings[role] = self.warnings.get(role, ()) + tuple(set(self.runs.journal.warnings) - set(known))
         for failure in self.runs.journal.failures.values():
             if failure.status != Status.CRASHED:
                 raise _Stopped

@@ -60,8 +60,8 @@ def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, 
     if answer.outcome == "done":
         if answer.value is None:
             return None
-        finding, estimate, seconds = answer.value
-        _keep_durations(call, seconds)
+        finding, estimate, seconds, warnings = answer.value
+        _keep(call, seconds, warnings)
         if finding is not None and finding.role in named:
             draft.problems.append(named[finding.role].problem(finding.message))
         return estimate if estimate is None else Estimate(*estimate)
@@ -74,13 +74,15 @@ def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, 
     return None
 
 
-def _keep_durations(call: tuple[Plant, Method, Sample], seconds: Mapping[str, float]) -> None:
-    """Note the measured cost of components written for one run, for the estimate of the computing time."""
+def _keep(
+    call: tuple[Plant, Method, Sample], seconds: Mapping[str, float], warnings: Mapping[str, tuple[str, ...]]
+) -> None:
+    """Note what components written for one run cost, for the estimate of the computing time, and their warnings."""
     from rmpc_bench.components.single_design import SingleDesign
 
     plant, method, _ = call
-    designs = {"plant": plant, "estimator": method.estimator, "controller": method.controller}
-    for role, value in seconds.items():
-        design = designs[role]
+    for role, design in (("plant", plant), ("estimator", method.estimator), ("controller", method.controller)):
         if isinstance(design, SingleDesign):
-            design.seconds_per_step = value
+            design.seconds_per_step = seconds.get(role, design.seconds_per_step)
+            more = [text for text in warnings.get(role, ()) if text not in design.remarks]
+            design.__dict__["remarks"] = (*design.remarks, *more)

@@ -70,6 +70,9 @@ class _Checking:
                 for check in stage.checks:
                     if check.id not in left_out:
                         self.one(check, stage.component, stage.example)
+                outcomes = [outcome for _, outcome in getattr(stage.example, "known", {}).values()]
+                if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
+                    self.say("warned", "; ".join(texts))
         except (Exception, SystemExit) as error:  # a component under test may raise anything
             self.say("result", CheckResult(MADE.id, MADE.says, "failed", raised(error)))
         self.say("end", None)

@@ -109,7 +109,7 @@ def check_subject(subject: Subject, *, system: System | None = None, seconds: fl
     One result per check, in the order of the list.
     """
     results: dict[str, CheckResult] = {}
-    known: dict[str, Any] = {"group": subject.group, "expected": {}}
+    known: dict[str, Any] = {"group": subject.group, "expected": {}, "warned": ""}
     for _ in range(MOST_PROCESSES):
         process = _Process((subject, system, frozenset(results)), seconds)
         try:
@@ -130,6 +130,8 @@ def check_subject(subject: Subject, *, system: System | None = None, seconds: fl
             CheckResult(check.id, check.says, "not checked", f"{missing} fails" if missing else "", check.severity),
         )
     order = [results[check.id] for check in listed if check.id in results]
+    if known["warned"]:
+        order.append(CheckResult("warnings", "no call gives a warning", "failed", known["warned"], "information"))
     return Report(subject.text, known["group"], with_expected(order, known["expected"]))
 
 

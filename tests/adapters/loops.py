@@ -1,7 +1,10 @@
 """An estimator in a closed loop, and alone on recorded signals."""
 
+from functools import wraps
+from itertools import count
+
 import numpy as np
-from components.one_run import N, designed, experiment, simulated
+from components.one_run import MODEL, START, N, designed, experiment, simulated
 
 from rmpc_bench.components.single_run import single_run
 
@@ -37,3 +40,29 @@ def signals(n=N + 1, ny=1, nu=1):
     """Return measurements and inputs that have little to do with each other."""
     rng = np.random.default_rng(8)
     return rng.standard_normal((n, ny)), rng.standard_normal((n, nu))
+
+
+def without(y, u, left_out):
+    """Return x_hat of the Kalman filter that leaves out the measurements of some samples, as in a textbook."""
+    x, P, found = START["x0"], START["P0"], []
+    for k in range(len(y)):
+        if k:
+            x, P = MODEL.A @ x + MODEL.B @ u[k - 1], MODEL.A @ P @ MODEL.A.T + MODEL.Q_w
+        if k not in left_out:
+            L = P @ MODEL.C.T / (MODEL.C @ P @ MODEL.C.T + MODEL.R_v)
+            x, P = x + L @ (y[k] - MODEL.C @ x), P - L @ MODEL.C @ P
+        found.append(x)
+    return np.array(found)
+
+
+def failing(call, at):
+    """Return a function with the arguments of another one, whose calls of these numbers, from 0 on, fail."""
+    calls = count()
+
+    @wraps(call)
+    def fails(*arguments, **keys):
+        if next(calls) in at:
+            raise FloatingPointError("no number")
+        return call(*arguments, **keys)
+
+    return fails

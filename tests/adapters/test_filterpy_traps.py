@@ -1,14 +1,26 @@
 """What goes wrong when filterpy is called as its documentation writes it, and what the adapter does."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 
 pytest.importorskip("filterpy")
 
 import adapters.filterpy_filters as filters
-from adapters.loops import alone, loop, signals
+from adapters.loops import alone, failing, loop, signals, without
 from components.one_run import MODEL, START, TS, designed, kalman
-from filterpy.kalman import EnsembleKalmanFilter, ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+from filterpy.hinfinity import HInfinityFilter
+from filterpy.kalman import (
+    EnsembleKalmanFilter,
+    ExtendedKalmanFilter,
+    IMMEstimator,
+    InformationFilter,
+    KalmanFilter,
+    SquareRootKalmanFilter,
+)
+from small_experiment import cli
 
 from rmpc_bench.adapters.filterpy import filterpy_estimator
 from rmpc_bench.components import by_kind
@@ -129,6 +141,230 @@ def test_a_filter_without_F(kind):
     assert np.abs(naive.x - MODEL.A @ START["x0"] - MODEL.B @ [1.0]).max() > 1e-3
     with pytest.raises(ValueError, match=f"{kind.__name__} has the default F = I .* set F = model.A"):
         without(**GIVEN)
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, SquareRootKalmanFilter, InformationFilter])
+def test_a_filter_without_H(kind):
+    """The default H of filterpy is 0: a filter that never uses y and says nothing; `update` may get H in each call."""
+
+    @filterpy_estimator
+    def without(model, x0, P0, in_update: bool = False):
+        made = kind(2, 1)
+        made.x, made.F, made.B, made.Q = x0, model.A, model.B, model.Q_w
+        return (made, {"H": model.C, "R": model.R_v}) if in_update else made
+
+    naive = kind(2, 1)
+    naive.x = START["x0"][:, None]
+    naive.update(np.array([[5.0]]))
+    np.testing.assert_array_equal(naive.x[:, 0], START["x0"])
+    with pytest.raises(ValueError, match=f"{kind.__name__} has the default H = 0 and ignores y: set H = model.C"):
+        without(**GIVEN)
+    if kind is KalmanFilter:
+        moved, _ = without(**GIVEN, in_update=True).update(np.array([5.0]), None)
+        assert np.abs(moved - START["x0"]).max() > 1.0
+
+
+def kept(marked):
+    """Return the texts of the warnings of an adapter."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        marked(**GIVEN)
+    return {str(each.message) for each in caught if each.category is UserWarning}
+
+
+def test_defaults_in_place_of_numbers_of_the_experiment_are_said():
+    """Each may be meant, so that it is a remark: of `check`, of the run and of the check of the component."""
+
+    @filterpy_estimator
+    def few(model, x0, P0):
+        made = KalmanFilter(2, 1)
+        made.F, made.B, made.H = model.A, model.B, model.C
+        return made
+
+    @filterpy_estimator
+    def bank(model, x0, P0):
+        made = [filters.linear(KalmanFilter, model, x0, P0) for _ in range(2)]
+        made[1].R = np.eye(1)
+        return IMMEstimator(made, [0.5, 0.5], np.full((2, 2), 0.5))
+
+    @filterpy_estimator
+    def information(model, x0, P0):
+        made = InformationFilter(2, 1)
+        made.F, made.B, made.H, made.Q, made.x = model.A, model.B, model.C, model.Q_w, x0[:, None]
+        return made
+
+    has = "KalmanFilter has the default"
+    assert kept(few) == {f"{has} {each}" for each in (
+        "x = 0 in place of x0", "Q = I in place of model.Q_w", "R = I in place of model.R_v")}  # fmt: skip
+    assert kept(bank) == {f"{has} R = I in place of model.R_v"}
+    assert kept(information) == {"InformationFilter has the default R_inv = I in place of model.R_v"}
+    assert kept(filters.kf) == kept(filters.imm) == kept(filters.information) == set()
+
+
+def test_remarks_on_defaults_reach_check_and_run(tmp_path):
+    """With the names of the methods; `check --component` has them, too."""
+    (tmp_path / "own.py").write_text(OWN)
+    path = tmp_path / "own.yaml"
+    path.write_text(PARTS)
+    done = cli("check", path)
+    said = "UserWarning: KalmanFilter has the default R = I in place of model.R_v"
+    assert done.exit_code == 0 and f"KF: {said}" in done.stdout and f"KF2: {said}" not in done.stdout, done.output
+    component = cli("check", "--component", f"{tmp_path / 'own.py'}:kf")
+    assert re.search(rf"information +warnings +no call gives a warning\s+{said[:40]}", component.stdout), (
+        component.output
+    )
+    done = cli("run", path, "-o", tmp_path / "out", "-j", 1)
+    assert "1 different warning of components" in done.stdout
+    assert f"- KF, 3 times: {said}" in (tmp_path / "out" / "tables" / "summary.md").read_text()
+
+
+OWN = """
+from filterpy.kalman import KalmanFilter
+from rmpc_bench.adapters.filterpy import filterpy_estimator
+
+
+@filterpy_estimator
+def kf(model, x0, P0, with_R: bool = False):
+    made = KalmanFilter(2, 1)
+    made.x, made.P, made.Q, made.F, made.B, made.H = x0, P0, model.Q_w, model.A, model.B, model.C
+    if with_R:
+        made.R = model.R_v
+    return made
+"""
+PARTS = """
+version: 1
+name: own
+runs: 3
+time: {step: 0.1, steps: 5}
+plant: {kind: linear, A: [[1, 0.1], [0, 0.98]], B: [[0], [0.1]], C: [[1, 0]]}
+model: {from: plant, P_w: 1e-4, P_v: 1e-2}
+noise: {process: {gaussian: {cov: 1e-4}}, measurement: {gaussian: {cov: 1e-2}}}
+input: {kind: prbs, low: -1, high: 1, hold: 0.5}
+methods:
+  KF: {estimator: {file: own.py:kf}}
+  KF2: {estimator: {file: own.py:kf, with_R: true}}
+metrics: [estimation_mse]
+"""
+
+
+def h_infinity(model, x0, P0, gamma=0.0):
+    """Return the H-infinity filter of filterpy."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = HInfinityFilter(2, 1, 1, gamma)
+    made.x, made.P, made.F, made.B, made.H = x0, P0, model.A, model.B, model.C
+    made.V, made.W = model.R_v, model.Q_w
+    return made
+
+
+def test_the_h_infinity_filter_is_not_the_kalman_filter():
+    """The gain of filterpy contains F, and `predict` multiplies by F again; its P is that of the next sample."""
+    marked = filterpy_estimator(h_infinity)
+    y, u = signals()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs, right = marked(**GIVEN), alone(kalman(), y, u)[0]
+    made = h_infinity(MODEL, START["x0"], START["P0"])
+    for k in range(5):
+        if k:
+            made.predict(u[k - 1])
+        made.update(y[k])
+        x_hat = theirs.update(y[k], u[k - 1] if k else None)
+        np.testing.assert_array_equal(x_hat, made.x)
+        assert x_hat.shape == (2,)  # without P
+        assert np.abs(x_hat - right[k]).max() > 1e-3
+    assert {text.partition(":")[0] for text in kept(marked)} == {
+        "HInfinityFilter is not the Kalman filter with gamma = 0"
+    }
+
+    @filterpy_estimator
+    def without_V(model, x0, P0):
+        made = h_infinity(model, x0, P0)
+        made._V = made._V_inv = np.zeros((1, 1))
+        return made
+
+    with pytest.raises(ValueError, match="HInfinityFilter has the default V = 0 and ignores y: set V = model.R_v"):
+        without_V(**GIVEN)
+
+
+def scaled(x, dt, scale=1.0):
+    """Move without an input; the third argument has a default."""
+    return scale * (MODEL.A @ x)
+
+
+@pytest.mark.parametrize("kind", ["ukf", "ckf_redrawn"])
+def test_the_input_replaces_no_default_of_fx(kind):
+    """Naive form: the third argument is the input, whatever its name and its default."""
+    f = lambda x, u, scale=1.0: scale * (MODEL.A @ x + MODEL.B @ u)  # noqa: E731
+    functions = {
+        "scale": scaled,
+        "named": lambda x, dt, scale=1.0, u=None: f(x, u, scale),
+        "last": lambda x, dt, u=None, scale=1.0: f(x, u, scale),
+        "other": lambda x, dt, inflow, scale=1.0: f(x, inflow, scale),
+    }
+
+    def made(name):
+        @filterpy_estimator
+        def marked(model, Ts, x0, P0):
+            made = new(getattr(filters, kind), Ts=Ts, x0=x0, P0=P0)
+            made.fx, made.x = functions[name], np.ravel(made.x)
+            return made
+
+        return marked(**GIVEN, Ts=TS)
+
+    with pytest.raises(ValueError, match=r"the input does not reach \w+: give fx the third argument u"):
+        made("scale")
+    ours = getattr(filters, kind)(**GIVEN, Ts=TS)
+    y, u = signals()
+    every = {name: made(name) for name in ("last", "other")}
+    if kind == "ukf":
+        every["named"] = made("named")
+    else:
+        with pytest.raises(ValueError, match="gives the input to the third argument of fx: make u the third"):
+            made("named")
+    for k in range(4):
+        expected = ours.update(y[k], u[k - 1] if k else None)[0]
+        for each in every.values():
+            np.testing.assert_array_equal(each.update(y[k], u[k - 1] if k else None)[0], expected)
+
+
+@pytest.mark.parametrize("method", ["predict", "update"])
+@pytest.mark.parametrize("name", ["kf", "ukf"])
+def test_a_held_step_keeps_the_time_of_the_filter(method, name):
+    """Oracle: the Kalman filter without the measurement of the failed samples.  Naive form: one sample behind.
+
+    A prediction fails in two samples in a row; it is made together with the next one.
+    """
+    # `predict` is called from k = 1 on.
+    calls = (3, 4) if method == "predict" else (4, 5)
+
+    @filterpy_estimator
+    def fails(model, Ts, x0, P0):
+        made = new(getattr(filters, name), Ts=Ts, x0=x0, P0=P0)
+        setattr(made, method, failing(getattr(made, method), calls))
+        return made
+
+    y, u = signals()
+    found = alone(designed("estimators", fails, on_failure="hold", max_held=1.0), y, u)[0]
+    np.testing.assert_allclose(found, without(y, u, (4, 5)), rtol=0, atol=1e-9)
+
+
+def test_missing_measurements_as_the_page_shows_them():
+    """Oracle: the Kalman filter without them.  `update` of filterpy leaves out None, and makes NaN of NaN."""
+
+    class Bridging(KalmanFilter):
+        def update(self, z, R=None, H=None):
+            super().update(None if np.isnan(z).any() else z, R, H)
+
+    @filterpy_estimator(bridges_missing=True)
+    def kf(model, x0, P0):
+        return filters.linear(Bridging, model, x0, P0)
+
+    y, u = signals()
+    y[[0, 4, 5]] = np.nan
+    estimator = designed("estimators", kf)
+    assert estimator.bridges_missing
+    np.testing.assert_allclose(alone(estimator, y, u)[0], without(y, u, (0, 4, 5)), rtol=0, atol=1e-12)
 
 
 POINT = OperatingPoint(x=np.array([2.0, 1.0]), u=np.array([3.0]), y=np.array([2.0]))

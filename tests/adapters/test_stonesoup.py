@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("stonesoup")
 
 import adapters.stonesoup_filters as filters
-from adapters.loops import alone, loop, signals
+from adapters.loops import alone, failing, loop, signals, without
 from components.one_run import MODEL, START, TS, designed, kalman
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
 from stonesoup.predictor.kalman import KalmanPredictor
@@ -146,6 +146,45 @@ def test_a_model_around_an_operating_point():
     ours = alone(design_function("estimators", around)(**given, Ts=TS), y + point.y, u + point.u)
     expected = alone(by_kind.estimator("kalman", **given), y + point.y, u + point.u)
     np.testing.assert_allclose(ours[0], expected[0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["predict", "update"])
+def test_a_held_step_keeps_the_time_of_the_filter(method):
+    """Oracle: the Kalman filter without the measurement of the failed samples.  Naive form: one sample behind."""
+    calls = (3, 4) if method == "predict" else (4, 5)
+
+    @stonesoup_estimator
+    def fails(model):
+        pair = (
+            KalmanPredictor(filters.transition(model), filters.LinearControlModel(model.B)),
+            KalmanUpdater(filters.measurement(model)),
+        )
+        part = pair[method == "update"]
+        object.__setattr__(part, method, failing(getattr(part, method), calls))
+        return pair
+
+    y, u = signals()
+    found = alone(designed("estimators", fails, on_failure="hold", max_held=1.0), y, u)[0]
+    np.testing.assert_allclose(found, without(y, u, (4, 5)), rtol=0, atol=1e-9)
+
+
+def test_missing_measurements_as_the_page_shows_them():
+    """Oracle: the Kalman filter without them."""
+
+    class Bridging(KalmanUpdater):
+        def update(self, hypothesis, **keys):
+            if np.isnan(np.asarray(hypothesis.measurement.state_vector, dtype=float)).any():
+                return hypothesis.prediction
+            return super().update(hypothesis, **keys)
+
+    @stonesoup_estimator(bridges_missing=True)
+    def kf(model):
+        predictor = KalmanPredictor(filters.transition(model), filters.LinearControlModel(model.B))
+        return predictor, Bridging(filters.measurement(model))
+
+    y, u = signals()
+    y[[0, 4, 5]] = np.nan
+    np.testing.assert_allclose(alone(designed("estimators", kf), y, u)[0], without(y, u, (0, 4, 5)), rtol=0, atol=1e-12)
 
 
 def test_particles_draw_from_the_generator_of_their_run():
