@@ -91,7 +91,7 @@ def entries(values: Any) -> Any:
 
 
 def traced(model: NonlinearModel, name: str, function: Callable[..., Any], arguments: tuple[str, ...]) -> Any:
-    """Call a function with symbols and return it as ``casadi.Function``."""
+    """Return a function called with symbols as `casadi.Function`; its values are compared with those of the model."""
     casadi, sizes = library("casadi"), {"x": model.nx, "u": model.nu, "k": 1}
     symbols = [casadi.SX.sym(each, sizes[each]) for each in arguments]
     users = "rhs" if name == "f" else "output"

@@ -14,14 +14,9 @@ from rmpc_bench.types import Array, SolverError
 
 
 class CasadiFunction:
-    """A `casadi.Function` of t, x, u and p; the parameters p are one column in the order of their names.
+    """A `casadi.Function` of dense columns t, x, u and p, called with the arguments `shown`; p is one column.
 
-    Parameters
-    ----------
-    function : with dense columns as inputs and one dense column as result
-    names : of its inputs
-    shown : of the arguments of the call; those without an input have no effect
-    alone : whether every run is computed by itself, as where an integrator may fail in one of them
+    Those without an input have no effect.  With `alone` every run is computed by itself: an integrator may fail in one.
     """
 
     def __init__(self, function: Any, names: tuple[str, ...], shown: tuple[str, ...], *, alone: bool = False) -> None:
@@ -32,13 +27,7 @@ class CasadiFunction:
         self._of_size: dict[int, BlockCall] = {}
 
     def __call__(self, *arguments: Any) -> Any:
-        """Return the values: (n,), (n, runs) of a block, or a CasADi column where x has symbols.
-
-        Raises
-        ------
-        SolverError
-            If an integrator or a solver within the function fails.
-        """
+        """Return (n,), (n, runs) of a block, or a CasADi column of symbols; a SolverError where a solver fails."""
         given = self._by_name(arguments)
         x = given["x"]
         if x.dtype == object:
@@ -73,11 +62,6 @@ class BlockCall:
     """``function.map(runs)``, which gives the same bits as a call per run.
 
     Numbers pass through the memory of `Function.buffer`: conversions of CasADi would take most of the time.
-
-    Parameters
-    ----------
-    function : with dense columns as inputs and one dense column as result
-    n : number of runs
     """
 
     def __init__(self, function: Any, n: int) -> None:
@@ -90,18 +74,7 @@ class BlockCall:
         self.buffer.set_res(0, self.result.data)
 
     def __call__(self, names: tuple[str, ...], given: Mapping[str, Any], *, block: bool) -> Array:
-        """Return a row of results per run.
-
-        Parameters
-        ----------
-        names : of the inputs
-        given : name -> numbers or, with `block`, rows over the runs; a list of them for p
-
-        Raises
-        ------
-        SolverError
-            If an integrator or a solver within the function fails.
-        """
+        """Return a row of results per run of numbers or, with `block`, of rows over the runs; p has a list of them."""
         for name, each in zip(names, self.inputs, strict=True):
             columns = each.T if block else each[0]
             if name == "p":

@@ -24,13 +24,7 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
 
 
 def named_object(found: Any) -> Any:
-    """Return a `casadi.Function`, or the parts of an equation; a function of Python returns one of them.
-
-    Raises
-    ------
-    DesignError
-        If it is neither.
-    """
+    """Return a `casadi.Function`, or the parts of an equation; a function of Python returns one of them."""
     Function = library("casadi").Function
     made = found if isinstance(found, Function | Mapping) or not callable(found) else found()
     if isinstance(made, Mapping):
@@ -99,19 +93,7 @@ def refuse_other_order(entries: Sequence[str], given: Any, what: str, key: str) 
 def checked(
     function: Any, names: tuple[str, ...], given: Mapping[str, Names], key: str, *, alone: bool = False
 ) -> CasadiFunction:
-    """Return a `casadi.Function` with inputs of these names as a function of numbers.
-
-    Parameters
-    ----------
-    function, names, alone : as `CasadiFunction` takes them
-    given : input -> names of its entries, or their number; anything where it is left out
-    key : of the configuration; a function of `output` is called with (x, p)
-
-    Raises
-    ------
-    DesignError
-        If an input or the result is no column, has another size, or has entries of these names in another order.
-    """
+    """Return a `casadi.Function` as a function of numbers; `given` has the names or the number of entries per input."""
     casadi, n, shown_name = library("casadi"), len(names), function.name()
     if function.n_out() != 1:
         raise DesignError(f"must have the inputs {', '.join(names)} and one result (got {function})", key)
@@ -141,20 +123,7 @@ def sampled_dae(
     """Return x(k+1) of (x, u, p) or (t, x, u, p) as `casadi.Function`, and the names of its inputs.
 
     At the beginning of every sample Newton's method computes the algebraic variables from the same guess, so that
-    x(k+1) depends on nothing else.
-
-    Parameters
-    ----------
-    dae : parts as `casadi.integrator` takes them
-    Ts : sampling time [s]
-    integrator : a key of `OPTIONS`
-    options : of CasADi, in addition to those of `OPTIONS`
-    guess : of the algebraic variables, in their order; None for 0
-
-    Raises
-    ------
-    DesignError
-        If CasADi refuses the equation or the options, or the guess has another size.
+    x(k+1) depends on nothing else.  The guess has the values in the order of z; None is 0.
     """
     casadi, names = library("casadi"), ARGUMENTS[4 if "t" in dae else 3]
     kind, parts = type(dae["x"]), dict(dae)

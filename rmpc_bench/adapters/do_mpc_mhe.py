@@ -21,12 +21,7 @@ from rmpc_bench.types import Array
 
 
 class MheEstimator:
-    """An MHE of do-mpc; its model has the measurements y with noise, and none or u without noise.
-
-    Parameters
-    ----------
-    made, model, Ts, plant_info : the MHE, the design model, the sampling time [s], names of the signals
-    """
+    """An MHE of do-mpc; its model has the measurements y with noise, and none or u without noise."""
 
     returns = "an MHE of do-mpc"
 

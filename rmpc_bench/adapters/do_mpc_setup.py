@@ -34,17 +34,7 @@ def quiet(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @quiet
 def set_up(made: Any, Ts: float) -> None:
-    """Set up an MPC or an MHE where the user's function has not, without output of the solver.
-
-    Parameters
-    ----------
-    made, Ts : the MPC or MHE, the sampling time [s]
-
-    Raises
-    ------
-    ValueError
-        If it has another sampling time, or no horizon.
-    """
+    """Set up an MPC or an MHE where the user's function has not, without output of the solver."""
     if made.settings.t_step not in (None, Ts):
         raise ValueError(f"settings.t_step of do-mpc is {made.settings.t_step}; the sampling time is {Ts}")
     if made.settings.n_horizon is None:

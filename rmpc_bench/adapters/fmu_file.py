@@ -22,11 +22,7 @@ REAL = ("Real", "Float64")
 class Unit:
     """A file and the numbers by which it calls its variables; it can be sent to a worker process.
 
-    Parameters
-    ----------
-    path : of the file
-    version : 2 or 3
-    at_start : names of parameters, and of the states whose start is set, in the order of `start_references`
+    `at_start` has the names of parameters, and of the states whose start is set, in the order of `start_references`.
     """
 
     path: str

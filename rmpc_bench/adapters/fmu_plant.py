@@ -13,14 +13,7 @@ from rmpc_bench.types import Array, OutOfRange, Parameters, Signals
 
 
 class FmuRun:
-    """The instance of one run; an error of the FMU is an exception, which ends the run.
-
-    Parameters
-    ----------
-    unit : the file
-    signals : of the plant
-    Ts : sampling time [s]
-    """
+    """The instance of one run; an error of the FMU is an exception, which ends the run."""
 
     def __init__(self, unit: Unit, signals: Signals, Ts: float) -> None:
         self.unit, self.signals, self.Ts = unit, signals, Ts

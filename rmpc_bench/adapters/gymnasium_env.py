@@ -89,13 +89,7 @@ class EpisodeCost:
 
     @classmethod
     def of(cls, given: Mapping[str, Any], ny: int, nu: int) -> EpisodeCost:
-        """Expand numbers and diagonals.
-
-        Raises
-        ------
-        DesignError
-            If a name is unknown or a weight does not fit.
-        """
+        """Expand numbers and diagonals."""
         for name in given:
             if name not in WEIGHTS:
                 raise DesignError(unknown(name, WEIGHTS, "weight"), "cost")
@@ -129,17 +123,7 @@ def chosen(
 
 
 class Episodes:
-    """The plant of an experiment; see `rmpc_bench.adapters.gymnasium.env`.
-
-    Parameters
-    ----------
-    experiment : gives plant, random inputs and reference
-    method : its estimator gives x_hat in place of y, with the disturbances of its design model; None to observe y
-    cost : of a sample
-    preview : number of samples of the reference
-    limits : lower and upper limits of the action; those of the plant where None
-    Box : class of the spaces
-    """
+    """The plant of an experiment; see `rmpc_bench.adapters.gymnasium.env`."""
 
     np_random: np.random.Generator
     u: Array

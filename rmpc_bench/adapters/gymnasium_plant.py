@@ -28,16 +28,9 @@ class DiscreteInput(Signals):
 
 
 class EnvironmentPlant(ObjectPlant):
-    """A plant of environments; build it with `rmpc_bench.adapters.gymnasium.design`.
+    """A plant of environments, made by `rmpc_bench.adapters.gymnasium.design`.
 
-    Parameters
-    ----------
-    access : how the environments are made, moved and read
-    signals : names, units and bounds
-    measured : indices of the states that are the outputs; None where `access` measures them
-    nominal : nominal parameters
-    Ts : sampling time [s]
-    n_steps : number of control periods N
+    `measured` has the indices of the states that are the outputs; it is None where `access` measures them.
     """
 
     def __init__(

@@ -38,13 +38,7 @@ class Trial(NamedTuple):
 
 
 def attempt(key: str, call: Callable[[], T]) -> T:
-    """Call something of the environment or of the user.
-
-    Raises
-    ------
-    DesignError
-        At the key, if it raises anything.
-    """
+    """Call something of the environment or of the user; what it raises is a DesignError at the key."""
     try:
         return call()
     except (DesignError, MissingLibraryError):
@@ -60,27 +54,14 @@ def attempt(key: str, call: Callable[[], T]) -> T:
 
 
 def started(access: Access, p: Parameters, x0: Array | None = None) -> EnvironmentRun:
-    """Start a new environment from a fixed seed.
-
-    Parameters
-    ----------
-    access : how it is made, moved and read
-    p : parameters
-    x0 : initial state; that of `reset` unless given
-    """
+    """Start a new environment from a fixed seed, at x0 or at the state of `reset`."""
     run = EnvironmentRun(replace(access, starts_at_x0=x0 is not None))
     run.start(p, np.zeros(0) if x0 is None else x0, np.random.Generator(np.random.PCG64(0)))
     return run
 
 
 def trial(access: Access, p: Parameters, inputs: Sequence[Array], x0: Array | None = None) -> Trial:
-    """Step a new environment until it ends an episode.
-
-    Parameters
-    ----------
-    access, p, x0 : as `started` takes them
-    inputs : one per step
-    """
+    """Step a new environment with one input per step, until it ends an episode."""
     run = started(access, p, x0)
     x, random, seconds = [run.x], [_generator(run.inner)], np.inf
     for u in inputs:
@@ -113,12 +94,7 @@ def is_repeatable(first: Trial, again: Trial) -> bool:
 
 
 def random_numbers(first: Trial, other: Trial) -> str:
-    """Say when an environment draws random numbers: ``never``, ``every action alike`` or ``by action``.
-
-    Parameters
-    ----------
-    first, other : after different actions
-    """
+    """Say when an environment draws: ``never``, ``every action alike`` or ``by action``, from trials of two actions."""
     n = min(len(first.random), len(other.random))
     if first.random[:n] != other.random[:n]:
         return "by action"
