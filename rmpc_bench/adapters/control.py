@@ -73,8 +73,19 @@ def model(
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:
+        _refuse_other_order(found, plant)
         with blamed(KEY):
             return ode_model.design(Ts, plant, **found.keys(KEY), noise=noise, at=at, substeps=substeps)
     if at is not None or substeps is not None:
         raise DesignError("has no effect on a linear system", "substeps" if at is None else "at")
-    return design_model(parametric_system(control, linear, parameters or {}, KEY), Ts, noise)
+    system = parametric_system(control, linear, parameters or {}, KEY)
+    _refuse_other_order(system.make(system.nominal), plant)
+    return design_model(system, Ts, noise)
+
+
+def _refuse_other_order(system: Any, plant: Plant) -> None:
+    """Refuse signals of a model that have the names of those of the plant in another order."""
+    for noun in ("states", "inputs", "outputs"):
+        own, names = getattr(system, noun), [*getattr(plant.signals, noun, ())]
+        if not isinstance(own, int) and [*own] != names and sorted(own) == sorted(names):
+            raise DesignError(f"has the {noun} {', '.join(own)}; the order of the plant is {', '.join(names)}", KEY)

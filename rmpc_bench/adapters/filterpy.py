@@ -51,14 +51,16 @@ class FilterpyEstimator:
         first = made[0] if isinstance(made, tuple) else made
         return [first, *getattr(first, "filters", ())]
 
-    def __init__(self, made: Any, model: Any, x0: Any, P0: Any, rng: np.random.Generator) -> None:
+    def __init__(self, made: Any, model: Any, x0: Any, P0: Any, rng: np.random.Generator, Ts: Any = None) -> None:
         self.filter, further = made if isinstance(made, tuple) else (made, {})
         self._update: Callable[..., Any] = partial(self.filter.update, **further)
         self._inputs: list[Any] = []
         for each in (*getattr(self.filter, "filters", ()), self.filter):
             self._predict = _predict_of(each, model, in_bank=each is not self.filter)
             _refuse_ignored_measurement(each, further)
-            for text in _kept_defaults(each, model, x0, P0, further):
+            dt = getattr(each, "_dt", getattr(each, "dt", Ts))
+            other = [f"has dt = {dt}, the sampling time is {Ts} s"] if None not in (dt, Ts) and dt != Ts else []
+            for text in (*_kept_defaults(each, model, x0, P0, further), *other):
                 warn(f"{type(each).__name__} {text}", stacklevel=2)
             if hasattr(each, "points_fn"):
                 each.sigmas_f = each.points_fn.sigma_points(each.x, each.P)

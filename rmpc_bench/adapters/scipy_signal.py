@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.realisation import Realisation, design_model, parametric_system
@@ -71,4 +73,5 @@ def _realisation(system: Any) -> Realisation:
         raise DesignError(f"{what} (got {type(system).__name__})", "scipy")
     form = system.to_ss()
     own = 0.0 if isinstance(system, lti) else (None if system.dt is True else float(system.dt))
-    return Realisation(form.A, form.B, form.C, form.D, own, len(form.A), form.B.shape[1], len(form.C))
+    A, B, C, D = (np.asarray(each, dtype=float) for each in (form.A, form.B, form.C, form.D))
+    return Realisation(A, B, C, D, own, len(A), B.shape[1], len(C))

@@ -23,6 +23,7 @@ _VARIABLES = (
     ("a2", "parameter", "fixed", "exact", 6.3e-6),
     ("k", "parameter", "fixed", "exact", 1.0),
     ("level", "output", "continuous", "calculated", None),
+    ("second", "input", "continuous", "", 0.0),
 )
 
 

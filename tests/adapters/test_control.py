@@ -145,6 +145,28 @@ def test_models():
     np.testing.assert_allclose(nonlinear.F(ours.x_op, ours.u_op), ours.A, rtol=1e-6)  # of error control
 
 
+@pytest.mark.parametrize("noun", ["states", "inputs", "outputs"])
+@pytest.mark.parametrize("is_linear", [True, False])
+def test_a_model_with_the_names_of_the_plant_in_another_order_is_refused(noun, is_linear):
+    """Its columns would act on the other input, its rows be compared with the other state."""
+
+    def made(**other):
+        names = {"states": ["h", "q"], "inputs": ["a", "b"], "outputs": ["y1", "y2"], **other}
+        matrices = -np.diag([1.0, 2.0]), np.eye(2), np.eye(2)
+        if is_linear:
+            return control.ss(*matrices, np.zeros((2, 2)), **names)
+        return control.nlsys(lambda t, x, u, params: matrices[0] @ x + u, lambda t, x, u, params: x, **names)
+
+    bench = plant(0.1, 10, control=made())
+    swapped = {"states": ["q", "h"], "inputs": ["b", "a"], "outputs": ["y2", "y1"]}[noun]
+    at = {} if is_linear else {"at": At(u=[0.0, 0.0])}
+    model(0.1, bench, control=made(), noise=NOISE, **at)
+    model(0.1, bench, control=made(**{noun: ["v", "w"]}), noise=NOISE, **at)
+    with pytest.raises(DesignError, match=f"has the {noun} {', '.join(swapped)}; the order of the plant") as caught:
+        model(0.1, bench, control=made(**{noun: swapped}), noise=NOISE, **at)
+    assert caught.value.parameter == "control"
+
+
 def test_names_of_a_linear_plant_in_an_operating_point():
     """Oracle: the static gain 1/k."""
     bench = plant(0.1, 10, control=systems.oscillator)

@@ -164,11 +164,11 @@ def test_a_filter_without_H(kind):
         assert np.abs(moved - START["x0"]).max() > 1.0
 
 
-def kept(marked):
+def kept(marked, **more):
     """Return the texts of the warnings of an adapter."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        marked(**GIVEN)
+        marked(**{**GIVEN, **more})
     return {str(each.message) for each in caught if each.category is UserWarning}
 
 
@@ -199,6 +199,17 @@ def test_defaults_in_place_of_numbers_of_the_experiment_are_said():
     assert kept(bank) == {f"{has} R = I in place of model.R_v"}
     assert kept(information) == {"InformationFilter has the default R_inv = I in place of model.R_v"}
     assert kept(filters.kf) == kept(filters.imm) == kept(filters.information) == set()
+
+
+def test_another_time_step_of_a_filter_is_said():
+    """filterpy calls fx with its own dt; a function that does not use it is right all the same."""
+
+    @filterpy_estimator
+    def ukf(x0, P0, dt: float):
+        return new(filters.ukf, Ts=dt, x0=x0, P0=P0)
+
+    assert kept(ukf, Ts=TS, dt=TS) == kept(filters.enkf, Ts=TS) == set()
+    assert kept(ukf, Ts=TS, dt=1.0) == {f"UnscentedKalmanFilter has dt = 1.0, the sampling time is {TS} s"}
 
 
 def test_remarks_on_defaults_reach_check_and_run(tmp_path):

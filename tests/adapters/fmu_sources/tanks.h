@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { H1, H2, PUMP, A1, A2, GAIN, LEVEL, N };
+enum { H1, H2, PUMP, A1, A2, GAIN, LEVEL, SECOND, N };
 #define S 4e-3
 #define G 9.81
 
@@ -20,7 +20,7 @@ typedef struct {
 static void slope(const Tanks *m, const double *x, double *dx) {
     double q1 = m->v[A1] * sqrt(2 * G * x[0]), q2 = m->v[A2] * sqrt(2 * G * x[1]);
     dx[0] = (m->v[GAIN] * 1e-6 * m->v[PUMP] - q1) / S;
-    dx[1] = (q1 - q2) / S;
+    dx[1] = (q1 - q2 + 1e-6 * m->v[SECOND]) / S;
 }
 
 static int advance(Tanks *m, double length) {
