@@ -155,8 +155,10 @@ def publish(
         known = read(results.directory)
         # Where the way is given, it is that of another session, whose files are elsewhere.
         file = str(known.get("report", {}).get("file", "") if place else known.get("file", ""))
-        way = place or place_of(results.directory), file if place or Path(file).is_file() else ""
-        return _published(results, directory, rendering, index, *way)
+        named = place or place_of(results.directory)
+        if not (named == known.get("report", {}).get("place") or Path(file).is_file()):
+            file = ""
+        return _published(results, directory, rendering, index, named, file)
 
 
 def _published(
