@@ -152,7 +152,7 @@ class OdeDynamics(Dynamics):
     def advance(
         self, k: int, x: Array, u: Array, Ts: float, substeps: int, points: int = 1, *, strict: bool = True
     ) -> Float[Array, "columns nx"]:
-        """Integrate by Runge-Kutta of order 4, or apply the map; too large an error: `SolverError` or NaN."""
+        """Integrate by the Runge-Kutta method, or apply the map; too large an error is a `SolverError` or NaN."""
         ode, errors, columns = self.ode, list[Exception](), np.ascontiguousarray(x.T)
         of = alone(lambda t, z, v: ode.slope(t, z, v, ode.p), u, errors)
         if ode.rhs_takes_blocks and not strict:

@@ -40,6 +40,11 @@ metrics: [estimation_mse]
 figures: [{{kind: trajectories, signals: [y, u, x.0]}}]
 record: {{runs: 2, signals: [y, u, x]}}
 """
+METHODS = next(
+    line + "\n"
+    for line in TEXT.format_map(dict.fromkeys(("plant", "bounds", "diverged", "x", "r"), "")).splitlines()
+    if line.startswith("methods:")
+)
 USUAL = {
     "plant": PLANT, "bounds": "{h1: [0.0001 m, 0.6 m], pump: [0, 30 ml/s]}", "diverged": "{h2: 4}",
     "x": "[0.0647 m, 0.0822]", "r": 0.15,
@@ -140,6 +145,27 @@ def test_any_block_gives_the_same_bytes(tmp_path, finished):
     assert first == second
     with (folder / "out" / "trials.csv").open(encoding="utf-8") as file:
         assert {row["status"] for row in csv.DictReader(file)} == {"ok"}
+
+
+def test_filters_with_error_control_give_the_same_bytes_in_any_block(tmp_path):
+    """Oracle: blocks of 50 in one process against single runs in two; every run has its own intervals."""
+    tables = []
+    for block, jobs in ((50, 1), (1, 2)):
+        folder = tmp_path / str(block)
+        folder.mkdir()
+        text = written(folder).read_text(encoding="utf-8").replace("duration: 100", "duration: 500, step: 50")
+        text = text.replace("step: 5, ", "").replace("linearise: plant, at", "nonlinear: plant, at")
+        filters = "".join(
+            f"  {kind}: {{estimator: {{kind: {kind}}}, controller: {{kind: pid, Kp: 100}}}}\n"
+            for kind in ("extended-kalman", "unscented-kalman")
+        )
+        (folder / "tanks.yaml").write_text(f"{text}methods:\n{filters}".replace(METHODS, ""), encoding="utf-8")
+        arguments = ("-j", str(jobs), "-o", str(folder / "out"), "-s", f"execution.block={block}")
+        result = cli("run", str(folder / "tanks.yaml"), *arguments)
+        assert result.exit_code == 0, result.output
+        tables.append((folder / "out" / "trials.csv").read_bytes())
+    assert tables[0] == tables[1]
+    assert b"ok" in tables[0] and b"diverged" not in tables[0]
 
 
 def test_a_run_that_leaves_its_bounds_has_a_reason(tmp_path):

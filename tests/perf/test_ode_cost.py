@@ -51,5 +51,5 @@ def test_run_by_run(benchmark, method):
 
 
 def test_design(benchmark):
-    """Tests of blocks, choice of the substeps and a timed step: what `check` pays for such a plant."""
+    """Tests of blocks, trial runs and a timed step: what `check` pays for such a plant."""
     benchmark.pedantic(plant, (Solver(),), rounds=3)
