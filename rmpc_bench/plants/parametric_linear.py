@@ -186,18 +186,6 @@ def linear_plant(
 
     A system without parameters and without bounds of an input is simulated in compiled code, and its moments are
     exact, as those of the plant `linear`.
-
-    Parameters
-    ----------
-    system : the system
-    Ts : sampling time [s]
-    n_steps : number of control periods N
-    bounds : name of a state or an input -> lower and upper bound
-
-    Raises
-    ------
-    DesignError
-        If the nominal system cannot be sampled, or a name cannot be used.
     """
     A, B, C = system.sampled(system.nominal, Ts)
     named = system.signals({})
