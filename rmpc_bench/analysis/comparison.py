@@ -53,9 +53,10 @@ class Comparison:
     superiority_low, superiority_high : interval of `superiority`
     failed_only, baseline_failed_only : runs in which one of the two failed and the other did not
     failed_low, failed_high : interval of the difference of the shares of failed runs
-    lost_runs, lost_upper : runs that failed or are worse than their partner by a factor, that of `statistics.lost` or
-        10, and the exact 95 % bound of their share; failed ones only for a signed metric, none without a verdict
-    baseline_lost_runs, baseline_lost_upper : the same of the baseline
+    far_worse_runs, far_worse_upper : runs that failed or are worse than their partner by a factor, that of
+        `statistics.lost` or 10, and the exact 95 % bound of their share; failed ones only for a signed metric, none
+        without a verdict
+    baseline_far_worse_runs, baseline_far_worse_upper : the same of the baseline
     runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
     runs_for_equivalence : about how many runs would show equivalence if there were no difference
     look : number of the look at the growing number of runs
@@ -91,17 +92,17 @@ class Comparison:
     baseline_failed_only: int
     failed_low: float
     failed_high: float
-    lost_runs: float = math.nan
-    lost_upper: float = math.nan
-    baseline_lost_runs: float = math.nan
-    baseline_lost_upper: float = math.nan
+    far_worse_runs: float = math.nan
+    far_worse_upper: float = math.nan
+    baseline_far_worse_runs: float = math.nan
+    baseline_far_worse_upper: float = math.nan
     runs_for_direction: float = math.nan
     runs_for_equivalence: float = math.nan
     look: int
 
 
 COLUMNS = [field.name for field in fields(Comparison)]
-_WHOLE = ["lost_runs", "baseline_lost_runs", "runs_for_direction", "runs_for_equivalence"]
+_WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
 MANY = 1e15
 """Numbers of runs from which on none is given: the average differs from 0 by rounding only."""
 
@@ -196,8 +197,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
             failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
         word = verdict(_evidence(pairs, intervals, scores, level), failures)
         planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
-        for name, k in zip(("lost", "baseline_lost"), pairs.lost(trials.lost or FACTOR), strict=True):
-            planning |= {f"{name}_runs": k, f"{name}_upper": largest_share(k, len(scores))}
+        planning |= _far_worse_columns(pairs, trials.lost or FACTOR)
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(
         method=method,
@@ -221,6 +221,14 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
         **_sizes(averages, {} if pairs.rarely_differ else intervals, pairs.scale()),  # type: ignore[arg-type]
         **planning,  # type: ignore[arg-type]
     )
+
+
+def _far_worse_columns(pairs: Pairs, factor: float) -> dict[str, float]:
+    """Return the runs of method and baseline that failed or are far worse, and the bounds of their shares."""
+    found: dict[str, float] = {}
+    for name, k in zip(("far_worse", "baseline_far_worse"), pairs.far_worse(factor), strict=True):
+        found |= {f"{name}_runs": k, f"{name}_upper": largest_share(k, len(pairs.a))}
+    return found
 
 
 def _intervals(trials: Trials, averages: Mapping[str, Array], level: float) -> dict[str, tuple[float, float]]:

@@ -60,13 +60,11 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
 
 
 def seen_text(row: Mapping[str, Any], margin: str) -> str:
-    """Write a verdict for a sentence, in which better and equivalent hold in the runs that were seen."""
+    """Write a verdict for a sentence; that a method is better, or equivalent, holds in these runs."""
     word = verdict_text(row, margin)
-    return (
-        f"{word}{',' * (',' in word)} in the runs seen"
-        if word.startswith((Verdict.BETTER, Verdict.EQUIVALENT))
-        else word
-    )
+    if not word.startswith((Verdict.BETTER, Verdict.EQUIVALENT)):
+        return word
+    return f"{word}, in these runs" if "," in word else f"{word} in these runs"
 
 
 def per_cent(size: float) -> str:
@@ -74,19 +72,19 @@ def per_cent(size: float) -> str:
     return f"{size:.1f} %" if size >= 1 else f"{significant_text(size, 2)} %"
 
 
-def lost_bound(rows: Iterable[Mapping[str, Any]], trials: Trials, info: MetricInfo) -> str:
-    """Say how many runs were lost, and which share may be at most; methods with equal numbers together."""
+def far_worse_bound(rows: Iterable[Mapping[str, Any]], trials: Trials, info: MetricInfo) -> str:
+    """Count the runs that failed or are far worse, and bound their share; methods with equal numbers together."""
     groups: dict[tuple[int, int, float], list[str]] = {}
-    for row in (row for row in rows if not math.isnan(row["lost_upper"])):
+    for row in (row for row in rows if not math.isnan(row["far_worse_upper"])):
         n = row["won"] + row["lost"] + row["tied"]
-        groups.setdefault((row["lost_runs"], n, row["lost_upper"]), []).append(str(row["method"]))
+        groups.setdefault((row["far_worse_runs"], n, row["far_worse_upper"]), []).append(str(row["method"]))
     texts = []
     for (k, n, upper), names in groups.items():
         of = (f" of {' and '.join(names)}" if len(names) < 4 else f" of {len(names)} methods") * (len(groups) > 1)
-        count = f"{k} of {n} runs{of} were" if k else f"no run of {n}{of} was"
-        texts.append(f"{count} lost" + (f": at most {per_cent(100 * upper)} are" if k < n else ""))
+        bound = f", so at most {per_cent(100 * upper)} of all runs ({100 * BOUND:g} % bound)" if k < n else ""
+        texts.append(f"{k} of {n} runs{of}{bound}")
     far = "" if is_signed(trials, info) else f" or {trials.lost or FACTOR:g} times worse than the partner"
-    return f"{', '.join(texts)} (lost: failed{far}; {100 * BOUND:g} % bound)" if texts else ""
+    return f"failed{far}: {', and '.join(texts)}" if texts else ""
 
 
 def _inconclusive(row: Mapping[str, Any]) -> str:

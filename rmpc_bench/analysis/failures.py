@@ -1,4 +1,4 @@
-"""Failed and lost runs of a method and of its baseline: shares, and values that stand for failed runs."""
+"""Failed and far worse runs of a method and of its baseline: shares, and values that stand for failed runs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from rmpc_bench.analysis.intervals import NONE, Interval
 from rmpc_bench.types import Array
 
 FACTOR = 10.0
-"""A failed run counts as worse than its partner by this factor; a finished one that exceeds it is lost."""
+"""A failed run counts as worse than its partner by this factor; a finished one that exceeds it is far worse."""
 BOUND = 0.95
-"""Level of the bound of the share of lost runs."""
+"""Level of the bound of the share of runs that failed or are far worse."""
+
+
+def far_worse(values: Array, partners: Array, factor: float) -> Array:
+    """Return where a value exceeds a factor times that of its partner; nowhere beside a failed or a negative one."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((values > factor * partners) & (partners >= 0))
 
 
 def largest_share(k: int, n: int) -> float:

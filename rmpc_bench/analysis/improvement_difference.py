@@ -174,7 +174,10 @@ def _pairs(table: Trials, method: str, info: MetricInfo, settings: Trials, *, si
 
 
 def _behind(pairs: Pairs, other: Pairs, alone: Array, other_alone: Array) -> Pairs:
-    """Let a run that the method alone failed have a smaller gain than in the other experiment; both failed are tied."""
+    """Make the gain of a run in which only the method failed smaller than in the other experiment.
+
+    It is equal where the method failed in both.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         equal = pairs.b + (other.a - other.b) if pairs.signed else pairs.b * (other.a / other.b)
         limit = np.where(other_alone, equal, pairs.worse(equal))

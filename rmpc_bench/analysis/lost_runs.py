@@ -3,6 +3,8 @@
 Lost    A run that failed, or whose primary metric exceeds a factor times that of the baseline in the same run.
 Limit   Where the baseline failed, is absent or has a value below 0, a run counts by its own failure only.  The baseline
         is lost where it failed.
+        `Pairs.far_worse` has the same rule (`failures.far_worse`), but of the runs that both methods have only, and no
+        factor for a metric with a negative value in any run.
 Source  The interval of the share is that of Wilson (`intervals.wilson`), each for itself.
 """
 
@@ -14,6 +16,7 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.failures import far_worse
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.trials import Trials
 
@@ -69,9 +72,7 @@ def lost_runs(trials: Trials) -> pd.DataFrame:
 def _lost(trials: Trials, method: str, metric: str, factor: float) -> LostRuns:
     values, limits = trials.column(metric, method), trials.column(metric, trials.baseline)
     failed = trials.failed(method)
-    # Comparisons with NaN are false.
-    with np.errstate(over="ignore"):
-        lost = failed | ((values > factor * limits) & (limits >= 0))
+    lost = failed | far_worse(values, limits, factor)
     n, k = int((~np.isnan(values) | failed).sum()), int(lost.sum())
     low, high = wilson(k, n, trials.confidence)
     return LostRuns(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.analysis.failures import FACTOR, worst_of
+from rmpc_bench.analysis.failures import FACTOR, far_worse, worst_of
 from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.verdict import FEW
@@ -109,11 +109,13 @@ class Pairs:
                 step = np.where(values > 0, values * (1 - 1 / FACTOR if self.higher else FACTOR - 1), size)
             return np.asarray(values - step if self.higher else values + step)
 
-    def lost(self, factor: float) -> tuple[int, int]:
-        """Count the runs that a method failed, or in which it is worse by a factor than the other: both methods."""
+    def far_worse(self, factor: float) -> tuple[int, int]:
+        """Count the runs of the method and of the baseline that failed, or are worse than the other by the factor.
+
+        Unlike `lost_runs`, only runs of both count, and for a signed metric only failed ones.
+        """
         one, other = (self.b, self.a) if self.higher else (self.a, self.b)
-        with np.errstate(over="ignore", invalid="ignore"):
-            far = np.array([one > factor * other, other > factor * one]) & (not self.signed)
+        far = np.array([far_worse(one, other, factor), far_worse(other, one, factor)]) & (not self.signed)
         method, baseline = (far | np.isnan([self.a, self.b])).sum(axis=1)
         return int(method), int(baseline)
 

@@ -33,7 +33,7 @@ class PassRate:
     n_failed : failed runs, which do not pass
     passed : runs that pass
     pass_pct, pass_low, pass_high : share of runs that pass with its Wilson interval [%]
-    fail_upper : exact 95 % bound of the share of runs that do not pass [%]
+    miss_upper : exact 95 % bound of the share of runs that do not pass [%]
     n_pairs : runs of both methods
     method_only, baseline_only : runs in which one of the two passes and the other does not
     difference_pct, difference_low, difference_high : share of the method minus that of the baseline with its paired
@@ -49,7 +49,7 @@ class PassRate:
     pass_pct: float
     pass_low: float
     pass_high: float
-    fail_upper: float
+    miss_upper: float
     n_pairs: int
     method_only: int
     baseline_only: int
@@ -91,7 +91,7 @@ def _rate(trials: Trials, requirement: Requirement, method: str) -> PassRate:
         pass_pct=100 * k / n if n else math.nan,
         pass_low=shares[0],
         pass_high=shares[1],
-        fail_upper=100 * largest_share(n - k, n),
+        miss_upper=100 * largest_share(n - k, n),
         n_pairs=n_pairs,
         method_only=alone[0],
         baseline_only=alone[1],

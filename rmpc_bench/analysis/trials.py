@@ -259,7 +259,7 @@ class Trials:
         return found
 
     def computed(self, *methods: str) -> Array:
-        """Return which runs all of some methods have, finished or failed, (n_runs,) in the order of `runs`."""
+        """Return which runs are computed, finished or failed, for every one of the methods."""
         own = [np.isin(np.arange(len(self.runs)), self._rows[name][1]) for name in methods if name in self._rows]
         return np.all(own, axis=0) if len(own) == len(methods) else np.zeros(len(self.runs), dtype=bool)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rmpc_bench.analysis.comparison_text import lost_bound, margin_text
+from rmpc_bench.analysis.comparison_text import far_worse_bound, margin_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.trials import Trials
@@ -67,7 +67,7 @@ def table_note(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str:
         sentences += _of_comparison(first, shown)
     if "verdict" in shown and len(tables) == 1:
         rows = [line.compared for line in first.lines if line.compared]
-        sentences += [f"{capitalised(bound)}." for bound in [lost_bound(rows, first.trials, first.info)] if bound]
+        sentences += [f"{capitalised(bound)}." for bound in [far_worse_bound(rows, first.trials, first.info)] if bound]
     return " ".join([*sentences, _failures(tables)])
 
 

@@ -18,7 +18,7 @@ CHANGES = [
     *("mean_pct", "mean_low", "mean_high"),
 ]
 SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "failed_low", "failed_high"]
-SHARES += ["lost_upper", "baseline_lost_upper"]
+SHARES += ["far_worse_upper", "baseline_far_worse_upper"]
 DIFFERENCES = ["difference", "difference_low", "difference_high"]
 PER_CENT = 100.0
 UNRELIABLE = 1e-12

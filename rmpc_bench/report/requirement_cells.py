@@ -28,7 +28,7 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[s
         "method": [marked(trials, row["method"]) for row in rows],
         "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
         "share": [share(row) for row in rows],
-        "at most .. fail": [per_cent(row["fail_upper"]) for row in rows],
+        "miss it, at most (95 %)": [per_cent(row["miss_upper"]) for row in rows],
     }
     if len(trials.methods) > 1:
         columns[f"difference from {trials.baseline}"] = [difference(row) for row in rows]

@@ -18,7 +18,7 @@ from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types.texts import inert_markdown
 
-_SHARES = ["pass_pct", "pass_low", "pass_high", "fail_upper", "difference_pct", "difference_low", "difference_high"]
+_SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
 
 
 @dataclass(frozen=True, eq=False)

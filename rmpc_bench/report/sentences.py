@@ -8,7 +8,7 @@ from typing import Any
 from rmpc_bench.analysis.comparison_text import (
     AVERAGE_WORDS,
     contradicting,
-    lost_bound,
+    far_worse_bound,
     margin_text,
     seen_text,
     size_text,
@@ -27,8 +27,8 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     """Say one row of `comparison.comparisons` in one sentence that can be pasted into a paper.
 
     It is such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired runs,
-    95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better in the runs seen; no run of 200 was
-    lost: at most 1.5 % are (lost: failed or 10 times worse than the partner; 95 % bound)."
+    95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better in these runs; failed or 10
+    times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound)."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
     word = seen_text(row, margin_text(trials, info, row))
@@ -49,7 +49,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
         other = "mean" if row["average"] == "geometric" else "geometric"
         text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
     failed = _failed(row)
-    bound = lost_bound([row], trials, info)
+    bound = far_worse_bound([row], trials, info)
     return f"{text}{failed}{': ' + word if word else ''}{'; ' + bound if bound else ''}."
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from rmpc_bench.analysis.comparison_text import lost_bound, margin_text
+from rmpc_bench.analysis.comparison_text import far_worse_bound, margin_text
 from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -189,7 +189,7 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
     margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))
     parts.append("tied = equal" if margin.split()[0] == "0" else f"tied = within {margin}")
-    return [*parts, *filter(None, [lost_bound(compared, trials, info)])]
+    return [*parts, *filter(None, [far_worse_bound(compared, trials, info)])]
 
 
 def status_lines(trials: Trials) -> list[str]:

@@ -59,18 +59,18 @@ def test_the_bound_is_where_so_few_lost_runs_have_a_chance_of_5_per_cent(n):
 
 
 @pytest.mark.parametrize("direction", ["lower", "higher"])
-def test_lost_runs_of_both_methods_stand_beside_the_verdict(direction):
+def test_far_worse_runs_of_both_methods_stand_beside_the_verdict(direction):
     """Runs that failed, and those 10 times worse than the partner; the factor itself is not beyond."""
     a = np.array([1.0, 1, 1, 1, np.nan, np.nan, 11, 1])
     b = np.array([1.0, 10, 11, np.nan, 1, np.nan, 1, np.inf])
     made = table({"A": a, "B": b} if direction == "lower" else {"A": 1 / a, "B": 1 / b}, direction=direction)
     row = comparisons(made).iloc[0]
-    assert (row.lost_runs, row.baseline_lost_runs) == (4, 3)
-    assert (row.lost_upper, row.baseline_lost_upper) == (largest_share(4, 8), largest_share(3, 8))
-    assert comparisons(replace(made, lost=20.0)).iloc[0].lost_runs == 3
-    assert math.isnan(comparisons(replace(made, with_verdicts=False)).iloc[0].lost_upper)
+    assert (row.far_worse_runs, row.baseline_far_worse_runs) == (4, 3)
+    assert (row.far_worse_upper, row.baseline_far_worse_upper) == (largest_share(4, 8), largest_share(3, 8))
+    assert comparisons(replace(made, lost=20.0)).iloc[0].far_worse_runs == 3
+    assert math.isnan(comparisons(replace(made, with_verdicts=False)).iloc[0].far_worse_upper)
     # Of a signed metric a factor says nothing.
-    assert comparisons(table({"A": -a, "B": b})).iloc[0].lost_runs == 2
+    assert comparisons(table({"A": -a, "B": b})).iloc[0].far_worse_runs == 2
 
 
 def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
@@ -81,8 +81,8 @@ def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
         logs = rng.normal(-0.0005, 0.002, 100) + np.log(20) * (rng.random(100) < 0.01)
         base = np.exp(0.3 * rng.normal(size=100))
         row = comparisons(table({"A": base, "B": base * np.exp(logs)})).iloc[0]
-        assert row.lost_runs == (logs > 2).sum() and row.lost_upper > 0.01
-        n_missed += row.verdict == "equivalent" and not row.lost_runs
+        assert row.far_worse_runs == (logs > 2).sum() and row.far_worse_upper > 0.01
+        n_missed += row.verdict == "equivalent" and not row.far_worse_runs
     assert n_missed > 3
 
 

@@ -53,7 +53,7 @@ def test_the_share_has_the_score_interval(rates, k, n):
     z2 = stats.norm.ppf(0.975) ** 2
     ends = np.sort(np.roots([1 + z2 / n, -(2 * k / n + z2 / n), (k / n) ** 2]).real)
     np.testing.assert_allclose([row["pass_low"] / 100, row["pass_high"] / 100], ends, rtol=1e-7, atol=1e-9)  # roots
-    assert row["fail_upper"] == pytest.approx(100 * (stats.beta.ppf(0.95, n - k + 1, k) if k else 1.0))
+    assert row["miss_upper"] == pytest.approx(100 * (stats.beta.ppf(0.95, n - k + 1, k) if k else 1.0))
 
 
 @pytest.mark.parametrize(("method_only", "baseline_only", "n"), [(15, 2, 40), (12, 0, 60), (40, 20, 160)])

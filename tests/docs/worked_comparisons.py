@@ -114,7 +114,7 @@ def fails_more() -> Case:
     b = a * np.exp(logs(-5.6, -4.4, normal(200, 11)))
     b[a >= np.sort(a)[-20]] = math.nan
     remark = (
-        "Averages rest on the 180 runs that both finished. A failed run is lost, and the failures decide the verdict."
+        "Averages rest on the 180 runs that both finished. A failed run loses, and the failures decide the verdict."
     )
     return Case("fails more", a, b, remark)
 

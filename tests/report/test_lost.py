@@ -89,9 +89,9 @@ def test_a_run_writes_the_shares(tmp_path):
     for name in ("summary.csv", "trials.csv"):
         assert (plain / name).read_bytes() == (counted / name).read_bytes()
     one, other = (pd.read_csv(place / "comparisons.csv") for place in (plain, counted))
-    lost = [name for name in one.columns if "lost_" in name]
+    lost = [name for name in one.columns if "far_worse_" in name]
     pd.testing.assert_frame_equal(one.drop(columns=lost), other.drop(columns=lost))
-    assert (one.loc[0, "lost_runs"], other.loc[0, "lost_runs"]) == (0, found.loc["R-MPC", "n_lost"])
+    assert (one.loc[0, "far_worse_runs"], other.loc[0, "far_worse_runs"]) == (0, found.loc["R-MPC", "n_lost"])
     assert "| lost |" in (counted / "tables" / "summary.md").read_text()
     assert "lost = failed" in (counted / "report.html").read_text()
 

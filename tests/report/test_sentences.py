@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from rmpc_bench.analysis.comparison_text import lost_bound, per_cent, verdict_text
+from rmpc_bench.analysis.comparison_text import far_worse_bound, per_cent, verdict_text
 from rmpc_bench.analysis.failures import largest_share
 from rmpc_bench.report.sentences import sentence
 from rmpc_bench.types import MetricInfo
@@ -18,7 +18,7 @@ ROW = {
     **{"mean_pct": -11.9, "mean_low": -13.0, "mean_high": -10.8},
     **{"difference": math.nan, "difference_low": math.nan, "difference_high": math.nan},
     **{"won": 162, "lost": 0, "tied": 38, "failed_only": 0, "baseline_failed_only": 0},
-    **{"lost_runs": math.nan, "lost_upper": math.nan},
+    **{"far_worse_runs": math.nan, "far_worse_upper": math.nan},
     **{"runs_for_direction": math.nan, "runs_for_equivalence": 1051},
 }
 
@@ -36,7 +36,7 @@ def trials(make_trials):
             {},
             "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
             "(geometric mean of the ratios, 200 paired runs, 95 % interval; "
-            "won 162, lost 0, tied 38): better in the runs seen.",
+            "won 162, lost 0, tied 38): better in these runs.",
         ),
         (
             {"verdict": ""},
@@ -73,13 +73,13 @@ def trials(make_trials):
         ),
         (
             {"change_pct": math.nan, "ci_low": math.nan, "ci_high": math.nan, "average": ""},
-            "R-MPC1 against S-MPC in mse (200 paired runs; won 162, lost 0, tied 38): better in the runs seen.",
+            "R-MPC1 against S-MPC in mse (200 paired runs; won 162, lost 0, tied 38): better in these runs.",
         ),
         (
             {"change_pct": math.nan, "average": "difference", "difference": -0.51, "difference_low": -0.62}
             | {"difference_high": -0.40, "verdict": "equivalent", "geometric_pct": math.nan, "mean_pct": math.nan},
             "R-MPC1 lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference, 200 paired runs, 95 % "
-            "interval; won 162, lost 0, tied 38): equivalent (within 0 rad^2) in the runs seen.",
+            "interval; won 162, lost 0, tied 38): equivalent (within 0 rad^2) in these runs.",
         ),
     ],
 )
@@ -91,11 +91,11 @@ def test_a_sentence_can_be_quoted(trials, changes, text):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("default", "default"), "tied 38; both default, not tuned): better in the runs seen."),
-        (("tuned (budget 16, 40 runs)",) * 2, "tied 38; both tuned (budget 16, 40 runs)): better in the runs seen."),
+        (("default", "default"), "tied 38; both default, not tuned): better in these runs."),
+        (("tuned (budget 16, 40 runs)",) * 2, "tied 38; both tuned (budget 16, 40 runs)): better in these runs."),
         (
             ("tuned (budget 16, 40 runs)", "as published"),
-            "tied 38; R-MPC1: tuned (budget 16, 40 runs), S-MPC: as published, not tuned): better in the runs seen.",
+            "tied 38; R-MPC1: tuned (budget 16, 40 runs), S-MPC: as published, not tuned): better in these runs.",
         ),
     ],
 )
@@ -107,32 +107,40 @@ def test_a_sentence_says_where_the_parameters_come_from(trials, words, text):
 @pytest.mark.parametrize(
     ("k", "direction", "text"),
     [
-        (0, "lower", "; no run of 200 was lost: at most 1.5 % are (lost: failed or 10 times worse than the partner;"),
-        (3, "lower", "; 3 of 200 runs were lost: at most 3.8 % are (lost: failed or 10 times worse than the partner;"),
-        (3, "zero", "; 3 of 200 runs were lost: at most 3.8 % are (lost: failed; 95 % bound)."),
+        (
+            0,
+            "lower",
+            "; failed or 10 times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound).",
+        ),
+        (
+            3,
+            "lower",
+            "; failed or 10 times worse than the partner: 3 of 200 runs, so at most 3.8 % of all runs (95 % bound).",
+        ),
+        (3, "zero", "; failed: 3 of 200 runs, so at most 3.8 % of all runs (95 % bound)."),
     ],
 )
 @pytest.mark.parametrize("word", ["equivalent", "better-size-uncertain", "worse", "inconclusive"])
-def test_beside_a_verdict_stands_how_many_runs_are_lost_at_most(trials, k, direction, text, word):
-    """Better and equivalent hold in the runs seen."""
-    row = ROW | {"lost_runs": k, "lost_upper": largest_share(k, 200), "verdict": word}
+def test_beside_a_verdict_stands_how_many_runs_are_far_worse_at_most(trials, k, direction, text, word):
+    """Better and equivalent hold in these runs."""
+    row = ROW | {"far_worse_runs": k, "far_worse_upper": largest_share(k, 200), "verdict": word}
     found = sentence(row, MSE._replace(direction=direction), trials)
     assert text in found
-    assert (" in the runs seen;" in found) == (word[0] in "eb")
+    assert (" in these runs;" in found) == (word[0] in "eb")
 
 
-def test_methods_with_equal_numbers_of_lost_runs_stand_together(trials):
-    """The meaning of lost is said once; a share below 1 % has two digits."""
+def test_methods_with_equal_numbers_of_far_worse_runs_stand_together(trials):
+    """The words are said once; a share below 1 % has two digits."""
     rows = [
-        ROW | {"method": name, "lost_runs": k, "lost_upper": largest_share(k, 200)}
+        ROW | {"method": name, "far_worse_runs": k, "far_worse_upper": largest_share(k, 200)}
         for name, k in zip("ABC", (0, 2, 0), strict=True)
     ]
-    assert lost_bound(rows, trials, MSE) == (
-        "no run of 200 of A and C was lost: at most 1.5 % are, 2 of 200 runs of B were lost: at most 3.1 % are "
-        "(lost: failed or 10 times worse than the partner; 95 % bound)"
+    assert far_worse_bound(rows, trials, MSE) == (
+        "failed or 10 times worse than the partner: 0 of 200 runs of A and C, so at most 1.5 % of all runs "
+        "(95 % bound), and 2 of 200 runs of B, so at most 3.1 % of all runs (95 % bound)"
     )
     assert [per_cent(100 * largest_share(0, n)) for n in (1, 1000, 10**6)] == ["95.0 %", "0.3 %", "0.0003 %"]
-    assert lost_bound([ROW], trials, MSE) == ""
+    assert far_worse_bound([ROW], trials, MSE) == ""
 
 
 def test_runs_that_would_decide_have_two_digits_and_a_limit():

@@ -47,7 +47,7 @@ def test_screen_looks_like_the_specification(make_trials):
         "S-MPC          0.1186(15)   0.113 [0.101, 0.132]     -                        -",
         "R-MPC1         0.1054(7)    0.102 [0.099, 0.110]    -10.2 % [-11.3, -9.0]     162/0/38        better",
         "200 paired runs; change = geometric mean of the paired ratios, 95 % interval; tied = within 1 %; "
-        "no run of 200 was lost: at most 1.5 % are (lost: failed or 10 times worse than the partner; 95 % bound); "
+        "failed or 10 times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound); "
         "(15) = standard error of the last digits",
     ]
 
@@ -103,8 +103,8 @@ def test_an_event_that_does_not_occur_has_a_share_and_a_median_but_no_mean(make_
     assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "inf", "[inf,", "inf]"]
     assert rows[2].split()[:8] == ["C", "-", "-", "-", "0/4/0", "0/4", "0", "inconclusive"]
     assert legend == (
-        "0 to 4 paired runs; tied = within 1 %; 3 of 4 runs of B were lost: at most 98.7 % are, 4 of 4 runs of C were "
-        "lost (lost: failed or 10 times worse than the partner; 95 % bound)"
+        "0 to 4 paired runs; tied = within 1 %; failed or 10 times worse than the partner: 3 of 4 runs of B, so at "
+        "most 98.7 % of all runs (95 % bound), and 4 of 4 runs of C"
     )
     text = page(trials)
     assert "| method | did not occur | median [quartiles] |" in text

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rmpc_bench.analysis.comparison_text import lost_bound, margin_text, seen_text, size_text
+from rmpc_bench.analysis.comparison_text import far_worse_bound, margin_text, seen_text, size_text
 from rmpc_bench.analysis.parameter_text import untuned_name
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.point_summary import PointSummary
@@ -67,8 +67,8 @@ def _one_point(trials: Trials, info: MetricInfo, quantity: str, rows: Sequence[M
         parts.append(f"{len(rows) - MOST_NAMED} more methods are in the table")
     baseline = str(rows[0]["baseline"])
     compared = f"Compared with {untuned_name(trials, baseline, baseline)} in {quantity} over {pairs} paired runs"
-    bound = lost_bound(rows, trials, info)
-    text = f"{compared}, {_joined(parts)}.{f' Rare runs: {bound}.' if bound else ''}"
+    bound = far_worse_bound(rows, trials, info)
+    text = f"{compared}, {_joined(parts)}.{f' Rare bad runs: {bound}.' if bound else ''}"
     averages = {str(row["average"]) for row in rows} - {""}
     if len(averages) != 1:
         return text
