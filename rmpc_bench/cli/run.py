@@ -319,7 +319,7 @@ def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Re
 
 def _set_aside(directory: Path, experiment: str) -> None:
     """Rename a directory; nothing is ever deleted, and the looks at the experiment go into the new store."""
-    from rmpc_bench.execution.manifest import keep_looks, looks_of
+    from rmpc_bench.execution.manifest import keep_looks, remaining_looks
     from rmpc_bench.execution.store import Store
     from rmpc_bench.received.plain_files import StoreError
     from rmpc_bench.received.store import FILE, is_in_use, is_there
@@ -331,7 +331,7 @@ def _set_aside(directory: Path, experiment: str) -> None:
             raise StoreError(f"{directory / FILE}: another process writes to it; wait for it to end")
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
         old = _free(old) if old.exists() else old
-        looks = looks_of(directory, experiment)
+        looks = remaining_looks(directory, experiment)
         directory.rename(old)
         if looks:
             with Store(directory) as store:

@@ -59,8 +59,8 @@ class Session:
             "blas": blas(),
             "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
-            "file": from_here(self._config.path),
-            "looks": looks(self._path.parent),
+            "file": relative_to_cwd(self._config.path),
+            "looks": looks_of_manifest(self._path.parent),
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
         }
@@ -84,15 +84,15 @@ def read(directory: Path) -> dict[str, Any]:
     return found
 
 
-def looks(directory: Path) -> list[int]:
+def looks_of_manifest(directory: Path) -> list[int]:
     """Return the numbers of runs at which verdicts were published, in the order of time, as a manifest has them."""
     found: list[int] = read(directory).get("looks", [])
     return found
 
 
-def all_looks(store: Store) -> list[int]:
+def looks_of_store(store: Store) -> list[int]:
     """Return the looks that a store has, then those of the manifest beside it: an earlier version kept them there."""
-    return [*dict.fromkeys([*store.data("looks").get("runs", []), *looks(store.directory)])]
+    return [*dict.fromkeys([*store.data("looks").get("runs", []), *looks_of_manifest(store.directory)])]
 
 
 def keep_looks(store: Store, runs: Sequence[int]) -> None:
@@ -101,23 +101,23 @@ def keep_looks(store: Store, runs: Sequence[int]) -> None:
         store.set_meta("looks", json.dumps({"runs": [*runs]}))
 
 
-def looks_of(directory: Path, experiment: str) -> list[int]:
+def remaining_looks(directory: Path, experiment: str) -> list[int]:
     """Return what is left of the looks of an experiment in a directory whose files may be damaged."""
     found = list[int]()
     with suppress(StoreError, MissingError), Store(directory, writable=False) as store:
         found += store.data("looks").get("runs", []) if store.meta("experiment") == experiment else []
     with suppress(StoreError):
-        found += looks(directory) if read(directory).get("experiment") == experiment else []
+        found += looks_of_manifest(directory) if read(directory).get("experiment") == experiment else []
     return [*dict.fromkeys(found)]
 
 
 def note_look(directory: Path, n_runs: int) -> None:
     """Note in store and manifest that verdicts were published with so many runs."""
-    found = [*dict.fromkeys([*looks(directory), n_runs])]
+    found = [*dict.fromkeys([*looks_of_manifest(directory), n_runs])]
     if (directory / STORE).exists():
         # While another process writes to the store, the manifest alone keeps them.
         with suppress(OccupiedError), Store(directory) as store:
-            found = [*dict.fromkeys([*all_looks(store), n_runs])]
+            found = [*dict.fromkeys([*looks_of_store(store), n_runs])]
             keep_looks(store, found)
     data = read(directory)
     if data and data.get("looks") != found:
@@ -137,7 +137,7 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     first = next((part for part in parts.values() if part), {})
     own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]
     of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
-    _write(directory / FILE, {**first, **here, "looks": looks(directory), "sessions": [*own, *of_shards]})
+    _write(directory / FILE, {**first, **here, "looks": looks_of_manifest(directory), "sessions": [*own, *of_shards]})
     found: dict[str, dict[str, list[str]]] = {}
     for name, part in parts.items():
         for library, text in (part.get("versions", {}) | part.get("libraries", {})).items():
@@ -154,8 +154,8 @@ def _write(path: Path, data: dict[str, Any]) -> None:
     replace_text(path, json.dumps(data, indent=2) + "\n")
 
 
-def from_here(path: Path) -> str:
-    """Return a path as commands name it that are entered here; empty where it lies elsewhere."""
+def relative_to_cwd(path: Path) -> str:
+    """Return a path relative to the current directory; empty where it lies elsewhere."""
     here, path = Path.cwd().resolve(), path.resolve()
     return path.relative_to(here).as_posix() if path.is_relative_to(here) and path != here else ""
 

@@ -14,7 +14,7 @@ from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config.reader import load
 from rmpc_bench.config.tree import plain
 from rmpc_bench.execution.figure_files import WrittenFigure, write_more
-from rmpc_bench.execution.manifest import from_here, read
+from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.sweep_points import MOST_PANELS
@@ -143,7 +143,7 @@ def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:
 
 def place_of(directory: Path) -> str:
     """Return a directory of results as commands name it: from here, else from ``results`` on, else its last part."""
-    if found := from_here(directory):
+    if found := relative_to_cwd(directory):
         return found
     parts = directory.resolve().parts
     where = max((number for number, part in enumerate(parts) if part == "results"), default=len(parts) - 1)

@@ -153,10 +153,11 @@ def publish(
     with inside(directory):
         rendering = rendering or rendering_of(results.experiment.report)
         known = read(results.directory)
-        # Where the way is given, it is that of another session, whose files are elsewhere.
-        file = str(known.get("report", {}).get("file", "") if place else known.get("file", ""))
+        stated = known.get("report", {})
+        # With a given `place` the files are made elsewhere; the file of the configuration is then the recorded one.
+        file = str(stated.get("file", "") if place else known.get("file", ""))
         named = place or place_of(results.directory)
-        if not (named == known.get("report", {}).get("place") or Path(file).is_file()):
+        if named != stated.get("place") and not Path(file).is_file():
             file = ""
         return _published(results, directory, rendering, index, named, file)
 

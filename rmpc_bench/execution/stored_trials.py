@@ -35,7 +35,7 @@ def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
         apart = other_code(experiment, store)
         stored = f"{apart}; no trial" if apart else "no trial of this configuration"
         raise MissingError(f"{store.directory}: {stored} is stored; continue with `rmpc-bench run`")
-    look = number_of_look(manifest.all_looks(store), max(len(table.runs) for table in filled))
+    look = number_of_look(manifest.looks_of_store(store), max(len(table.runs) for table in filled))
     filled = [replace(table, look=look) for table in filled]
     return _joined(experiment, filled, series) if experiment.paths else filled[0]
 

@@ -100,12 +100,12 @@ def test_no_manifest(tmp_path):
 def test_looks_are_kept_from_session_to_session(tmp_path, config):
     """Each number of runs once, in the order of time; a broken list of them is an error."""
     manifest.note_look(tmp_path, 200)
-    assert manifest.looks(tmp_path) == []
+    assert manifest.looks_of_manifest(tmp_path) == []
     sit(tmp_path, config)
     for n_runs in (200, 400, 200):
         manifest.note_look(tmp_path, n_runs)
     sit(tmp_path, config)
-    assert manifest.looks(tmp_path) == [200, 400]
+    assert manifest.looks_of_manifest(tmp_path) == [200, 400]
     (tmp_path / "manifest.json").write_text('{"looks": 7}')
     with pytest.raises(DamagedError, match="looks: must be a list"):
-        manifest.looks(tmp_path)
+        manifest.looks_of_manifest(tmp_path)
