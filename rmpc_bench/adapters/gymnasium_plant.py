@@ -16,7 +16,7 @@ from rmpc_bench.types import Array, Motion, RunInfo, Signals
 
 @dataclass(frozen=True, eq=False)
 class DiscreteInput(Signals):
-    """Signals of an environment with discrete actions, of whose values the nearest acts; of two that are, the first."""
+    """Signals of an environment with discrete actions: the nearest value acts, the first of two equally near ones."""
 
     values: Float[Array, " actions"] = field(kw_only=True)
 

@@ -87,10 +87,9 @@ def _scales(names: list[str], R_v: Array, draft: DraftConfig, experiment: Experi
             continue
         for law in laws:
             if law.cov is not None and law.cov.shape == R_v.shape and np.allclose(law.cov, R_v, rtol=_SAME, atol=0.0):
-                message = (
-                    f"its R_v is the covariance of the noise (t with dof = {law.dof:g}), which method {name} takes"
-                )
-                yield f"{message} for the scale matrix; give its estimator R_v: covariance"
+                message = f"R_v of this model is the covariance of the noise (t with dof = {law.dof:g})"
+                way = "give its estimator `R_v: covariance`"
+                yield f"{message}; method {name} takes it for the scale matrix: {way}"
 
 
 def _digits(now: LinearModel, P0: Array) -> Iterator[str]:

@@ -175,7 +175,7 @@ def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None
     expected = EstimatorExample(recorded.y, np.clip(u, -system.largest, system.largest)).x_hat(estimator)
     require(
         np.allclose(record.x_hat, expected, rtol=1e-9, atol=1e-12, equal_nan=True),
-        "x_hat is another one with the input that acts, within the bounds of the plant",
+        "where the plant limits the input, x_hat is not that of the input that acts: use the u that `predict` gets",
     )
 
 
@@ -226,9 +226,13 @@ def _kalman_with_gaps(estimator: Estimator, example: EstimatorInformationExample
         )
         if whole <= EQUAL:
             text = f"differs by {gaps:.2g} of the largest estimate with missing measurements, by {whole:.2g} without"
-            require(gaps <= STILL_EQUAL, f"{text}: does it keep the gains of a run in which nothing is missing?")
+            way = "compute the gains again where measurements are missing, or set bridges_missing = False"
+            require(
+                gaps <= STILL_EQUAL,
+                f"{text}: does it keep the gains of a run in which nothing is missing? {way}",
+            )
             return text
-    raise NotApplicableError("it is not the Kalman filter without missing measurements; give the keys of its limit")
+    raise NotApplicableError("with these keys it is not the Kalman filter; give the keys with which it is")
 
 
 def _distance(found: Array, expected: Array) -> float:
@@ -249,7 +253,7 @@ EstimatorInformationExample.checks = (
     Check("possible", "the error is not smaller than that of the Kalman filter, which is optimal here", _possible),
     Check(
         "kalman-with-gaps",
-        "what is the Kalman filter with all measurements is it also where some are missing",
+        "an estimator that equals the Kalman filter with all measurements also does where some are missing",
         _kalman_with_gaps,
     ),
     Check("consistent", "errors and innovations agree with the reported covariance P", _consistent, "warning"),

@@ -16,7 +16,8 @@ Model   The design model without noise is augmented by the sums q of the control
                      S = P_qq^-1 P_qx of the solution P of the Riccati equation.
             target   q_s = 0.  The sum of all errors then ends at 0 on an exact model, so every step overshoots.
             none     x_s and u_s do not depend on r: only the integrals bring y to r.
-        The input is clipped to `limits`.  Where that changes the input v of the law, `anti_windup` selects q(k+1):
+        The input is clipped to `limits`, and then to the bounds of the plant.  Where the result u differs from the
+        input v of the law, `anti_windup` selects q(k+1):
             clamping          an error is not summed where it drives an input further beyond its limit,
             back-calculation  q is corrected by (Ts / Tt) K_q^+ (v - u), with the pseudo-inverse K_q^+,
             none              q has no correction.

@@ -8,8 +8,8 @@ Model   u = u_op + P + I + D with three independent gains (parallel form, not th
             D(k) = (Tf D(k-1) + Kd (e_D(k) - e_D(k-1))) / (Tf + Ts),   e_D = c r - y,
         so that the pole Tf / (Tf + Ts) of the filter is in [0, 1) for every Tf >= 0, where Tustin's rule gives a pole
         near -1 for a small Tf.  D(0) = 0: the derivative starts without a jump.
-        The input is clipped to `limits`.  Where these, or the bounds of the plant, change the sum v of the parts, so
-        that u(k) acts, `anti_windup` selects I(k):
+        The input is clipped to `limits`, and then to the bounds of the plant; the result is u(k).  Where u(k) differs
+        from the sum v(k) of the parts, `anti_windup` selects I(k):
             back-calculation  I(k) is corrected by (Ts / Tt) (u(k) - v(k)),
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
             none              I(k) has no correction.

@@ -204,4 +204,5 @@ def unlimited_inputs(plant: Plant, methods: Iterable[Method]) -> Iterator[str]:
             found.setdefault((PlantInfo.of(plant).inputs[i], text), []).append(repr(name))
     for (signal, text), names in found.items():
         bounds = plant.signals.bounds_text(signal) if plant.signals is not None else ""
-        yield f"the plant limits `{signal}` to {bounds}; the controller of {', '.join(names)} has {text}"
+        limits = f"the plant limits `{signal}` to {bounds}; the controller of {', '.join(names)} has {text}"
+        yield f"{limits}; its predictions use inputs that do not act: give the controller `limits: {{u: [..]}}`"

@@ -84,6 +84,7 @@ def design(
 
 
 def _penalised(k: int, root: Array, theta: float, tau: float) -> Inflation:
+    """A module function, since workers get it by pickle."""
     try:
         return inflate(root, theta, tau)  # (18), first line, or (19)
     except ValueError as error:

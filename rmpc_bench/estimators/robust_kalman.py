@@ -53,4 +53,5 @@ def design(
 
 
 def _worst(k: int, root: Array, c: float, tau: float) -> Inflation:
+    """A module function, since workers get it by pickle."""
     return inflate_to_radius(root, c, tau)  # (13), (16)

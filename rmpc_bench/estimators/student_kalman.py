@@ -7,8 +7,8 @@ Model   As `kalman`, but v(k) ~ t(dof, 0, R_v): R_v is the scale matrix, the cov
 Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas not compared with
         the texts of the papers.
 Assumed The number of corrections is fixed, so that a run does not depend on others.  P is that of x_hat - x given lam.
-        `R_v: covariance` takes the R_v of the model for the covariance: the scale matrix is (dof - 2) / dof R_v.  The
-        noise `same: {dof: ..}` has this law.
+        `R_v: covariance` takes the R_v of the model for the covariance: the scale matrix is (dof - 2) / dof R_v.
+        The noise `same: {dof: ..}` has the covariance of the model: use `R_v: covariance` with it.
         A common weight of all outputs: the result does not depend on their order.
         With missing outputs ny is the number of the others, whose marginal law is again t.
         This is not the filter of Roth, Ozkan and Gustafsson (2013), whose gain at a sample is that of the Kalman

@@ -1,4 +1,4 @@
-"""Covariances as roots: the one correction of the house, and the prediction.
+"""Roots of covariances: the correction and the prediction that the filters share.
 
 Root        F with P = F F'; its columns are the independent sources of an error.  A root holds variances whose ratio is
             up to 1e28, where P itself, in doubles, has lost the small ones at 1e16: predicted with A P A', a variance R

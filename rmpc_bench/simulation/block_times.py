@@ -40,7 +40,7 @@ class BlockTimes:
         return answer
 
     def applied(self, k: int, state: Any, u: Array) -> Any:
-        """Tell the controller the u(k) that acts."""
+        """Pass the u(k) that acts to the controller."""
         start = default_timer()
         answer = self._controller.applied(k, state, u)
         self._seconds["controller"] += default_timer() - start

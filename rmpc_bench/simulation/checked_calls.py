@@ -70,7 +70,7 @@ class _Checked:
 
 
 class CheckedPlant(_Checked):
-    """The calls of a plant in the loop; whether a run has not failed is updated in place."""
+    """The calls of a plant in the loop; `alive` is updated in place."""
 
     def __init__(self, plant: Plant, alive: Bool[Array, " runs"], journal: Journal) -> None:
         super().__init__(alive, journal)
@@ -95,7 +95,7 @@ class CheckedPlant(_Checked):
 
 
 class CheckedEstimator(_Checked):
-    """The calls of an estimator in the loop; whether a run has not failed is updated in place."""
+    """The calls of an estimator in the loop; `alive` is updated in place."""
 
     def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"], journal: Journal) -> None:
         super().__init__(alive, journal)
@@ -125,7 +125,7 @@ class CheckedEstimator(_Checked):
 
 
 class CheckedController(_Checked):
-    """The calls of a controller in the loop; whether a run has not failed is updated in place."""
+    """The calls of a controller in the loop; `alive` is updated in place."""
 
     def __init__(self, controller: Controller, alive: Bool[Array, " runs"], journal: Journal, nu: int) -> None:
         super().__init__(alive, journal)

@@ -256,8 +256,8 @@ class WindowMetric(Metric):
     Parameters
     ----------
     from_ : first sample, in seconds or samples as `time` of the experiment; k = 0 if not given
-    to : last sample, included; `N` is the last one of the experiment; N-1 if not given (N for nis,
-        innovation_mse, whiteness, runaway, settling_time and steady_state_error)
+    to : last sample, included; `N` is the last one of the experiment; if not given, the last sample of the default
+        window of the metric
     """
 
     from_: Bound = None

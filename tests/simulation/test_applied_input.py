@@ -41,12 +41,12 @@ METRICS = (
     "{kind: sample, of: y.0}, {kind: largest, name: sent, of: u_command}, {kind: sample, name: last, of: u_command.0}, "
     "{kind: violation, name: beyond, of: u_command, limit: 0.4, what: largest}]"
 )
-PAGE = {
+EXPECTED = {
     "back-calculation": (0.370332791, 0.152419609, 1.395246146),
     "clamping": (0.364120194, 0.151243901, 1.334292465),
     "none": (0.416167065, 0.159762642, 1.885559203),
 }
-"""mse, input_power and y(N) of section 1 of the plan, to nine digits."""
+"""mse, input_power and y(N) by an independent computation, to nine digits."""
 
 
 def methods():
@@ -122,7 +122,7 @@ def replayed_mpc():
 
 @pytest.mark.parametrize("law", ["back-calculation", "clamping", "none", "mpc"])
 def test_metrics_and_records_have_the_input_that_acts(results, law):
-    """Oracle: an own replay, and the values of the page where it has some."""
+    """Oracle: a replay in plain Python, and EXPECTED where it has values."""
     y, u, sent = replayed_mpc() if law == "mpc" else replayed(law)
     values, traces = results[0][law], results[1][law]
     for signal, expected in (("y", y), ("u", u), ("u_command", sent)):
@@ -134,8 +134,9 @@ def test_metrics_and_records_have_the_input_that_acts(results, law):
     expected |= {"sent": np.abs(sent).max(), "last": sent[-1], "beyond": np.abs(sent).max() - BOUND}
     for name, value in expected.items():
         np.testing.assert_allclose(values[name], value, rtol=1e-9)
-    if law in PAGE:
-        np.testing.assert_allclose([values[n] for n in ("mse", "input_power", "sample")], PAGE[law], rtol=0, atol=5e-10)
+    if law in EXPECTED:
+        found = [values[name] for name in ("mse", "input_power", "sample")]
+        np.testing.assert_allclose(found, EXPECTED[law], rtol=0, atol=5e-10)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -156,17 +157,18 @@ def test_check_names_laws_without_limits(file):
     """Oracle: the laws of the file; those with equal limits are not named."""
     laws, plant = ", ".join(map(repr, LAWS)), "the plant limits `f` to [-0.4, 0.4]"
     limited = ", ".join(repr(f"{each} limited") for each in LAWS)
-    no_limits = f"{plant}; the controller of {laws} has no limits"
+    way = "; its predictions use inputs that do not act: give the controller `limits: {u: [..]}`"
+    no_limits = f"{plant}; the controller of {laws} has no limits{way}"
     experiment = load_config(file).experiment
     assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits]
     given = file.read_text(encoding="utf-8").replace("u: [-0.4, 0.4]", "u: [-0.4, 0.5]")
     (wider := file.with_name("wider.yaml")).write_text(given, encoding="utf-8")
-    other = f"{plant}; the controller of {limited} has wider limits, [-0.4, 0.5]"
+    other = f"{plant}; the controller of {limited} has wider limits, [-0.4, 0.5]{way}"
     experiment = load_config(wider).experiment
     assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits, other]
     given = file.read_text(encoding="utf-8").replace(methods(), f"{{A: {{controller: {{{LAWS['none']}}}}}}}")
     wider.write_text(given, encoding="utf-8")
-    assert f"{plant}; the controller of 'A' has no limits" in cli("check", wider).stdout
+    assert f"{plant}; the controller of 'A' has no limits{way}" in cli("check", wider).stdout
 
 
 def test_commands_reach_files_figures_and_show(file, tmp_path):

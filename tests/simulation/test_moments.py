@@ -159,7 +159,7 @@ def test_without_uncertainty_a_kalman_filters_own_covariance_is_right(form, n_st
     found = exact_moments(design(0.1, STEPS, **given), made.gain_schedule, Laws(x0, X, *model.noise), STEPS)
     named = signals(found, 3)
     np.testing.assert_allclose(named["mean(e)"], 0.0, atol=1e-11)
-    np.testing.assert_allclose(named["cov(e)"], made.P, atol=1e-10)  # Joseph against Riccati, sizes near 1
+    np.testing.assert_allclose(named["cov(e)"], made.P, atol=1e-10)  # roots against the moments, sizes near 1
 
 
 ENDS = {  # the reference study sections 2, 5; digits as printed there

@@ -94,7 +94,7 @@ def _statements(entries: Sequence[IndexEntry]) -> list[Block]:
             entry, claim = places[0]
             finding = Finding(claim["joined"])
             columns["statement"].append(claim["statement"])
-            # A claims.json of an earlier version, or of somebody else, may have no words, or others.
+            # claims.json of an earlier version has no text of the finding; one from elsewhere may have another.
             words = claim.get("words", "") if len(places) == 1 else ""
             words = words if words.startswith(finding.sentence) else finding.sentence
             columns["finding"].append([badge(words, finding_style(finding))])
