@@ -101,7 +101,7 @@ class SwingUp:
         self.limits, self.m, self.l, self.g = limits, m, l, g
 
     def control(self, x_hat):
-        """Return the torque, limited as the plant limits it: the estimator predicts with what is applied."""
+        """Return the torque within the limits of the plant."""
         return np.clip([self.torque(np.arctan2(np.sin(x_hat[0]), np.cos(x_hat[0])), x_hat[1])], *self.limits.u)
 
     def torque(self, theta, omega):

@@ -86,7 +86,7 @@ def test_a_missing_measurement_is_left_out(rng):
         state, estimate = ours.correct(k, state, y[k])
         gain = P_pred @ m.C.T @ np.linalg.inv(m.C @ P_pred @ m.C.T + m.R_v)
         P = P_pred if k == 2 else P_pred - gain @ m.C @ P_pred
-        np.testing.assert_allclose(np.broadcast_to(estimate.P, (1, 3, 3))[0], P, rtol=1e-9)  # not in Joseph form
+        np.testing.assert_allclose(np.broadcast_to(estimate.P, (1, 3, 3))[0], P, rtol=1e-9)  # without roots
         state = ours.predict(k, state, np.zeros((1, 1)))
         P_pred = m.A @ P @ m.A.T + m.Q_w + wider
 

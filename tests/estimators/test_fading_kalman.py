@@ -81,7 +81,7 @@ def test_after_a_missing_measurement_the_run_has_its_own_covariance(rng):
         gain = P_pred @ m.C.T @ np.linalg.inv(m.C @ P_pred @ m.C.T + m.R_v)
         P = P_pred if k == 2 else P_pred - gain @ m.C @ P_pred
         reported = np.broadcast_to(estimate.P, (2, 3, 3))
-        np.testing.assert_allclose(reported[0], P, rtol=1e-9)  # not in Joseph form
+        np.testing.assert_allclose(reported[0], P, rtol=1e-9)  # without roots
         np.testing.assert_array_equal(reported[1], ours.P[k])
         state = ours.predict(k, state, np.zeros((2, 1)))
         P_pred = alpha**2 * m.A @ P @ m.A.T + m.Q_w

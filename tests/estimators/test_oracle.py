@@ -76,7 +76,7 @@ def test_every_run_is_a_kalman_predictor_with_its_own_matrices(sizes, n_steps, r
     for i in range(4):
         x, P = start["x0"], start["P0"]
         for k in range(STEPS + 1):
-            np.testing.assert_allclose(ours[i, k], x, rtol=1e-9, atol=1e-9)  # Joseph against the plain form
+            np.testing.assert_allclose(ours[i, k], x, rtol=1e-9, atol=1e-9)  # roots against the plain form
             np.testing.assert_allclose(P_ours[i, k], P, rtol=1e-9, atol=1e-9)
             A, B, C, D = of_run(given, draws.delta, i, k, plant.nx)
             N, Y = A @ P @ C.T + B @ joint @ D.T, C @ P @ C.T + D @ joint @ D.T

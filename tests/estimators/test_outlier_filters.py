@@ -236,7 +236,7 @@ def test_published_errors(law):
         if (name, law) in LOWER:
             assert mse.mean() < published
             by_hand = huber_by_hand(y, values[place])
-            np.testing.assert_allclose(estimates(filter_, y), by_hand, rtol=1e-7, atol=1e-7)  # without Joseph form
+            np.testing.assert_allclose(estimates(filter_, y), by_hand, rtol=1e-7, atol=1e-7)  # without roots
             mse = run_mse(huber_kalman.design(model, STEPS, **start, variant="innovation"), x, y)
         error = np.sqrt(2.0) * mse.std(ddof=1) / np.sqrt(len(mse))
         assert abs(mse.mean() - published) < STAT * error, (name, mse.mean(), published)

@@ -132,7 +132,7 @@ def van_der_pol(x, u, p):
     return [x[1], 20 * (1 - x[0] ** 2) * x[1] - x[0] + u[0]]
 
 
-# rhs, Ts, samples, x(0), bounds of u, steps of the reference, largest error of the prototype relative to the range
+# rhs, Ts, samples, x(0), bounds of u, steps of the reference, largest measured error relative to the range
 TABLE = {
     "tanks": (tanks, 3.0, 100, [0.065, 0.1], (8, 30), 64, 5e-9),
     "cstr": (cstr, 0.05, 100, [0.5, 350.0], (290, 310), 512, 2e-5),
@@ -144,7 +144,7 @@ TABLE = {
 
 @pytest.mark.parametrize("name", ["tanks", *(pytest.param(each, marks=pytest.mark.slow) for each in [*TABLE][1:])])
 def test_the_error_over_the_horizon(name):
-    """Oracle: 64 or 512 equal steps per sample; five times the error that a prototype of the rule had."""
+    """Oracle: 64 or 512 equal steps per sample; five times the measured error."""
     rhs, Ts, n, x0, (low, high), steps, largest = TABLE[name]
     runs, rng = 50, np.random.default_rng(0)
     u = np.repeat(rng.uniform(low, high, (n // 10, runs)), 10, 0)
