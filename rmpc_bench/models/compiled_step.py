@@ -9,12 +9,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.numerics.halving import DEEPEST, LARGEST_ERROR, relative_errors
+from rmpc_bench.numerics import halving
+from rmpc_bench.numerics.halving import DEEPEST, DIFFERENCES, LARGEST_DIFFERENCE, LARGEST_ERROR
 from rmpc_bench.numerics.integration import EDGE
 from rmpc_bench.types import Array, DesignError, Ode
 
 Step: TypeAlias = Callable[[int, Array, Array, Array, Array], Array]
-"""x(k+1) of (k, x, u, state and input whose intervals error control uses)."""
+"""x(k+1) of k, rows of x and u, and rows of those that decide on the intervals of error control."""
 
 
 def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
@@ -27,16 +28,17 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     p = namedtuple("p", [*nominal])(**nominal)  # noqa: PYI024
     slope = _timed(numba.njit, rhs) if ode.timed else _untimed(numba.njit, rhs)
     advance = _map(slope) if ode.discrete else _equal(_rk4(numba.njit, slope)) if substeps else None
-    kernel = numba.njit(advance or _halving(_rk4(numba.njit, slope), numba.njit(unwrap(relative_errors))))
+    rules = (numba.njit(unwrap(rule)) for rule in (halving.sizes, halving.relative_errors, halving.distances))
+    kernel = numba.njit(advance or _halving(_rk4(numba.njit, slope), *rules))
     scale = np.array(ode.scale or [0.0] * ode.nx)
 
-    def step(k: int, x: Array, u: Array, x_first: Array, u_first: Array) -> Array:
-        given = (np.ascontiguousarray(each) for each in (x, u, x_first, u_first))
+    def step(k: int, x: Array, u: Array, lead: Array, u_lead: Array) -> Array:
+        given = (np.ascontiguousarray(each) for each in (x, u, lead, u_lead))
         moved: Array = kernel(k * Ts, *given, p, Ts, substeps, rtol, scale)
         return moved
 
     try:
-        step(0, *(np.ones(n) for n in (ode.nx, ode.nu, ode.nx, ode.nu)))
+        step(0, *(np.ones((1, n)) for n in (ode.nx, ode.nu, ode.nx, ode.nu)))
     # Numba raises errors of many kinds, and the function is the user's.
     except Exception as error:
         lines = [line.strip(" :") for line in str(error).splitlines() if line.strip()]
@@ -65,8 +67,11 @@ def _timed(njit: Any, rhs: Any) -> Any:
 
 
 def _map(rhs: Any) -> Any:
-    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
-        return rhs(t, x.copy(), u, p)
+    def advance(t, x, u, lead, u_lead, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+        found = np.empty_like(x)
+        for i in range(len(x)):
+            found[i] = rhs(t, x[i].copy(), u[i], p)
+        return found
 
     return advance
 
@@ -86,35 +91,50 @@ def _rk4(njit: Any, slope: Any) -> Any:
 
 
 def _equal(step: Any) -> Any:
-    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
-        h = Ts / substeps
-        for j in range(substeps):
-            x = step(t + j * h, h, x, u, p, t + EDGE * Ts, t + Ts - EDGE * Ts)
-        return x
+    def advance(t, x, u, lead, u_lead, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+        h, found = Ts / substeps, x.copy()
+        for i in range(len(x)):
+            for j in range(substeps):
+                found[i] = step(t + j * h, h, found[i], u[i], p, t + EDGE * Ts, t + Ts - EDGE * Ts)
+        return found
 
     return advance
 
 
-def _halving(step: Any, shares: Any) -> Any:
-    """As numerics/halving.py; the interval after the left half of another one is its right half."""
+def _halving(step: Any, sizes: Any, errors: Any, distances: Any) -> Any:
+    """The rule of numerics/halving.py as a loop, since numba cannot call its closures.
+
+    `done` counts 512ths of the sample; the interval after the left half of another one is its right half.
+    """
     parts = 2**DEEPEST
 
-    def advance(t, x, u, x_first, u_first, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+    def advance(t, x, u, lead, u_lead, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
+        x, lead, one, two = x.copy(), lead.copy(), np.empty_like(lead), np.empty_like(lead)
         done, level, first, last = 0, 0, t + EDGE * Ts, t + Ts - EDGE * Ts
         while done < parts:
             now, h = t + done * Ts / parts, Ts / 2**level
-            one = step(now, h, x_first, u_first, p, first, last)
-            middle = step(now, h / 2, x_first, u_first, p, first, last)
-            two = step(now + h / 2, h / 2, middle, u_first, p, first, last)
-            error, share = shares(x_first, one, two, scale, rtol)
-            fine = (share <= 1.0).all()
+            for j in range(len(lead)):
+                one[j] = step(now, h, lead[j], u_lead[j], p, first, last)
+                middle = step(now, h / 2, lead[j], u_lead[j], p, first, last)
+                two[j] = step(now + h / 2, h / 2, middle, u_lead[j], p, first, last)
+            size, largest = sizes(lead[0], two[0], scale)
+            error, share = errors(one[0], two[0], size, largest, rtol)
+            fine, harmless = (share <= 1.0).all(), (error <= LARGEST_ERROR).all()
+            for j in range(1, len(lead)):
+                away = distances(lead[j], lead[0], size, largest).max()
+                off, far = errors(one[j] - one[0], two[j] - two[0], size * away, largest, DIFFERENCES)
+                if np.isfinite(lead[j]).all():
+                    fine = fine and (far <= 1.0).all()
+                    harmless = harmless and ((off <= LARGEST_DIFFERENCE) | ~np.isfinite(off)).all()
             if not fine and level < DEEPEST:
                 level += 1
-            elif not fine and not (error <= LARGEST_ERROR).all():
+            elif not fine and not harmless:
                 return x * np.nan
             else:
-                x = step(now + h / 2, h / 2, step(now, h / 2, x, u, p, first, last), u, p, first, last)
-                x_first, done = two, done + parts // 2**level
+                for i in range(len(x)):
+                    middle = step(now, h / 2, x[i], u[i], p, first, last)
+                    x[i] = step(now + h / 2, h / 2, middle, u[i], p, first, last)
+                lead[:], done = two, done + parts // 2**level
                 while level > 0 and done % (2 * parts // 2**level) == 0:
                     level -= 1
         return x

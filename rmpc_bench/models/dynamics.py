@@ -60,12 +60,21 @@ class Dynamics:
         raise NotImplementedError("output")
 
     def advance(
-        self, k: int, x: Array, u: Array, Ts: float, substeps: int, points: int = 1, *, strict: bool = True
+        self,
+        k: int,
+        x: Array,
+        u: Array,
+        Ts: float,
+        substeps: int,
+        points: int = 1,
+        leading: int | None = None,
+        *,
+        strict: bool = True,
     ) -> Float[Array, "columns nx"]:
         """Return x(k+1) of states and inputs, one per row, with equal steps, or with error control where there are 0.
 
-        With error control so many successive `points` use the intervals that the first of them needs.  An error of the
-        user's function is raised if `strict`; otherwise it gives NaN.
+        With error control so many successive `points` use the same intervals, on which the first `leading` of them
+        decide.  An error of the user's function is raised if `strict`; otherwise it gives NaN.
         """
         return np.array([each + self.rest(each, applied) for each, applied in zip(x, u, strict=True)])
 
@@ -150,7 +159,16 @@ class OdeDynamics(Dynamics):
         return y
 
     def advance(
-        self, k: int, x: Array, u: Array, Ts: float, substeps: int, points: int = 1, *, strict: bool = True
+        self,
+        k: int,
+        x: Array,
+        u: Array,
+        Ts: float,
+        substeps: int,
+        points: int = 1,
+        leading: int | None = None,
+        *,
+        strict: bool = True,
     ) -> Float[Array, "columns nx"]:
         """Integrate by the Runge-Kutta method, or apply the map; too large an error is a `SolverError` or NaN."""
         ode, errors, columns = self.ode, list[Exception](), np.ascontiguousarray(x.T)
@@ -164,7 +182,8 @@ class OdeDynamics(Dynamics):
         elif substeps:
             end = rk4(inside(of(every), k, Ts), sample_times(k, substeps, Ts), columns, Ts / substeps)
         else:
-            end = halve(of, k, Ts, columns, Tolerance(RTOL, np.array(ode.scale or [0.0] * ode.nx)), points)
+            tolerance = Tolerance(RTOL, np.array(ode.scale or [0.0] * ode.nx))
+            end = halve(of, k, Ts, columns, tolerance, points, leading=leading)
             end.x[:, np.repeat(end.failed, points)] = np.nan
         if errors and (strict or not isinstance(errors[0], OUTSIDE_DOMAIN)) and not np.isfinite(end.x).all():
             raise errors[0]

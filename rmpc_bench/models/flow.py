@@ -148,13 +148,13 @@ class PlantFlow(Flow):
         return self._moved(k, x, u, 1)
 
     def _moved(self, k: int, x: Array, u: Array, points: int) -> Float[Array, "columns n"]:
-        """Return x(k+1) of points of all runs, which use the intervals that the first one of the run needs."""
+        """Return x(k+1) of points of all runs, which use the intervals that all of the run need."""
         dynamics = self.dynamics
         if isinstance(dynamics, LinearDynamics):
             return mv(dynamics.A, x) + mv(dynamics.B, u)
         if self.compiled is not None:
-            firsts = np.arange(len(x)) // points * points
-            return _each(lambda i: self.compiled.f(x[i], u[i], k, (x[firsts[i]], u[firsts[i]])), x.shape)
+            states, inputs = (each.reshape(len(x) // points, points, each.shape[1]) for each in (x, u))
+            return _each(lambda i: self.compiled.points(k, states[i], inputs[i]), states.shape).reshape(x.shape)
         with np.errstate(all="ignore"):
             return dynamics.advance(k, x, u, self.Ts, self.substeps, points, strict=False)
 

@@ -25,7 +25,7 @@ from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.linearised import LinearisedModel, linearised
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At, find_point
-from rmpc_bench.numerics.jacobian import jacobian
+from rmpc_bench.numerics.jacobian import STEP, jacobian, sizes_of_coordinates
 from rmpc_bench.types import Array, Count, DesignError, Model, OperatingPoint, Parameters, Plant, UserFunction
 
 
@@ -95,17 +95,31 @@ class NonlinearModel(OfPlant, Model):
         """
         x, u = np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u, dtype=float))
         rows = x[None] if x.ndim == 1 else x
-        inputs, given = np.broadcast_to(u, (len(rows), self.nu)), None if self.substeps else near
-        first = None if given is None else tuple(np.atleast_1d(np.asarray(part, dtype=float)) for part in given)
-        if self.compiled:
-            step, pairs = self._compiled_step, zip(rows, inputs, strict=True)
-            moved = np.array([step(k, *pair, *(first or pair)) for pair in pairs])
-        elif first is None:
-            moved = self.dynamics.advance(k, rows, inputs, self.Ts, self.substeps)
+        inputs = np.broadcast_to(u, (len(rows), self.nu))
+        if self.substeps or near is None:
+            moved = self._moved(k, rows, inputs, None)
         else:
-            both = np.vstack([first[0], rows]), np.vstack([first[1], inputs])
-            moved = self.dynamics.advance(k, *both, self.Ts, 0, len(rows) + 1)[1:]
+            x0, u0 = (np.atleast_1d(np.asarray(part, dtype=float)) for part in near)
+            # The points that a Jacobian takes: how far they move also decides on the intervals.
+            lead = np.vstack([x0, x0 + np.diag(STEP * sizes_of_coordinates(x0))])
+            moved = self._moved(k, rows, inputs, (lead, np.tile(u0, (len(lead), 1))))
         return moved[0] if x.ndim == 1 else moved
+
+    def points(self, k: int, x: Float[Array, "points nx"], u: Float[Array, "points nu"]) -> Float[Array, "points nx"]:
+        """Return x(k+1) of points that all decide on the same intervals; the first is the estimate."""
+        return self._moved(k, x, u, (x, u))
+
+    def _moved(self, k: int, x: Array, u: Array, lead: tuple[Array, Array] | None) -> Array:
+        """Return x(k+1) of rows, with the intervals of `lead`, or of every row alone."""
+        if lead is None and self.compiled:
+            step = self._compiled_step
+            return np.vstack([step(k, *pair, *pair) for pair in zip(x[:, None], u[:, None], strict=True)])
+        if lead is None:
+            return self.dynamics.advance(k, x, u, self.Ts, self.substeps)
+        if self.compiled:
+            return self._compiled_step(k, x, u, *lead)
+        states, inputs, n = np.vstack([lead[0], x]), np.vstack([lead[1], u]), len(lead[0])
+        return self.dynamics.advance(k, states, inputs, self.Ts, 0, n + len(x), n)[n:]
 
     def h(self, x: ArrayLike) -> Float[Array, "*n ny"]:
         """Return y without noise, of a state or of one per row."""

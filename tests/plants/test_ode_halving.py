@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from plants.test_ode import drawn, moved
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
-from rmpc_bench.estimators import extended_kalman
+from rmpc_bench.estimators import extended_kalman, unscented_kalman
 from rmpc_bench.models.flow import flow_of
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
@@ -178,18 +179,49 @@ def test_a_run_has_the_same_bits_in_every_block(rng, rhs):
             np.testing.assert_array_equal(moved(plant, x[part], u[part]).x, whole[part])
 
 
-def test_points_use_the_intervals_of_the_first_one():
-    """Oracle: the same points in a block by themselves; alone, the second one takes others."""
+def fast_and_slow(rate):
+    """A fast state that follows the input, and a slow one that follows it; with its matrix."""
+    plant = design(0.1, 10, ode=lambda x, u, p: [rate * (u[0] - x[0]), x[0] - x[1]], states=2, inputs=1, x0=[0.0, 0.0])
+    return plant, np.array([[-rate, 0.0], [1.0, -1.0]])
+
+
+def test_points_of_a_run_use_the_same_intervals():
+    """Oracle: all alike, each is itself alone; two of different runs do not touch each other."""
     plant = design(0.3, 10, ode=van_der_pol, states=2, inputs=1, x0=[2.0, 0.0])
     flow = flow_of(nonlinear(0.3, plant, noise=NOISE))
     x = np.array([[[2.0, 0.0], [1.2, 5.0]], [[0.1, 1.0], [0.1, 1.0]], [[1.2, 5.0], [1.2, 5.0]]])
     u = np.zeros((3, 1))
     together = flow.advance_points(0, x, u)
     alone = flow.advance(0, x.reshape(6, 2), np.zeros((6, 1))).reshape(3, 2, 2)
-    np.testing.assert_array_equal(together[:, 0], alone[:, 0])
     np.testing.assert_array_equal(together[1:], alone[1:])
-    assert (together[0, 1] != alone[0, 1]).any()
+    # The second point needs shorter intervals than the first.
+    assert (together[0, 0] != alone[0, 0]).any()
     np.testing.assert_array_equal(flow.advance_points(0, x[:1], u[:1]), together[:1])
+
+
+@pytest.mark.parametrize("numba", [False, True])
+@pytest.mark.parametrize("rate", [1.0, 30.0, 100.0, 500.0])
+def test_a_fast_state_at_rest_does_not_spoil_the_differences(rate, numba):
+    """Oracle: the matrix exponential; the first point has no error, whatever the step."""
+    plant, A = fast_and_slow(rate)
+    model = nonlinear(0.1, plant, noise=NOISE, numba=numba)
+    for x in ([0.0, 0.0], [1.0, 0.5]):
+        np.testing.assert_allclose(model.F(x, x[:1]), expm(0.1 * A), atol=2e-5)
+    points = np.array([[[0.0, 0.0], [3.0, 0.0], [0.0, -2.0]]])
+    moved = flow_of(model).advance_points(0, points, np.zeros((1, 1)))
+    np.testing.assert_allclose(moved, points @ expm(0.1 * A).T, atol=1e-4)
+
+
+@pytest.mark.parametrize("numba", [False, True])
+@pytest.mark.parametrize(("variance", "right"), [(9.0, 0.9001), (4.0, 0.8001)])
+def test_points_far_from_the_estimate_decide_too(variance, right, numba):
+    """Oracle: x / sqrt(1 + 2 Ts x^2) of the sigma points +-sqrt(P), for x' = -x^3."""
+    plant = design(0.5, 10, ode=lambda x, u, p: [u[0] - x[0] ** 3], states=1, inputs=1, x0=[0.0])
+    model = nonlinear(0.5, plant, noise=DesignNoise(1e-4, 1.0), numba=numba)
+    estimator = unscented_kalman.design(model, 2, x0=np.zeros(1), P0=[[variance]], use_y0=False, alpha=1.0, kappa=0.0)
+    state, _ = estimator.correct(0, estimator.init(1), np.zeros((1, 1)))
+    _, estimate = estimator.correct(1, estimator.predict(0, state, np.zeros((1, 1))), np.full((1, 1), np.nan))
+    assert estimate.P.item() == pytest.approx(right, abs=1e-4)
 
 
 @pytest.mark.parametrize("numba", [False, True])
