@@ -9,10 +9,10 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from rmpc_bench.extras import library
 from rmpc_bench.types import Array, DesignError, Parameters
@@ -56,25 +56,41 @@ def as_it_is(u: Float[Array, " nu"], *, shape: tuple[int, ...], dtype: Any) -> A
     return u if dtype is float and u.shape == shape else u.reshape(shape).astype(dtype, copy=False)
 
 
-def nearest(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: int) -> int:
-    """Return the discrete action whose value is nearest to the input; of two that are, the first."""
+def nearest(u: Float[Array, "runs 1"], values: Float[Array, " actions"]) -> Int[Array, " runs"]:
+    """Return the index of the value that is nearest to every input, the first of two equally near ones."""
+    found: Int[Array, " runs"] = np.abs(values - u).argmin(axis=1)
+    return found
+
+
+def discrete(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: int) -> int:
+    """Return the discrete action whose value is nearest to the input."""
     if np.isnan(u[0]):
         raise ValueError("the input is not a number")
-    return first + int(np.argmin(np.abs(values - u[0])))
+    return first + int(nearest(u[None], values)[0])
 
 
-def action_of(space: Any, action: Any, nu: int | None) -> tuple[Callable[..., Any], Array, Array]:
-    """Return the function from u to an action, and the limits of u."""
+class Actions(NamedTuple):
+    """How inputs become actions."""
+
+    of_input: Callable[..., Any]
+    low: Float[Array, " nu"]
+    high: Float[Array, " nu"]
+    values: Float[Array, " actions"] | None = None
+    """Inputs of the discrete actions; None for other actions."""
+
+
+def actions_of(space: Any, action: Any, nu: int | None) -> Actions:
+    """Return the function from u to an action, the limits of u and the values of discrete actions."""
     spaces = library("gymnasium", "spaces")
     if callable(action):
         if nu is None:
             raise DesignError("name the inputs, or give their number: `action` is a function", "inputs")
-        return action, np.full(nu, -np.inf), np.full(nu, np.inf)
+        return Actions(action, np.full(nu, -np.inf), np.full(nu, np.inf))
     if isinstance(space, spaces.Box):
         if action is not None:
             raise DesignError("the actions are a box: u is the action; leave the key out", "action")
         as_action = partial(as_it_is, shape=space.shape, dtype=float)
-        return as_action, space.low.astype(float).ravel(), space.high.astype(float).ravel()
+        return Actions(as_action, space.low.astype(float).ravel(), space.high.astype(float).ravel())
     if not isinstance(space, spaces.Discrete):
         text = f"the actions are a {type(space).__name__}; give a function of a file that maps u to an action"
         raise DesignError(text, "action")
@@ -85,7 +101,8 @@ def action_of(space: Any, action: Any, nu: int | None) -> tuple[Callable[..., An
     if len(action) != n:
         raise DesignError(f"has {len(action)} values; the environment has {n} actions", "action")
     values = np.array(action, dtype=float)
-    return partial(nearest, values=values, first=int(space.start)), values.min()[None], values.max()[None]
+    of_input = partial(discrete, values=values, first=int(space.start))
+    return Actions(of_input, values.min()[None], values.max()[None], values)
 
 
 def reader_of(state: Any) -> Callable[[Any], Any] | None:

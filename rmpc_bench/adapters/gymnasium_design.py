@@ -78,7 +78,7 @@ def designed(
         kind = type(inner.observation_space).__name__
         raise DesignError(f"the observation is a {kind}; name an attribute or a function that is the state", "state")
     nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
-    action, low, high = access_to.action_of(inner.action_space, keys.action, nu)
+    action, low, high, values = access_to.actions_of(inner.action_space, keys.action, nu)
     make = partial(
         access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=set_parameters
     )
@@ -88,8 +88,8 @@ def designed(
     if first.inner is inner:
         raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
     signals = _signals(keys, first.x, low, high, bounds)
-    if isinstance(action, partial) and action.func is access_to.nearest:
-        signals = DiscreteInput(**vars(signals), values=action.keywords["values"])
+    if values is not None:
+        signals = DiscreteInput(**vars(signals), values=values)
     access, measured = _with_output(access, keys, signals, np.size(first.observation))
     if measured is None:
         y = attempt("output", lambda: access.measure(first.x, nominal, first.observation))  # type: ignore[misc]

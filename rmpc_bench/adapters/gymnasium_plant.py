@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.adapters.gymnasium_access import nearest
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
 from rmpc_bench.components.object_plant import ObjectPlant
 from rmpc_bench.components.single_plant import RunPlants
@@ -23,7 +24,7 @@ class DiscreteInput(Signals):
     def limited_inputs(self, u: Float[Array, "runs 1"], runs: RunInfo | None = None) -> Float[Array, "runs 1"]:
         """Return the nearest values; inputs beyond the bounds are counted."""
         limited = super().limited_inputs(u, runs)
-        chosen = self.values[np.abs(self.values - limited).argmin(axis=1)][:, None]
+        chosen = self.values[nearest(limited, self.values)][:, None]
         return np.where(np.isnan(limited), limited, chosen)
 
 
