@@ -21,7 +21,7 @@ from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step, root_weight, sum_root
 from rmpc_bench.numerics.riccati import predicted_root
-from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
+from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of, without_missing
 from rmpc_bench.types import Array, DesignError
 
 
@@ -67,13 +67,14 @@ class Outputs(NamedTuple):
     @classmethod
     def of(cls, now: LinearModel, there: Bool[Array, " all"]) -> Outputs:
         """Leave the other outputs out."""
-        return cls(now.A, now.C[there], now.Q_w, now.R_v[np.ix_(there, there)])
+        C, R_v = with_outputs(now.C, now.R_v, there)
+        return cls(now.A, C, now.Q_w, R_v)
 
 
 def with_outputs(
     M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], there: Bool[Array, " ny"]
 ) -> tuple[Float[Array, "fewer nx"], Float[Array, "fewer fewer"]]:
-    """Return [A; C] and the covariance of its noises with those of the outputs that are there."""
+    """Return [A; C], or C, and the covariance of its noises with those of the outputs that are there."""
     rows = np.concatenate([np.ones(len(M) - len(there), dtype=bool), there])
     return M[rows], J[np.ix_(rows, rows)]
 
@@ -96,9 +97,8 @@ class RiccatiRecursion:
             L, root = np.zeros((len(V), *now.C.T.shape)), V
         else:
             # A missing output becomes one that does not depend on the state.
-            there = ~missing
-            R_v = np.where(there[:, :, None] & there[:, None, :], now.R_v, np.eye(len(now.C)))
-            found = corrected(np.where(missing[:, :, None], 0.0, now.C), root_of(R_v), V)
+            R_root = root_of(without_missing(now.R_v, ~missing))
+            found = corrected(np.where(missing[:, :, None], 0.0, now.C), R_root, V)
             L, root = found.gain, found.root
         kept, S = predicted_root(now.A, now.Q_w, root, self.growth), covariance_of(now.C @ V) + now.R_v
         return Gains(L, now.A @ L, kept, covariance_of(root if self.corrects else V), S)

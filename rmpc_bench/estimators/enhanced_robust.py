@@ -24,6 +24,8 @@ Assumed `equations`: Step 5 of Table 2 is printed with Delta_1, but the P that b
         exceeds it sooner (section 5, eps = 0.1, constant F = 1: from k = 10 instead of 16).
 Limit   Without uncertainty (all H = 0) the Kalman predictor.
 Missing A run with a missing measurement has its own bounds from then on: Table 2 for the outputs that are there.
+Digits  `equations: printed` forms P at every step: its relative errors are 6e-9 at P(0) = 1e8 R and 1e-3 at 1e14 R
+        (measured).
 Cost    As every gain schedule; `tuned` solves for a_w, a_v and K alternately at every step.
 Fails   Design error: w and v are correlated; eps is 0 where an excess is needed; `rule: state` and a constant system
         that is not quadratically stable; a bound overflows.

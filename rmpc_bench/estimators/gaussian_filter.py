@@ -24,7 +24,7 @@ from rmpc_bench.models.flow import Flow, flow_of
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
-from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of
+from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of, without_missing
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, SINGULAR = np.int8(Status.OK), np.int8(Status.SINGULAR)
@@ -147,8 +147,7 @@ def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Ar
     e, image, source, minus = given
     R_root = root_of(R_v)
     if missing.any():
-        e, there = np.where(missing, 0.0, e), ~missing
-        R_root = root_of(np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(e.shape[1])))
+        e, R_root = np.where(missing, 0.0, e), root_of(without_missing(R_v, ~missing))
         image = np.where(missing[:, :, None], 0.0, image)
         minus = None if minus is None else np.where(missing, 0.0, minus)
     both, indefinite = _without(joint_root(image, R_root, source), minus)

@@ -43,7 +43,7 @@ from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
-from rmpc_bench.numerics.square_root import covariance_of
+from rmpc_bench.numerics.square_root import covariance_of, without_missing
 from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
 from rmpc_bench.numerics.window_posterior import range_of_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
@@ -213,10 +213,8 @@ class MovingHorizon(Estimator):
             x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
             there = measured[-1]
             counts = k > 0 or self.use_y0
-            both = there[:, None] & there
-            R_run = np.where(both, R_v, np.eye(len(R_v)))
             step = (filter_step if counts else unmeasured_step)(
-                A, np.where(there[:, None], C, 0.0), Q_w, R_run, state.roots[i, -1]
+                A, np.where(there[:, None], C, 0.0), Q_w, without_missing(R_v, there), state.roots[i, -1]
             )
             P[i], root_next[i] = step.P, step.root_next
         return WindowFit(x, solved, status), P, root_next

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.numerics.linalg import as_compiled
-from rmpc_bench.numerics.square_root import root_of
+from rmpc_bench.numerics.square_root import root_of, without_missing
 from rmpc_bench.types import Array
 
 
@@ -55,11 +55,8 @@ def whitening_of_runs(
 ) -> Float[Array, "runs ny ny"]:
     """Return T of every run, that of its outputs which are there."""
     rows = np.flatnonzero(missing.any(axis=1))
-    there = ~missing[rows]
-    # A missing output becomes one that is independent of the others.
-    R_run = np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(len(R_v)))
     found = np.repeat(T[None], len(missing), axis=0)
-    found[rows] = whitening(R_run)
+    found[rows] = whitening(without_missing(R_v, ~missing[rows]))
     return found
 
 

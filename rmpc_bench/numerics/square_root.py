@@ -150,6 +150,11 @@ def conditional(Y: Float[Array, "*k ny r"], Z: Float[Array, "*k nz r"]) -> Condi
     return Conditional(gain, np.where(regular[..., None, None], root, rest), U, regular)
 
 
+def without_missing(R_v: Float[Array, "ny ny"], there: Bool[Array, "*k ny"]) -> Float[Array, "*k ny ny"]:
+    """Return the covariance in which a missing output is independent of the others; its row of C must be 0."""
+    return np.where(there[..., :, None] & there[..., None, :], R_v, np.eye(len(R_v)))
+
+
 def _pseudo_inverse(U: Array, size: Array) -> Array:
     """Return U^+ with the outputs scaled to variance 1, so that their units do not decide; NaN stays NaN."""
     finite = np.isfinite(U).all(axis=(-2, -1), keepdims=True)

@@ -3,17 +3,20 @@
 The replays use plain inverses and covariances.  They take the outputs that are there as the whole measurement.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import random_model, random_psd
 from scipy.optimize import brentq
 
 from rmpc_bench.components.by_kind import estimator
+from rmpc_bench.estimators.bridging import RunByRun
 from rmpc_bench.estimators.stationary import stationary_filter
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
-from rmpc_bench.types import Status
+from rmpc_bench.types import DesignError, Status
 
 STEPS = 30
 CLOSE = {"rtol": 1e-8, "atol": 1e-10}
@@ -105,7 +108,7 @@ def test_every_run_has_the_gains_of_its_own_gaps(kind, system):
             np.testing.assert_allclose(P[run], expected[1], **CLOSE)
 
 
-def test_missing_measurements_of_the_row_that_was_wrong(rng):
+def test_with_a_tiny_ball_the_robust_filter_bridges_gaps_as_kalman(rng):
     """Oracle: the Kalman filter replayed with inverses; V exceeds P_pred by the factor 1 + (2 c)^1/2 = 1 + 1.4e-6."""
     A, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[1.0, 0.0]])
     model = LinearModel(A, np.zeros((2, 1)), C, np.diag([1e-4, 1e-2]), [[0.04]])
@@ -280,14 +283,23 @@ def test_a_gap_in_which_theta_is_too_large_has_no_weight(kind, keys):
     assert reduced > 5
 
 
-def test_a_run_without_gains_is_infeasible():
-    """Two outputs of the same state, the second one without noise of any kind: alone it has no gain."""
-    model = mixed_model(3, A=[[1.0, 0.0], [0.0, 0.5]], B=[[0.0], [0.0]], C=[[1.0, 0.0], [0.0, 0.0]],
-                        P_w=np.eye(2), P_v=[[1.0, 0.0], [0.0, 1e-3]], M_w=0.1)  # fmt: skip
-    design = estimator("mixed", model, n_steps=3, x0=np.zeros(2), P0=np.eye(2), M0=np.eye(2))
-    broken = np.zeros((1, 2), dtype=bool)
-    broken[0, 0] = True
-    lost = design.recursion(1, design.root[1][None] * np.nan, broken)
-    assert np.isnan(lost.kept).all()
-    state = design.init(1)._replace(own=np.ones(1, dtype=bool), kept=design.root[:1] * np.nan)
-    assert design.correct(1, state, np.zeros((1, 2)))[1].status[0] == Status.INFEASIBLE
+@pytest.mark.parametrize("error", [ValueError, DesignError])
+def test_only_a_run_without_gains_is_infeasible(error, system):
+    """Oracle: the same filter whose recursion has gains for every run, bit for bit."""
+    model, start, y, u = system
+    made = estimator("lmmse", model, n_steps=STEPS, **start)
+    fails = []
+
+    def one(k, kept, there):
+        if k == 8 and not there.any():
+            fails.append(k)
+            raise error("no gains")
+        return made.recursion.one(k, kept, there)
+
+    y[[1, 3], 8] = 0.5
+    found, expected = (filtered(each, y, u) for each in (replace(made, recursion=RunByRun(one)), made))
+    assert fails == [8]
+    for values, others in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(values[[0, 1, 3]], others[[0, 1, 3]])
+    assert not found[2][[0, 1, 3]].any() and not found[2][2, :8].any()
+    assert (found[2][2, 8:] == Status.INFEASIBLE).all()
