@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.conformance.failures import require_valid_return_values
 from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
-from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
+from rmpc_bench.conformance.results import Check, NotApplicableError, copies, require, require_same, require_unchanged
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, Command, Controller, Estimate, Journal, Status, as_command
 
@@ -193,10 +193,11 @@ def _missing(controller: Controller, example: ControllerExample) -> None:
 
 
 def _applied(controller: Controller, example: ControllerExample) -> None:
-    told = example.evaluate(controller, bounds=(-np.inf, np.inf)).values
-    require_same("u after `applied` with the input that `control` has returned", told, example.u(controller))
+    repeated = example.evaluate(controller, bounds=(-np.inf, np.inf)).values
+    require_same("u after `applied` with the input that `control` has returned", repeated, example.u(controller))
     if example.pair is None:
-        return
+        text = "the law has no key `limits` of the form {u: [low, high]}"
+        raise NotApplicableError(f"{text}, so that bounds of the plant cannot be compared with it")
     free, limited = example.pair
     assert limited.input_limits is not None
     low, high = (float(np.min(each)) for each in limited.input_limits)

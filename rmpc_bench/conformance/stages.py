@@ -24,7 +24,7 @@ from rmpc_bench.conformance.references import ReferenceExample
 from rmpc_bench.conformance.results import Check, NotApplicableError, Returned
 from rmpc_bench.conformance.separate_process import SeparateProcess
 from rmpc_bench.conformance.subject import Subject
-from rmpc_bench.types import Array, Controller, Estimator, Plant, PlantInfo
+from rmpc_bench.types import Array, Controller, DesignError, Estimator, Plant, PlantInfo
 
 SHORT = 12
 """Steps of the random examples."""
@@ -79,7 +79,8 @@ class Setting:
         subjects = (replace(self.subject, keys=each) for each in (keys, {**keys, "limits": LIMITS}))
         try:
             free, limited = (replace(each, written=True).made(self.group, self.provided(SHORT)) for each in subjects)
-        except Exception:  # a design function may raise anything for keys that it does not expect
+        # Limits of another form, or a law that has none, or none without them.
+        except (DesignError, AttributeError, LookupError, TypeError, ValueError):
             return None
         return (free, limited) if limited.input_limits == LIMITS["u"] else None
 
