@@ -20,7 +20,9 @@ from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, Stat
 from rmpc_bench.types import (
     NO_WATCH,
     Array,
+    Command,
     Controller,
+    Estimate,
     Journal,
     Method,
     Plant,
@@ -131,7 +133,7 @@ def simulate(
     timed = BlockTimes(*own)
     known = r[: n_steps + 1].copy()
     limits, limits_inputs = RunLimits(state_range, x, known), plant.limits_inputs
-    counted = RunInfo(start.runs, (), alive, start.journal)
+    loop = _Loop(plant, timed, limits, runs, start, RunInfo(start.runs, (), alive, start.journal))
     # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
     has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
     own_matrices = n_runs if has_gaps else None
@@ -147,24 +149,15 @@ def simulate(
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
             y = draws.altered(k, y)
             status = runs.with_reported(status)
-            e, answer = timed.correct(k, e, y)
-            estimate = as_estimate(answer)
-            estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
-            status = runs.after(limits.of_estimate(status, estimate.status, estimate.x_hat, nd))
+            e, estimate, status = loop.corrected(k, e, status, y, nd)
             of_x = without_disturbances(estimate, nd)
             outputs.at(k, x_hat=of_x.x_hat, **_wanted(of_x.info, info))
             outputs.matrix_at(k, "P", of_x.P if with_P else None)
             outputs.matrix_at(k, "M", of_x.M if with_M else None)
             if k == n_steps:
                 break
-            c, chosen = timed.control(k, c, y, estimate, r[k : k + preview])
-            command = as_command(chosen)
-            status = runs.after(limits.of_input(status, command.status, command.u))
-            start.note_steps(command.step_status, runs)
-            u_command = np.array(command.u)
-            u = plant.applied_inputs(u_command, counted)
-            c = timed.applied(k, c, u.copy())
-            inputs.at(k, u=u, **({"u_command": u_command} if limits_inputs else {}), **_wanted(command.info, info))
+            c, command, u, status = loop.applied(k, c, status, y, estimate, r[k : k + preview])
+            inputs.at(k, u=u, **({"u_command": command.u} if limits_inputs else {}), **_wanted(command.info, info))
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
@@ -174,6 +167,37 @@ def simulate(
     timed.note(start.journal, n_runs, n_steps)
     record = _recorded(outputs, inputs, plant.Ts, known, controller)
     return record._replace(bursts=draws.bursts, delta=draws.delta), status
+
+
+class _Loop(NamedTuple):
+    """What the steps of a simulation share."""
+
+    plant: Plant
+    timed: BlockTimes
+    limits: RunLimits
+    runs: RunState
+    start: RunStart
+    counted: RunInfo
+    """Where inputs beyond the bounds of the plant are counted."""
+
+    def corrected(self, k: int, state: Any, status: Statuses, y: Array, nd: int) -> tuple[Any, Estimate, Statuses]:
+        """Call the estimator; return its state, its estimate and the statuses."""
+        state, answer = self.timed.correct(k, state, y)
+        estimate = as_estimate(answer)
+        estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
+        return state, estimate, self.runs.after(self.limits.of_estimate(status, estimate.status, estimate.x_hat, nd))
+
+    def applied(
+        self, k: int, state: Any, status: Statuses, y: Array, estimate: Estimate, r: Array
+    ) -> tuple[Any, Command, Float[Array, "runs nu"], Statuses]:
+        """Call the controller; return its state, its command, the input that acts and the statuses."""
+        state, chosen = self.timed.control(k, state, y, estimate, r)
+        command = as_command(chosen)
+        status = self.runs.after(self.limits.of_input(status, command.status, command.u))
+        self.start.note_steps(command.step_status, self.runs)
+        command = command._replace(u=np.array(command.u))
+        u = self.plant.applied_inputs(command.u, self.counted)
+        return self.timed.applied(k, state, u.copy()), command, u, status
 
 
 def _recorded(
