@@ -1,8 +1,9 @@
 """CasADi functions of a nonlinear design model, for controllers and estimators that optimise with CasADi.
 
 Method  The user's functions rhs and output are called with CasADi symbols.  x(k+1) takes the same steps of the
-        Runge-Kutta method as f of the model with `substeps`.  Without them it takes as many equal ones as the trial
-        runs of the plant needed, at most 50, or 10 where there are none.
+        Runge-Kutta method as f of the model with `substeps`.  Without them it takes half of the largest number of
+        steps per sample in the trial runs of the plant, at most 50, or 10 where it is not known.  About half of the
+        steps of error control are kept; the others estimate the error.
 Limit   The functions use arithmetic and functions of NumPy that CasADi knows.  ``if x[0] > 0`` is an error for a
         symbol; ``math.sin`` of a symbol is NaN without an error.  Therefore the numbers are compared with the model's.
 """

@@ -188,7 +188,12 @@ class OdeDynamics(Dynamics):
         if errors and (strict or not isinstance(errors[0], OUTSIDE_DOMAIN)) and not np.isfinite(end.x).all():
             raise errors[0]
         if strict and end.failed.any() and np.isfinite(x).all():
-            raise SolverError(f"f(x, u) of the model has too large an error at x = {x[0].tolist()}: it is stiff")
+            i = points * int(end.failed.argmax())
+            raise SolverError(
+                f"f(x, u) of the model cannot be integrated at x = {x[i].tolist()}, u = {u[i].tolist()}: the error is "
+                "too large with 1/512 of a sample; the equation is stiff or grows without limit; give `substeps` of "
+                "the model, or a shorter sampling time"
+            )
         return np.ascontiguousarray(end.x.T)
 
     def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:

@@ -5,7 +5,7 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v 
         (numerics/halving.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the bounds
         of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
 Limit   Around an operating point f has the A and B of models/linearised.py.
-Cost    f of a rhs of two states with 10 substeps: about 0.3 ms; compiled (`numba: true`) a few microseconds.
+Cost    f of a rhs of two states with `substeps: 10`: about 0.3 ms; compiled (`numba: true`) a few microseconds.
 """
 
 from __future__ import annotations

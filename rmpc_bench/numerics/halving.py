@@ -144,6 +144,7 @@ class _Sample(NamedTuple):
         self, runs: Int[Array, " some"], among: Array, t: float, x: Array, end: Array, stages: tuple[Array, ...]
     ) -> Bool[Array, " some"]:
         """End the runs that have left their bounds after a step, at their states before it; return which."""
+        assert self.bounds is None or self.points == 1, "runs and columns are the same only with one point"
         first = None if self.bounds is None else first_outside(self.bounds, end, stages)
         left = np.zeros(len(runs), dtype=bool) if first is None else among & (first >= 0)
         if first is not None:

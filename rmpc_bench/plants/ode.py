@@ -17,12 +17,11 @@ Events  With the methods of `solve_ivp` a function event(x, u, p) or event(t, x,
         its attribute `reset` returns.  Its attribute `direction` is 1 for upwards only, -1 for downwards only.
 Fails   Status `out-of-range`: a parameter is not finite, a state has left its bounds within a sample, or an event has
         ended the run.  Status `not-converged`: the integrator failed, or the error of `rk4` is too large with 1/512 of
-        a sample.  Status `too-many-events`: more than 32 events
-        in one sample.
-Jumps   A jump of rhs on a sample belongs to the sample that begins there, and is exact.  `rk4` finds one within a
-        sample to 1/512 of it, which is noted; dry friction costs up to 1500 steps per sample, and `substeps: 50` fewer.
-Cost    About 20 us per run and sample for two states and 10 steps in a block of 50 runs; five to twenty times as much
-        run by run.
+        a sample.  Status `too-many-events`: more than 32 events in one sample.
+Jumps   A jump of rhs at a sample is exact: it belongs to the sample that begins there.  `rk4` locates a jump within a
+        sample to 1/512 of it and notes it.  Dry friction takes up to 1500 steps per sample; `substeps: 50` takes fewer.
+Cost    About 20 us per run and sample for two states with `substeps: 10` in a block of 50 runs; five to twenty times as
+        much run by run.
 """
 
 from __future__ import annotations
@@ -230,7 +229,7 @@ class OdePlant(Plant):
     def _block(
         self, k: int, delta: OdeDelta | StartedDelta, x: Array, u: Array, alive: list[int]
     ) -> tuple[Array, dict[int, RunAdvance]]:
-        """Integrate all runs that have not failed at once; also what is to be said of them, by their row."""
+        """Integrate all running runs at once; return x, and by row the runs that failed or are not exact."""
         try:
             end = advance_block(self.ode, self.Ts, self.stepping, k, x[alive], u[alive], delta.numbers[alive])
         except SolverError:
@@ -245,7 +244,7 @@ class OdePlant(Plant):
     def _run_by_run(
         self, k: int, delta: OdeDelta | StartedDelta, x: Array, u: Array, alive: list[int]
     ) -> tuple[Array, dict[int, RunAdvance]]:
-        """Integrate the runs that have not failed one after the other; also what is to be said of them."""
+        """Integrate the running runs one after the other; return x, and by row how each has ended."""
         ends, found = x.copy(), {}
         for i in alive:
             found[i] = advance_run(self.ode, self.Ts, self.stepping, k, x[i], u[i], self._of_run(delta, i))

@@ -63,7 +63,7 @@ class Stepping(NamedTuple):
     """Range of every state in the trial runs, for error control."""
     events: tuple[UserEvent, ...] = ()
     equal_steps: int = 0
-    """Equal steps that are about as exact as error control in the trial runs; 0 where not known."""
+    """As in `Ode`."""
 
     @property
     def in_blocks(self) -> bool:
@@ -140,8 +140,9 @@ def judged(ode: Ode, end: Advance, i: int, u: Float[Array, " nu"]) -> RunAdvance
     if end.failed[i]:
         pairs = zip((*ode.states, *ode.inputs), (*x, *u), strict=True)
         at = ", ".join(f"{name} = {value:.6g}" for name, value in pairs)
-        reason = f"the error at t = {t:.6g} s, from {at}, is too large with 1/512 of a sample: stiff, use {IMPLICIT}"
-        return RunAdvance(x, Status.NOT_CONVERGED, reason)
+        reason = f"the error of rk4 is too large at t = {t:.6g} s, {at}, even with 1/512 of a sample"
+        why = "the equation is stiff or a state grows without limit"
+        return RunAdvance(x, Status.NOT_CONVERGED, f"{reason}: {why}; try {IMPLICIT}")
     return RunAdvance(x, Status.OK, "", int(end.rough[i]), int(end.steps[i]))
 
 
@@ -165,8 +166,10 @@ def left_bounds(ode: Ode, state: int, t: float) -> str:
 def rough_remark(ode: Ode, state: int, k: int) -> str:
     """Say that a state could not be integrated to the tolerance, in the same words for most runs."""
     if ode.timed:
-        return f"{ode.states[state]} jumps or has a kink inside sample {k}; on a sample it would be exact"
-    return f"{ode.states[state]} jumps or has a kink inside a sample; `solver.substeps` takes fewer steps there"
+        way = "choose a sampling time for which it falls on a sample, or accept an error of up to 1/512 of a sample"
+        return f"{ode.states[state]} jumps or has a kink inside sample {k}; {way}"
+    way = "`solver: {substeps: 50}` is faster and less exact there"
+    return f"{ode.states[state]} jumps or has a kink inside a sample; {way}"
 
 
 def state_bounds(ode: Ode) -> Bounds | None:

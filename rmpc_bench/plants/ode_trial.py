@@ -69,9 +69,9 @@ def tried(
         right = simulated(ode, Ts, n_steps, x0, stepping._replace(solver=Solver(rtol=FINE), substeps=0)).x
         off = np.nan_to_num(np.abs(given.x - right) / stepping.scale, posinf=0.0).max(axis=(0, 1))
         i = int(off.argmax())
-        text = f"{ode.states[i]} is off by {off[i]:.1g} of its range in the trial runs; error control avoids it"
+        text = f"{ode.states[i]} is off by {off[i]:.1g} of its range in the trial runs"
         steps = f"{stepping.substeps} substep{'s' if stepping.substeps > 1 else ''} of rk4"
-        return stepping, [f"with {steps} {text}"] if off[i] > SMALL else []
+        return stepping, [f"with {steps} {text}; leave `substeps` out to control the error"] if off[i] > SMALL else []
     if len(given.failures) == RUNS and np.isnan(given.x[:, 1]).all():
         raise DesignError(given.failures[0], "solver")
     runs, samples = np.nonzero(np.isfinite(given.x[:, 1:]).all(axis=2))
@@ -81,6 +81,7 @@ def tried(
     remarks = [f"rk4 with error control: {mean:.1f} steps per sample, at most {most} at t = {t:.6g} s (trial runs)"]
     remarks += [rough_remark(ode, state, k) for state, k in given.rough.items()]
     remarks += [f"a trial run has failed: {reason}" for reason in given.failures[:1]]
+    # About half of the steps are kept; the others estimate the error.
     return stepping._replace(equal_steps=min((most + 1) // 2, MAX_EQUAL_STEPS)), remarks
 
 

@@ -80,7 +80,8 @@ class Ode(NamedSignals):
         (nx, runs), as for each run alone
     substeps : given steps of the Runge-Kutta method per sample in the plant; 0 without, 1 for a map
     scale : range of every state in the trial runs of the plant; 0 where it is not known
-    equal_steps : equal steps per sample that are about as exact as error control in the trial runs; 0 where not known
+    equal_steps : half of the largest number of steps per sample in the trial runs, at most 50; 0 where it is not known.
+        About half of the steps of error control are kept; the others estimate the error
     discrete : whether rhs is a map, which returns x(k+1)
     """
 

@@ -14,7 +14,7 @@ from rmpc_bench.numerics.halving import Tolerance, halve
 from rmpc_bench.numerics.integration import rk4, sample_times
 from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
-from rmpc_bench.types import Journal, RunInfo, Status
+from rmpc_bench.types import Journal, RunInfo, SolverError, Status
 
 NOISE = DesignNoise(1e-4, 1e-2)
 
@@ -57,7 +57,8 @@ def test_a_jump_within_a_sample_is_found_to_a_part_of_512_and_noted():
     plant = one_state(lambda t, x, u, p: [np.where(t < 7.4, 1.0, 0.0) - 0.5 * x[0]], 0.25, 40)
     exact = 2 * (1 - np.exp(-0.5 * 7.4)) * np.exp(-0.5 * (10 - 7.4))
     assert final(plant, 40)[0] == pytest.approx(exact, rel=0, abs=3e-5)
-    remark = "a jumps or has a kink inside sample 29; on a sample it would be exact"
+    way = "choose a sampling time for which it falls on a sample, or accept an error of up to 1/512 of a sample"
+    remark = f"a jumps or has a kink inside sample 29; {way}"
     assert remark in plant.remarks
     journal = Journal()
     delta = plant.start(
@@ -94,10 +95,19 @@ def test_a_run_that_cannot_be_integrated_says_where():
     assert found.status.tolist() == [Status.OK, Status.NOT_CONVERGED]
     assert found.x[0, 0] == pytest.approx(1 / 0.7, rel=1e-6)
     message = journal.failures[5].message
-    assert message.startswith("the error at t = 1.09") and "solver: {method: LSODA}" in message
+    assert message.startswith("the error of rk4 is too large at t = 1.09") and "solver: {method: LSODA}" in message
     t, x = (float(message.partition(mark)[2].partition(end)[0]) for mark, end in ((" t = ", " s"), ("a = ", ",")))
     # t - 0.9 is exact up to the six digits, which 1 / (0.2 - t) makes worse.
     assert 1 / x == pytest.approx(0.2 - (t - 0.9), abs=1e-5)
+
+
+@pytest.mark.parametrize(("points", "named"), [(1, 9.0), (2, 5.0)])
+def test_a_model_that_cannot_be_integrated_names_the_state(points, named):
+    """Oracle: 1 / x of x' = x^2 stays positive over the sample, or not; points use the intervals of the first."""
+    dynamics = nonlinear(0.3, one_state(lambda x, u, p: [x[0] ** 2], 0.3, 3, x0=0.1), noise=NOISE).dynamics
+    x, u = np.array([[1.0], [9.0], [5.0], [1.0]]), np.zeros((4, 0))
+    with pytest.raises(SolverError, match=rf"integrated at x = \[{named}\], u = \[\]: .* `substeps` of the model"):
+        dynamics.advance(0, x, u, 0.3, 0, points)
 
 
 def test_an_unstable_equation_is_right_although_its_trial_runs_explode():
