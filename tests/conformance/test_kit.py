@@ -102,7 +102,7 @@ def test_an_input_that_the_loop_does_not_limit_is_named(monkeypatch):
     """Oracle: a plant whose bounds the simulation leaves out."""
     monkeypatch.setattr(Plant, "applied_inputs", lambda self, u, runs=None: u)
     result = results_here(misbehaving.Textbook, "estimators", monkeypatch)["applied-input"]
-    assert result.status == "failed" and "within the bounds of the plant" in result.reason
+    assert result.status == "failed" and "where the plant limits the input" in result.reason
 
 
 def test_the_in_place_filter_has_the_numbers_of_the_textbook():
