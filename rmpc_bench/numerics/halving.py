@@ -5,8 +5,8 @@ Method  An interval, first the sample, is integrated by one step and by two of h
         the right half, are integrated in the same way, down to 1/512 of a sample.  There a larger error up to 1e-3 is
         accepted and noted; beyond it the run ends.
 Size    The scale of the state, which the caller gives.  It is at least the change over the interval and 1e-6 of the
-        state, in case the scale is unknown or too small; it is at most 1000 times the state, in case the scale comes
-        from a run that grew without limit.
+        state, in case the scale is unknown or too small; it is at most 100 times the state, in case the scale comes
+        from a run that grew without limit, or from much larger inputs.
 Points  Several points of a run, such as the sigma points of a filter, use the same intervals: differences between them
         then are as smooth as the equation.  The intervals are those that the first point needs, and that the difference
         of every point from it needs: its error is at most 1e-5 of their distance.  A fast state whose first point is at
@@ -29,7 +29,7 @@ DEEPEST = 9
 """Halvings of a sample: 512 intervals."""
 LARGEST_ERROR = 1e-3
 """Relative to the size of a state, with the shortest intervals."""
-SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e3
+SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e2
 """Relative to the state."""
 DIFFERENCES, LARGEST_DIFFERENCE = 1e-5, 1.0
 """Error of the difference of two points relative to their distance; the largest one with the shortest intervals."""
@@ -86,8 +86,6 @@ def halve(
 
     The first `leading` points of a run decide on its intervals; all unless given.
     """
-    # Runs leave their bounds by column.
-    assert points == 1 or bounds is None
     done = at_start(x, x.shape[1] // points)
     done.failed[:] = ~np.isfinite(x[:, ::points]).all(axis=0)
     done.t[done.failed] = k * Ts

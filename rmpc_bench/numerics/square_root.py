@@ -70,7 +70,8 @@ def _root_of(P: Array) -> Array:
     try:
         return np.linalg.cholesky(P)
     except np.linalg.LinAlgError:
-        return psd_sqrt(P)
+        # A singular matrix of one run must not change the bits of the others.
+        return psd_sqrt(P) if P.ndim == 2 else np.array([_root_of(each) for each in P])
 
 
 def triangle(rows: Float[Array, "*k m n"]) -> Float[Array, "*k n n"]:

@@ -20,6 +20,7 @@ from rmpc_bench.numerics.linalg import (
     symmetrise,
     van_loan,
 )
+from rmpc_bench.numerics.square_root import root_of
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
@@ -142,3 +143,10 @@ def test_as_covariance_accepts_a_singular_matrix_at_any_scale():
     v = np.array([1.0, 3.0, -7.0])
     for scale in (1e-30, 1.0, 1e30):
         np.testing.assert_array_equal(as_covariance(scale * np.outer(v, v), 3), scale * np.outer(v, v))
+
+
+def test_a_singular_matrix_leaves_the_roots_beside_it(rng):
+    """Oracle: every matrix alone."""
+    P = np.stack([random_psd(rng, 2, 2), random_psd(rng, 2, 1), random_psd(rng, 2, 2)])
+    for whole, alone in zip(root_of(P), P, strict=True):
+        np.testing.assert_array_equal(whole, root_of(alone))
