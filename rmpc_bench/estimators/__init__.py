@@ -17,7 +17,7 @@ How to add a filter whose gains do not depend on the data:
    >>> my_filter = design(model, 2, x0=np.zeros(1), P0=np.eye(1), factor=1.0)
    >>> state = my_filter.init(n_runs=3)
    >>> state, estimate = my_filter.correct(0, state, np.full((3, 1), 2.0))
-   >>> estimate.x_hat.ravel().tolist()
+   >>> estimate.x_hat.ravel().round(9).tolist()
    [1.0, 1.0, 1.0]
 
 2. One line in ``registry.py``: ``"my-filter": "rmpc_bench.estimators.my_filter:design",``.

@@ -114,8 +114,8 @@ def remaining_looks(directory: Path, experiment: str) -> list[int]:
 def note_look(directory: Path, n_runs: int) -> None:
     """Note in store and manifest that verdicts were published with so many runs."""
     found = [*dict.fromkeys([*looks_of_manifest(directory), n_runs])]
-    if (directory / STORE).exists():
-        # While another process writes to the store, the manifest alone keeps them.
+    if (directory / STORE).exists() and not (directory / STORE).is_symlink():
+        # While another process writes to the store, or where it lies elsewhere, the manifest alone keeps them.
         with suppress(OccupiedError), Store(directory) as store:
             found = [*dict.fromkeys([*looks_of_store(store), n_runs])]
             keep_looks(store, found)

@@ -93,7 +93,7 @@ class PackedFiles:
         if n_runs is None:
             self._publish(results, config, computed, made)
         else:
-            write_tables_of_rows(results, made)
+            write_tables_of_rows(results, made, str(self._way.get("file", "")))
             found["trials.csv"] = FileOutcome("trials.csv", HASHED, f"rows of runs 0 to {n_runs - 1} are compared")
         found[METADATA], found[CITATION] = self._metadata(results)
         for name in self._names:

@@ -188,9 +188,7 @@ def _published(
         if len(results.trials.runs) and results.trials.with_verdicts:
             note_look(directory, len(results.trials.runs))
         note_report(directory, _way(results, place, file))
-    record = experiment_record(results)
-    if file:
-        record["command"] = " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides])
+    record = _record(results, file)
     paths += write_latex(tables, record, texts, report)
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
@@ -202,7 +200,15 @@ def _published(
     return Publication(results, directory, tuple(paths), *found, figures, left_out, remarks)
 
 
-def write_tables_of_rows(results: Results, directory: Path) -> None:
+def _record(results: Results, file: str) -> ExperimentRecord:
+    """Describe the experiment, with the command that names the file of the configuration if it is known."""
+    record = experiment_record(results)
+    if file:
+        record["command"] = " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides])
+    return record
+
+
+def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     """Write the tables and claims that follow from metrics and statuses alone."""
     report, trials = results.experiment.report, results.trials
     tables = summarise(results).shown(report.order, report.metrics)
@@ -213,7 +219,7 @@ def write_tables_of_rows(results: Results, directory: Path) -> None:
     _write_table(lost_table(trials), directory, "lost")
     _write_table(ranks(results), directory, "ranks")
     if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
-        write_latex(tables, experiment_record(results), texts, report)
+        write_latex(tables, _record(results, file), texts, report)
     if not any(table.groups for table in trials.each):
         _write_claims(results, judge(results), directory, rendering_of(report).formats)
 

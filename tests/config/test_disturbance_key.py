@@ -104,9 +104,9 @@ def test_where_the_estimator_starts(tmp_path):
             text = f"{{D: {{model: {{disturbance: {{at: input, drift: 1e5{extra}}}}}}}}}"
             estimator = load_config(write(tmp_path, text, start=start)).experiment.methods[0].estimator
             found = estimator.extra["P_pred"][0]
-            assert found[4, 4] == D0 and not found[4, :4].any() and not estimator.x0.any()
+            assert found[4, 4] == pytest.approx(D0, rel=1e-15) and not found[4, :4].any() and not estimator.x0.any()
             if P is not None:
-                np.testing.assert_array_equal(found[:4, :4], P)
+                np.testing.assert_allclose(found[:4, :4], P, rtol=1e-15)
 
 
 def test_run_record_and_figures(tmp_path):

@@ -170,7 +170,7 @@ WARNINGS = {
     "a covariance taken for a scale": (
         linear(model="P_w: 0.01, P_v: 0.01", noise="{process: same, measurement: {same: {dof: 3}}}",
                methods="{K: {estimator: {kind: student-kalman, dof: 3}}}"), "model",
-        "the covariance of the noise (t with dof = 3), which method K takes for the scale matrix; give its estimator",
+        "the covariance of the noise (t with dof = 3); method K takes it for the scale matrix: give its estimator",
     ),
     "a model without measurement noise": (
         linear(model="P_w: 0.01"), "model", "has no measurement noise, but the plant has: a filter fits every "

@@ -130,7 +130,7 @@ def test_start_of_the_estimators(load):
         assert estimator.x0.tolist() == [1.0, 2.0, 3.0, 4.0]
         starts[P] = estimator.series()["P_pred"][0]
     *written, process = starts.values()
-    assert all(start.tolist() == (2 * np.eye(4)).tolist() for start in written)
+    assert all(np.allclose(start, 2 * np.eye(4), rtol=1e-15, atol=0.0) for start in written)
     assert process.tolist() != written[0].tolist()
 
 

@@ -239,7 +239,7 @@ def test_what_does_not_support_a_trajectory_says_so():
     model = linearise(TS, two_tanks(), noise=NOISE, at="trajectory")
     with pytest.raises(DesignError, match="use kalman"):
         registry.get("estimators", "lp-window")(model, STEPS, x0=np.zeros(2))
-    with pytest.raises(DesignError, match="kalman or gpc"):
+    with pytest.raises(DesignError, match="the estimator kalman or the controller gpc"):
         registry.get("controllers", "mpc")(model, **KEYS["mpc"])
     with pytest.raises(DesignError, match="at: trajectory"):
         gpc(model, STEPS, **KEYS["gpc"], tuning=LpNoise(Ne2=4, kp=0.3))

@@ -117,7 +117,8 @@ def test_differential_equation_between_samples(solver, in_blocks):
             lambda t, z: [z[1], force + np.sin(3.0 * t) - k * z[0]],  # noqa: B023
             (0.2 * first, 0.2 * first + 0.2 * (1 + 1e-12)), x[run, 0], "DOP853", times, rtol=1e-12, atol=1e-12,
         )  # fmt: skip
-        np.testing.assert_allclose(found[run, 0], exact.y.T, rtol=1e-7, atol=1e-8)
+        # rk4 has 1e-7 of the range of a state, which is about 2 here.
+        np.testing.assert_allclose(found[run, 0], exact.y.T, rtol=1e-7, atol=2e-7)
 
 
 def test_robot_between_samples():

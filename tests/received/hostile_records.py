@@ -18,7 +18,7 @@ WRONG = (
 FIELDS = {
     "manifest.json": (
         *("name", "experiment", "seed", "modified", "versions", "numerics", "blas", "git", "platform", "looks"),
-        *("sessions", "report"),
+        *("sessions", "report", "file"),
     ),
     "progress.json": (
         *("name", "experiment", "shard", "runs", "n_runs", "all_trials", "methods", "host", "pid", "started", "state"),

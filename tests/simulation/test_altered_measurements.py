@@ -71,19 +71,6 @@ def test_a_kalman_filter_on_what_is_measured(experiment):
     np.testing.assert_array_equal(record.y, record.x)  # without noise and without gaps
 
 
-def test_a_filter_with_given_gains_predicts(experiment):
-    """Oracle: the schedule by hand, with e = 0 where y is missing; P stays that of the schedule."""
-    made = experiment()
-    record, _ = recorded(made, "RKF", range(3))
-    schedule = made.method("RKF").estimator
-    for run in range(3):
-        y, x_pred = measured(made, run, record.x[run]), np.zeros(2)
-        for k in range(made.n_steps + 1):
-            e = np.nan_to_num(y[k] - x_pred)
-            np.testing.assert_allclose(record.x_hat[run, k], x_pred + schedule.L[k] @ e, atol=1e-14, **ROUND)
-            x_pred = schedule.F[0] @ x_pred + schedule.K[k] @ e
-
-
 def test_metrics_leave_missing_samples_out(experiment):
     """Oracle: the mean over the innovations that are numbers, by hand."""
     made = experiment()

@@ -60,7 +60,7 @@ def test_a_reported_signal_later(load, tmp_path, monkeypatch):
     ("signals", "number", "message"),
     [
         ("[y, Q_yv]", 1, "'Q_yv' is not a known signal; did you mean 'Q_yw'?"),
-        ("[zeta]", 0, "known: y, u, x, x_hat, P, r, fallback, Q_yw"),
+        ("[zeta]", 0, "known: y, u, u_command, x, x_hat, P, r, fallback, Q_yw"),
         ("[secret]", 0, "'secret' is not a known signal"),  # in the info, but nobody has promised it
         ("[y, bursts]", 1, "'bursts' is not a known signal"),  # the noise has none
     ],
