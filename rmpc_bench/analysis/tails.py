@@ -134,15 +134,17 @@ def cvar_interval(values: Array, confidence: float, seed: int) -> tuple[float, I
         low = -high
     else:
         means, errors = _cvar(largest[_ranks(n, n_tail + 1, seed)], n)
-        # A resample whose tail repeats one value has no t statistic.
-        means, errors = means[errors > 0], errors[errors > 0]
+        # A resample whose tail repeats one value, or is 0, has no t statistic.
+        kept = (errors > 0) & ((means * mean > 0) | (size == 0))
+        means, errors = means[kept], errors[kept]
         relative = np.maximum(errors / np.abs(means), LEAST * se / size) if size else errors
         t = (np.log(means / mean) * np.sign(mean) if size else means - mean) / relative
         low, high = (float(quantile(t, p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
     if not size:
         return mean, (mean - high * se, mean - low * se)
     with np.errstate(over="ignore"):
-        return mean, (mean * float(np.exp(-high * se / mean)), mean * float(np.exp(-low * se / mean)))
+        ends = mean * float(np.exp(-high * se / mean)), mean * float(np.exp(-low * se / mean))
+    return mean, ends if np.isfinite(ends).all() else NONE
 
 
 # All metrics and methods with so many finished runs have the same resamples.

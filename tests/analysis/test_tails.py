@@ -186,3 +186,13 @@ def test_binomial_quantile(n):
     for p in (0.001, 0.025, 0.3, 0.975, 0.9999):
         for share in (0.05, 0.95):
             assert _binomial_quantile(p, n, share) == stats.binom.ppf(p, n, share)
+
+
+def test_a_metric_that_is_mostly_0_has_both_ends_or_none():
+    """Resamples whose tail is 0 have no logarithm."""
+    for seed in range(3):
+        for n_zero in (94, 95, 96, 97, 98, 99):
+            values = np.zeros(100)
+            values[n_zero:] = np.geomspace(1e-3, 5.0, 100 - n_zero)
+            mean, ends = cvar_interval(values, 0.95, seed)
+            assert np.isnan(ends).all() or (np.isfinite(ends).all() and 0 < ends[0] <= mean <= ends[1])
