@@ -22,13 +22,13 @@ PAGE = DOCS / "numbers.md"
 ROUNDING = 1e-6
 """Relative change of a value without a standard error that counts as moved; the files have six digits."""
 CAUSES = {
-    "ma2025": "x(0) follows the printed law (77), and the noise is used as printed. Before, x(0) was x_hat(0), and noise "
-    "outside its ellipsoid was moved to the boundary. Both laws are crossed in twelve interpretations.",
+    "ma2025": "x(0) follows the printed law (77), and the noise is used as printed. Before, x(0) was x_hat(0), and "
+    "noise outside its ellipsoid was moved to the boundary. Both laws are crossed in twelve interpretations.",
     "belda2017": "A statement that no interpretation confirms is not confirmed. Before, it was called dependent on the "
     "assumptions.",
     "souto2011/fig2": "No interpretation confirms the statement, and one or more are inconclusive.",
     "souto2011/table": "A statement of the paper has a row: without uncertainty the predictor is the Kalman predictor.",
-    "estimators/friction-tuned": "The tuned radius of WKF is 64.42, not 76.2; the objectives of the two differ by 4e-5.",
+    "estimators/friction-tuned": "The tuned radius of WKF is 64.42, not 76.2; the two objectives differ by 4e-5.",
 }
 """Configuration, or group of configurations -> why its numbers have moved."""
 
