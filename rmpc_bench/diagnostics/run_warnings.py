@@ -205,4 +205,4 @@ def unlimited_inputs(plant: Plant, methods: Iterable[Method]) -> Iterator[str]:
     for (signal, text), names in found.items():
         bounds = plant.signals.bounds_text(signal) if plant.signals is not None else ""
         limits = f"the plant limits `{signal}` to {bounds}; the controller of {', '.join(names)} has {text}"
-        yield f"{limits}; its predictions use inputs that do not act: give the controller `limits: {{u: [..]}}`"
+        yield f"{limits}; it counts on inputs that do not act: give the controller `limits: {{u: [..]}}`"

@@ -48,6 +48,8 @@ class Tolerance(NamedTuple):
     rtol: float
     scale: Float[Array, " nx"]
     """Range that every state has; 0 where it is not known."""
+    largest: float = LARGEST_ERROR
+    """Error with the shortest intervals beyond which a run ends."""
 
 
 def sizes(x: Array, two: Array, scale: Array) -> tuple[Array, Array]:
@@ -131,7 +133,7 @@ class _Sample(NamedTuple):
             self.integrate(start + 0.5 / 2**level, level + 1, going[np.isnan(done.t[going])], None)
         stays = ~split & ~self._leave(runs, ~split, t + h / 2, x, middle, before)
         stays &= ~self._leave(runs, stays, t + h, middle, two, after)
-        lost = stays & ~fine & ~(error <= LARGEST_ERROR).all(axis=0)
+        lost = stays & ~fine & ~(error <= self.tolerance.largest).all(axis=0)
         done.failed[runs[lost]], done.t[runs[lost]] = True, t
         rough = stays & ~fine & ~lost
         done.rough[runs[rough]] = share[:, rough].argmax(axis=0)

@@ -19,7 +19,8 @@ Fails   Status `out-of-range`: a parameter is not finite, a state has left its b
         ended the run.  Status `not-converged`: the integrator failed, or the error of `rk4` is too large with 1/512 of
         a sample.  Status `too-many-events`: more than 32 events in one sample.
 Jumps   A jump of rhs at a sample is exact: it belongs to the sample that begins there.  `rk4` locates a jump within a
-        sample to 1/512 of it and notes it.  Dry friction takes up to 1500 steps per sample; `substeps: 50` takes fewer.
+        sample to 1/512 of it and notes it.  A change of rhs(t) that is over within a quarter of a sample may be missed.
+        Dry friction takes up to 1500 steps per sample; `substeps: 50` takes fewer.
 Cost    About 20 us per run and sample for two states with `substeps: 10` in a block of 50 runs; five to twenty times as
         much run by run.
 """

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.ode_blocks import alone, slopes
 from rmpc_bench.numerics.adaptive import Tolerances, solve
-from rmpc_bench.numerics.halving import Slopes, Tolerance, halve
+from rmpc_bench.numerics.halving import LARGEST_ERROR, Slopes, Tolerance, halve
 from rmpc_bench.numerics.integration import Advance, Bounds, apply_map, at_start, inside, rk4, sample_times
 from rmpc_bench.plants.ode_events import UserEvent
 from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, SolverError, Status
@@ -64,6 +64,8 @@ class Stepping(NamedTuple):
     events: tuple[UserEvent, ...] = ()
     equal_steps: int = 0
     """As in `Ode`."""
+    finds_ranges: bool = False
+    """Whether these are the runs that find the ranges; no error ends them, since it has no size yet."""
 
     @property
     def in_blocks(self) -> bool:
@@ -73,7 +75,7 @@ class Stepping(NamedTuple):
     @property
     def tolerance(self) -> Tolerance:
         """Of error control."""
-        return Tolerance(self.solver.rtol or RTOL, self.scale)
+        return Tolerance(self.solver.rtol or RTOL, self.scale, np.inf if self.finds_ranges else LARGEST_ERROR)
 
 
 class RunAdvance(NamedTuple):

@@ -51,7 +51,7 @@ class Trial(NamedTuple):
 
 def scale_of(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Float[Array, " nx"]:
     """Return the range of every state; where it grows without limit, its range until then."""
-    x = simulated(ode, Ts, n_steps, x0, Stepping(Solver(rtol=COARSE), 0, np.zeros(ode.nx))).x
+    x = simulated(ode, Ts, n_steps, x0, Stepping(Solver(rtol=COARSE), 0, np.zeros(ode.nx), finds_ranges=True)).x
     with np.errstate(all="ignore"):
         high, low = np.fmax.accumulate(np.fmax.reduce(x), axis=0), np.fmin.accumulate(np.fmin.reduce(x), axis=0)
         early = (high - low)[_tenth(n_steps)]

@@ -52,6 +52,14 @@ def test_a_jump_on_a_sample_is_exact(Ts, jump, solver):
     assert not any("jump" in each for each in plant.remarks)
 
 
+@pytest.mark.parametrize(("first", "last"), [(7.26, 7.33), (7.4, 99.0), (7.49, 99.0)])
+def test_a_state_at_rest_may_begin_to_move_within_a_sample(first, last):
+    """Oracle: the length of the interval; before it the state has no size, and its error cannot be judged by one."""
+    plant = one_state(lambda t, x, u, p: [1.0 if first < t < last else 0.0], 0.25, 40)
+    x, status = final(plant, 40)
+    assert status == Status.OK and x == pytest.approx(min(last, 10.0) - first, abs=2 * 0.25 / 512)
+
+
 def test_a_jump_within_a_sample_is_found_to_a_part_of_512_and_noted():
     """Oracle: the closed form of x' = 1 - x / 2 until 7.4 and -x / 2 from then on."""
     plant = one_state(lambda t, x, u, p: [np.where(t < 7.4, 1.0, 0.0) - 0.5 * x[0]], 0.25, 40)

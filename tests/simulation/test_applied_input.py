@@ -157,7 +157,7 @@ def test_check_names_laws_without_limits(file):
     """Oracle: the laws of the file; those with equal limits are not named."""
     laws, plant = ", ".join(map(repr, LAWS)), "the plant limits `f` to [-0.4, 0.4]"
     limited = ", ".join(repr(f"{each} limited") for each in LAWS)
-    way = "; its predictions use inputs that do not act: give the controller `limits: {u: [..]}`"
+    way = "; it counts on inputs that do not act: give the controller `limits: {u: [..]}`"
     no_limits = f"{plant}; the controller of {laws} has no limits{way}"
     experiment = load_config(file).experiment
     assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits]
