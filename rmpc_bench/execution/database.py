@@ -37,7 +37,7 @@ class Database:
         self._path = path = directory / FILE
         self._numbers: dict[str, int] = {}
         try:
-            if writable:
+            if writable and not directory.is_dir():
                 directory.mkdir(parents=True, exist_ok=True)
             self.connection = connected(path, writable=writable)
         except (OSError, sqlite3.OperationalError) as error:

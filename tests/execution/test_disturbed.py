@@ -76,7 +76,7 @@ def test_a_worker_that_is_killed_or_stopped(tmp_path, monkeypatch):
     """By any signal, in the middle of a run; another worker repeats what it had."""
     monkeypatch.setattr(worker_process, "STOPPED", 0.5)
     at_work, notes = tmp_path / "at_work", []
-    made = made_of(Slow(0.01, str(at_work)), 60)
+    made = made_of(Slow(0.03, str(at_work)), 60)
     dones = processes([made], queue_of(made, 1), 2, note=lambda *each: notes.append(each))
     signals = (signal.SIGKILL, signal.SIGTERM, signal.SIGSTOP)
     plan = {5 + 15 * place: (at_work, number) for place, number in enumerate(signals)}

@@ -1,6 +1,7 @@
 """Processes below this one, and a signal to one of them in the middle of a computation."""
 
 import os
+import time
 from pathlib import Path
 
 WORKER, DASK_WORKER = "rmpc_bench.execution.engines.worker", "multiprocessing.spawn"
@@ -44,6 +45,15 @@ def disturbed(dones, plan):
         found.append(done)
         if number in plan:
             victim, signal_number = plan[number]
-            process = int(victim.read_text()) if isinstance(victim, Path) else with_command(victim)[-1]
+            process = at_work(victim) if isinstance(victim, Path) else with_command(victim)[-1]
             os.kill(process, signal_number)
     return found
+
+
+def at_work(file):
+    """Return the process that writes its number to a file next, which is in the middle of a run then."""
+    file.unlink(missing_ok=True)
+    until = time.monotonic() + 30.0
+    while not file.exists() and time.monotonic() < until:
+        time.sleep(0.001)
+    return int(file.read_text())
