@@ -14,7 +14,8 @@ def search(method, tuning, test=None, *, values=None, stages=None, protocol=PROT
     """Make a search of one parameter from the metric of every candidate and run."""
     tuning = np.array(tuning, dtype=float)
     n = len(tuning)
-    chosen = int(np.argmin(protocol.objective(tuning)))
+    objectives = protocol.objective(tuning)
+    chosen = int(np.argmin(objectives)) if np.isfinite(objectives).any() else None
     usual = {
         "parameters": (RADIUS,),
         "default": (default,),

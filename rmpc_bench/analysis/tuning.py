@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     objective: float
     """Of the tuned value on the tuning runs."""
     failed: float
-    """Share of the tuning runs that have failed with the tuned value."""
+    """Share of the tuning runs that have failed with the tuned value; 1 where nothing could be tuned."""
     test_default: float
     test_tuned: float
     test_best: float
@@ -108,6 +108,10 @@ def outcome(search: TuningSearch) -> Outcome:
     ----------
     search : the record of the search of a method at a point
     """
+    if search.chosen is None:
+        default = math.nan if search.test is None else float(objectives(search.protocol, search.test[-1]))
+        failed = math.nan if search.test is None else _failed(search.test[-1])
+        return Outcome(search, math.inf, 1.0, default, math.nan, math.nan, -1, failed, math.nan)
     tuned = search.tuning[search.chosen]
     known = float(objectives(search.protocol, tuned)), _failed(tuned)
     if search.test is None:
@@ -136,7 +140,7 @@ def tuning_frame(tuning: Tuning) -> pd.DataFrame:
 
 
 def _rows(found: Outcome) -> list[dict[str, object]]:
-    search = found.search
+    search, row = found.search, found.search.tuned_row
     shared: dict[str, object] = {
         "n_values": len(search.candidates),
         "n_runs": search.tuning.shape[1],
@@ -153,7 +157,7 @@ def _rows(found: Outcome) -> list[dict[str, object]]:
         {
             **{"point": search.point, "method": search.method, "parameter": each.path},
             **{"low": each.ends[0], "high": each.ends[1]},
-            **{"default": _number(search.default[place]), "tuned": float(search.candidates[search.chosen, place])},
+            **{"default": _number(search.default[place]), "tuned": math.nan if row is None else float(row[place])},
             **{"best_on_test": _number(found.best_values[place]), "end_of_range": search.at_end[place]},
             **shared,
         }

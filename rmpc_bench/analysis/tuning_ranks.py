@@ -104,22 +104,28 @@ def tuning_ranks(
 
     Returns
     -------
-    the ranks; None below two methods, or where a search has no values on the runs of the experiment
+    the ranks; None below two methods, where a search has found nothing or has no values on the runs of the experiment,
+    and where no method has a finite objective there
     """
+    if any(search.chosen is None for search in searches):
+        return None
     tests = [search.test for search in searches if search.test is not None]
     if len(searches) + len(others) < 2 or len(tests) < max(len(searches), 1):
         return None
     budgets, drawn = budgets_of(searches), _sets(searches)
     names = [*(search.method for search in searches), *others]
     places = [names.index(name) for name in dict.fromkeys([*order, *names]) if name in names]
-    on_test = [objectives(protocol, test[:-1]) for test in tests]
+    # The default comes last: a method keeps it where the runs give no value a finite objective.
+    on_test = [objectives(protocol, test) for test in tests]
     fixed = [float(objectives(protocol, values)) for values in others.values()]
     whole, of_sets = [], []
     for budget in budgets:
         chosen = [_choice(search, budget) for search in searches]
         tuned = [float(found[index]) for found, index in zip(on_test, chosen, strict=True)]
+        if not np.isfinite([*tuned, *fixed]).any():
+            return None
         whole.append(ranked(np.array([*tuned, *fixed])))
-        again = [found[np.argmin(sets[:budget], axis=0)] for found, sets in zip(on_test, drawn, strict=True)]
+        again = [found[_smallest(sets[:budget])] for found, sets in zip(on_test, drawn, strict=True)]
         of_sets.append(ranked(np.column_stack([*again, *(np.full(SETS, value) for value in fixed)])))
     return TuningRanks(
         searches[0].point,
@@ -161,10 +167,15 @@ def ranked(values: Array) -> Array:
 
 
 def _choice(search: TuningSearch, budget: int) -> int:
-    """Return the index of the value that a method has after a budget; the first one of equally good ones."""
-    if budget >= len(search.candidates):
+    """Return the index of the value of a method after a budget: the first of equally good ones, -1 for the default."""
+    if budget >= len(search.candidates) and search.chosen is not None:
         return search.chosen
-    return int(np.argmin(rounded(search.objectives[:budget], digits=DIGITS)))
+    return int(_smallest(rounded(search.objectives[:budget], digits=DIGITS)))
+
+
+def _smallest(values: Array) -> Array:
+    """Return the index of the first smallest objective along axis 0; -1, the default, where all are infinite."""
+    return np.where(np.isfinite(values).any(axis=0), np.argmin(values, axis=0), -1)
 
 
 def _sets(searches: Sequence[TuningSearch]) -> list[Array]:

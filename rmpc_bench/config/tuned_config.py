@@ -13,7 +13,7 @@ from rmpc_bench.config.tuning_plan import Origin, parameter_words, tuning_plan
 def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin: Origin) -> ExperimentConfig:
     """Return a configuration that knows its searches; the values that are known are added to its resolved form."""
     plan = tuning_plan(drafts, config.points)
-    config = replace(config, parameters=parameter_words(drafts[0]))
+    config = replace(config, parameters=parameter_words(drafts[0], plan))
     if plan is None:
         return config
     rows = [

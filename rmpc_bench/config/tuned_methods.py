@@ -60,11 +60,11 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     chosen = draft.chosen.get(name)
     mark = locate_key(draft.tree, path)
     values = None
-    if chosen is not None and {*chosen} == {each.path for each in parameters}:
-        values = {each.path: as_value(each, chosen[each.path]) for each in parameters}
+    if chosen is not None and {*chosen} in ({each.path for each in parameters}, set()):
+        values = {each.path: as_value(each, chosen[each.path]) for each in parameters if chosen}
     default = tuple(_number_at(components, each.path) for each in parameters)
     draft.tuned[name] = TunedMethod(tuple(parameters), default, lowest, values)
-    if values is None:
+    if not values:
         return components
     draft.defaults[name] = components
     return read(with_values(draft, own, values, mark))

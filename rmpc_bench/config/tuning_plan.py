@@ -46,7 +46,7 @@ class WantedSearch:
     parameters : what is tuned
     default : value of each parameter without tuning; None where it is no number
     key : what identifies the search; equal searches have equal keys
-    values : path -> chosen value; None where none is known
+    values : path -> chosen value; None where none is known, empty where nothing could be tuned
     """
 
     point: str
@@ -89,6 +89,15 @@ class TuningPlan:
         """What is tuned and how, as plain data, without what was chosen."""
         ranges = {f"{each.point}/{each.method}": [vars(one) for one in each.parameters] for each in self.searches}
         return {"protocol": vars(self.protocol), "ranges": ranges}
+
+    def words(self, method: str, default: str) -> str:
+        """Say where the parameters of a method come from; `default` is said of those that stay in the file."""
+        searches = [each for each in self.searches if each.method == method]
+        n_found = sum(each.values is None or bool(each.values) for each in searches)
+        if not n_found:
+            return f"{default} (nothing could be tuned)"
+        words = self.protocol.words
+        return words if n_found == len(searches) else f"{words[:-1]}, {n_found} of {len(searches)} points)"
 
     def n_trials(self, methods: Sequence[str] | None = None) -> tuple[int, int]:
         """Return the largest numbers of trials on tuning runs and, for the regret, on the runs of the experiment."""
@@ -147,9 +156,8 @@ def _search(
     return WantedSearch(draft.title, number, name, tuned.parameters, tuned.default, key, tuned.values)
 
 
-def parameter_words(draft: DraftConfig) -> dict[str, str]:
+def parameter_words(draft: DraftConfig, plan: TuningPlan | None) -> dict[str, str]:
     """Say for every method where its parameters come from."""
-    tune, usual = draft.values["tune"], usual_parameters(draft.values["paper"])
+    usual = usual_parameters(draft.values["paper"])
     words = {name: draft.sources.get(name, usual) for name in draft.methods}
-    tuned = {} if tune is None else dict.fromkeys(draft.tuned, tune.protocol("").words)
-    return {**words, **tuned}
+    return words if plan is None else {**words, **{name: plan.words(name, words[name]) for name in draft.tuned}}

@@ -159,7 +159,8 @@ def _draw(axes: Axes, panel: Panel) -> None:
         line = keys if len(search.parameters) == 1 else {**keys, "ls": ""}
         axes.plot(places[use], values[use], color=panel.color, **line)
         drawn.append(values[use])
-    axes.axvline(places[search.chosen], zorder=0.5, **CHOSEN)
+    if search.chosen is not None:
+        axes.axvline(places[search.chosen], zorder=0.5, **CHOSEN)
     if panel.default is not None:
         axes.axvline(panel.default, zorder=0.5, **DEFAULT)
     if panel.parameter.scale == "log":
@@ -190,8 +191,8 @@ def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
 
 
 def _values(panel: Panel) -> str:
-    default = panel.search.default[panel.number]
-    tuned = float(panel.search.candidates[panel.search.chosen, panel.number])
+    default, row = panel.search.default[panel.number], panel.search.tuned_row
+    tuned = "nothing could be tuned" if row is None else f"{float(row[panel.number]):.4g}"
     before = "" if default is None else f", default {default:.4g}"
     end = ", an end of its range" if panel.search.at_end[panel.number] else ""
-    return f"{panel.search.method}: {panel.parameter.path} = {tuned:.4g}{end}{before}"
+    return f"{panel.search.method}: {panel.parameter.path} = {tuned}{end}{before}"

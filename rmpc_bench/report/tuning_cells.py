@@ -44,13 +44,14 @@ def range_text(parameter: TunedParameter) -> str:
 
 
 def value_text(found: Outcome) -> str:
-    """Write every parameter of a method with its default and its tuned value."""
-    search, texts = found.search, []
+    """Write every parameter of a method with its default and its tuned value, or that nothing could be tuned."""
+    search, row, texts = found.search, found.search.tuned_row, list[str]()
     for place, parameter in enumerate(search.parameters):
         before = "" if search.default[place] is None else f" {number(search.default[place])}"
         end = " (end of range)" if search.at_end[place] else ""
-        texts.append(f"{parameter.path}{before} -> {number(float(search.candidates[search.chosen, place]))}{end}")
-    return ", ".join(texts)
+        after = "" if row is None else f" -> {number(float(row[place]))}{end}"
+        texts.append(f"{parameter.path}{before}{after}")
+    return ", ".join(texts) + (" (default): nothing could be tuned" if row is None else "")
 
 
 def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
@@ -67,14 +68,14 @@ def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
 
 
 def _cells(found: Outcome, place: int) -> dict[str, str]:
-    search, parameter = found.search, found.search.parameters[place]
+    search, parameter, row = found.search, found.search.parameters[place], found.search.tuned_row
     end = " (end of range)" if search.at_end[place] else ""
     return {
         "method": search.method,
         "parameter": parameter.path,
         "range": range_text(parameter),
         "default": number(search.default[place]),
-        "tuned": number(float(search.candidates[search.chosen, place])) + end,
+        "tuned": number(None if row is None else float(row[place])) + end,
         "best on test": number(found.best_values[place]),
         "tuning: tuned": number(found.objective),
         "test: default": number(found.test_default),

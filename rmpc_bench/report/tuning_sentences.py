@@ -23,6 +23,9 @@ EXPLANATION = (
 def search_sentence(found: Outcome) -> str:
     """Say what a search has chosen, what that changes on the runs of the experiment, and the regret."""
     search = found.search
+    if search.chosen is None:
+        why = f"none of {len(search.candidates)} values has a finite {search.protocol.metric} in a tuning run"
+        return f"{search.method}: {value_text(found)}, as {why}."
     text = f"{search.method}: {value_text(found)}, chosen from {len(search.candidates)} values"
     if search.test is None:
         return f"{text}."
@@ -37,8 +40,8 @@ def end_sentences(found: Outcome) -> Iterator[str]:
     """Name the parameters whose tuned value is an end of the range."""
     search = found.search
     for place, parameter in enumerate(search.parameters):
-        if search.at_end[place]:
-            value = float(search.candidates[search.chosen, place])
+        if search.at_end[place] and search.tuned_row is not None:
+            value = float(search.tuned_row[place])
             end = "lower" if value == parameter.ends[0] else "upper"
             text = f"{search.method}: {parameter.path} = {number(value)} is the {end} end of its range"
             yield f"{text}; a better value may lie outside."

@@ -130,6 +130,10 @@ class TuningTable:
         }
         texts = [f"Tuned values at the end of their range: {', '.join(found)}; a better value may lie outside."]
         texts = texts if found else []
+        left = dict.fromkeys(
+            each.search.method for point in self.outcomes.values() for each in point if each.search.chosen is None
+        )
+        texts += [f"Nothing could be tuned, so the defaults stay: {', '.join(left)}."] if left else []
         names = [name for ranks in self.ranks.values() for name in (*ranks.can_change, *ranks.changing)]
         if names:
             shown = ", ".join(dict.fromkeys(names))

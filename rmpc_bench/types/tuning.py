@@ -144,7 +144,7 @@ class TuningSearch:
     stages : part of the search of each candidate: ``grid``, ``golden``, ``quasi-random`` or ``nelder-mead``
     tuning : metric of each candidate and tuning run; NaN where the run has failed
     test : the same on the runs of the experiment, with the default in the last row; None where it was not computed
-    chosen : index of the chosen candidate
+    chosen : index of the chosen candidate; None where no candidate has a finite objective, and the default stays
     protocol : how the parameters were chosen
     seconds : computing time of its trials [s]; 0 where it is not known
     key : what identifies the search
@@ -158,7 +158,7 @@ class TuningSearch:
     stages: tuple[str, ...]
     tuning: Float[Array, "n tuning_runs"]
     test: Float[Array, "n+1 test_runs"] | None
-    chosen: int
+    chosen: int | None
     protocol: TuningProtocol
     seconds: float = 0.0
     key: str = ""
@@ -175,17 +175,22 @@ class TuningSearch:
 
     @property
     def values(self) -> dict[str, float | int]:
-        """Path -> chosen value."""
-        row = self.candidates[self.chosen]
-        return {
-            each.path: int(value) if each.integer else float(value)
-            for each, value in zip(self.parameters, row, strict=True)
-        }
+        """Path -> chosen value; empty where nothing could be tuned."""
+        row = self.tuned_row
+        pairs = () if row is None else zip(self.parameters, row, strict=True)
+        return {each.path: int(value) if each.integer else float(value) for each, value in pairs}
+
+    @property
+    def tuned_row(self) -> Float[Array, " p"] | None:
+        """Chosen value of every parameter; None where nothing could be tuned."""
+        return None if self.chosen is None else self.candidates[self.chosen]
 
     @property
     def at_end(self) -> tuple[bool, ...]:
         """Whether the chosen value is an end of its range, for every parameter."""
-        row = self.candidates[self.chosen]
+        row = self.tuned_row
+        if row is None:
+            return (False,) * len(self.parameters)
         return tuple(float(value) in each.ends for each, value in zip(self.parameters, row, strict=True))
 
 

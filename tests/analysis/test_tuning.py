@@ -47,6 +47,39 @@ def test_a_search_in_which_everything_has_failed():
     assert found.regret == math.inf
 
 
+def test_a_search_without_a_finite_objective_has_no_value_no_end_of_range_and_no_ranks():
+    """The default stays: its objective on the test runs is known, no other is."""
+    nothing = search("A", [[math.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
+    found = outcome(nothing)
+    assert nothing.chosen is None and nothing.values == {} and nothing.at_end == (False,)
+    assert (found.objective, found.failed, found.test_default) == (math.inf, 1.0, 5.0)
+    assert math.isnan(found.test_tuned) and math.isnan(found.test_best) and math.isnan(found.regret)
+    frame = tuning_frame(tuning(nothing))
+    assert math.isnan(frame["tuned"][0]) and frame["default"][0] == 0.1 and not frame["end_of_range"][0]
+    assert tuning_ranks(PROTOCOL, [nothing], {"B": np.ones(3)}) is None
+
+
+def test_methods_that_all_fail_on_the_test_runs_have_no_ranks():
+    failing = search("A", constant([1, 2]), [[math.nan] * 3] * 3)
+    assert tuning_ranks(PROTOCOL, [failing], {"B": np.full(3, np.nan)}) is None
+    assert tuning_ranks(PROTOCOL, [failing], {"B": np.ones(3)}).ranks.tolist() == [[2, 1]]
+
+
+def test_a_set_of_runs_in_which_nothing_finished_keeps_the_default():
+    """One of 4 runs is finished: a set without it, probability .75^4, has the default (3), which loses to B (2)."""
+    first = search("A", [[math.nan] * 3 + [1.0]], constant([1, 3], 4))
+    found = tuning_ranks(PROTOCOL, [first], {"B": np.full(4, 2.0)})
+    p = 0.75**4
+    assert found.ranks.tolist() == [[1, 2]]
+    assert abs(found.same_order - (1 - p)) < 5 * math.sqrt(p * (1 - p) / SETS)
+
+
+def test_a_budget_in_which_nothing_finished_keeps_the_default():
+    first = search("A", [[math.nan] * 3, [1.0] * 3], constant([1, 1, 3]), stages=["grid", "golden"])
+    found = tuning_ranks(PROTOCOL, [first], {"B": np.full(3, 2.0)})
+    assert found.budgets == (1, 2) and found.ranks.tolist() == [[2, 1], [1, 2]]
+
+
 def test_without_test_runs_there_is_no_regret():
     found = outcome(search("A", constant([2, 4])))
     assert found.best == -1 and math.isnan(found.regret) and math.isnan(found.test_failed)

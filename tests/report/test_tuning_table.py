@@ -52,6 +52,18 @@ def test_sentences_name_what_was_chosen_ends_of_ranges_and_changing_ranks(made):
     )
 
 
+def test_a_search_that_found_nothing_says_so_on_the_screen_in_sentences_and_tables(trials):
+    """No rank, no regret and no end of a range, although the first value of the list is one."""
+    nothing = search("A", [[np.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
+    table = TuningTable(trials, tuning(nothing, search("B", constant([2, 5]), constant([2, 5, 9]))))
+    text = "A: estimator.radius 0.1 (default): nothing could be tuned"
+    assert table.sentences[0] == f"{text}, as none of 2 values has a finite mse in a tuning run." and not table.ranks
+    assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
+    screen = "\n".join(table.to_screen())
+    assert text.replace(": ", "   ", 1) in screen and "rank" not in screen
+    assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
+
+
 def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
     """Also of the method that is not tuned, with the word."""
     text = made.to_markdown()

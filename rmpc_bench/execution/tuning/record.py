@@ -45,7 +45,8 @@ class Found(NamedTuple):
     candidates: Float[Array, "n p"]
     stages: tuple[str, ...]
     tuning: Float[Array, "n tuning_runs"]
-    chosen: int
+    chosen: int | None
+    """Index of the chosen candidate; None where nothing could be tuned."""
     default: tuple[float | None, ...] = ()
     tested: str = ""
     """What identifies the runs of ``test``; empty without them."""
@@ -100,13 +101,13 @@ def _read(path: Path) -> dict[str, Found]:
 def _found(entry: Mapping[str, Any]) -> Found:
     parameters = tuple(TunedParameter(**each) for each in entry["parameters"])
     candidates = np.array(entry["candidates"], dtype=float).reshape(-1, len(parameters))
-    chosen, test, is_short = int(entry["chosen"]), entry.get("test"), "objectives" in entry
+    chosen, test, is_short = entry["chosen"], entry.get("test"), "objectives" in entry
     tuning, stages = _matrix(entry["tuning"]), tuple(map(str, entry["stages"]))
     if is_short:
         own = tuning[0]
         tuning = np.repeat(_matrix([entry["objectives"]]).T, len(own), axis=1)
-        tuning[chosen] = own
-    if not (0 <= chosen < len(candidates) == len(stages) == len(tuning)):
+        tuning[chosen or 0] = own
+    if not (0 <= int(chosen or 0) < len(candidates) == len(stages) == len(tuning)):
         raise ValueError("its lists differ in length")
     values = None if test is None else _matrix(test["values"])
     if values is not None and len(values) != len(candidates) + 1:
@@ -117,7 +118,7 @@ def _found(entry: Mapping[str, Any]) -> Found:
         candidates,
         stages,
         tuning,
-        chosen,
+        None if chosen is None else int(chosen),
         tuple(None if each is None else float(each) for each in entry["default"]),
         "" if test is None else str(test["key"]),
         values,
@@ -166,7 +167,7 @@ def _entry(found: Found, of_objectives: TuningProtocol | None) -> str:
     if of_objectives is not None:
         objectives = [float(f"{value:.6g}") for value in of_objectives.objective(tuning)]
         head["objectives"] = [value if math.isfinite(value) else None for value in objectives]
-        tuning = tuning[found.chosen : found.chosen + 1]
+        tuning = tuning[[found.chosen or 0]]
     parts = [json.dumps(head)[1:-1], f'"tuning": {_rows(tuning)}']
     if found.test is not None:
         parts.append(f'"test": {{"key": "{found.tested}", "values": {_rows(found.test)}}}')

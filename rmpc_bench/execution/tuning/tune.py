@@ -102,12 +102,8 @@ def _make(directory: Path) -> None:
 def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> ExperimentConfig:
     """Load a configuration with the values that were found for its searches."""
     assert config.tuning is not None and config.origin is not None
-    known = {
-        (each.point, each.method): found[each.key].values if each.values is None else each.values
-        for each in config.tuning.searches
-        if each.values is not None or each.key in found
-    }
-    if len(known) == len(config.tuning.searches) - len(config.tuning.missing):
+    known = {(each.point, each.method): found[each.key].values for each in config.tuning.missing if each.key in found}
+    if not known:
         return config
     loaded: ExperimentConfig = config.origin.load(known)
     return loaded
@@ -186,15 +182,16 @@ def _tune(rounds: Rounds, plan_of: TuningPlan, searches: Sequence[WantedSearch])
 def _chosen(
     plan_of: TuningPlan, search: WantedSearch, used: Sequence[Candidate], evaluated: Mapping[Row, Array]
 ) -> Found:
-    """Return what a search has found: the first of the values with the smallest objective."""
+    """Return what a search has found: the first of the values with the smallest objective, none if all are infinite."""
     tuning = np.array([evaluated[each.row] for each in used])
+    objectives = _objectives(plan_of.protocol, tuning)
     return Found(
         search.method,
         search.parameters,
         np.array([each.row for each in used]),
         tuple(each.stage for each in used),
         tuning,
-        int(np.argmin(_objectives(plan_of.protocol, tuning))),
+        int(np.argmin(objectives)) if np.isfinite(objectives).any() else None,
         search.default,
     )
 

@@ -345,3 +345,24 @@ def test_a_large_round_is_computed_in_parts(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("rmpc_bench.config.tuning_round.MOST_DESIGNS", 2)
     run(finished[0], tmp_path / "out", "-j", 1)
     assert record(tmp_path / "out") == record(finished[1])
+
+
+OUT_OF_RANGE = "{kind: uncertain-linear, A: 0.9, B: 1, C: 1, Bw: 1, Dv: 1, bounds: {x: [-0.01, 0.01]}}"
+
+
+@pytest.mark.parametrize("regret", ["true", "false"])
+def test_where_nothing_can_be_measured_the_default_stays_and_the_words_say_so(tmp_path, regret):
+    """Every tuning run leaves the range; the record and config.resolved.yaml keep that, so nothing is tried again."""
+    methods = f"{{A: {KFR}, B: {{estimator: {{kind: kalman}}, tune: {{model.P_w: [0.1, 10]}}}}}}"
+    path = write(tmp_path, methods=methods, plant=OUT_OF_RANGE, tune=f"{{budget: 3, runs: 2, regret: {regret}}}")
+    results = rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
+    assert {each.method: each.values for each in results.tuning.searches} == {"A": {}, "B": {}}
+    word = "default (nothing could be tuned)"
+    assert results.experiment.origins == {"A": word, "B": word} and not rmpc_bench.tuning(results).ranks
+    before = record(tmp_path / "out")
+    again = rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
+    assert record(tmp_path / "out") == before and again.experiment.origins == {"A": word, "B": word}
+    untuned = methods.replace(", tune: {model.P_v: [0.01, 1000]}", "").replace(", tune: {model.P_w: [0.1, 10]}", "")
+    plain = load_config(write(tmp_path, file="plain.yaml", methods=untuned, plant=OUT_OF_RANGE, tune=None))
+    resolved = load_config(tmp_path / "out" / "config.resolved.yaml")
+    assert resolved.points[0].method_keys == plain.points[0].method_keys and not resolved.tuning.missing
