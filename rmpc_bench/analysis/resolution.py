@@ -10,6 +10,7 @@ import numpy as np
 from rmpc_bench.analysis.comparison import Comparison, compared, levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.pairs import Pairs
+from rmpc_bench.analysis.superiority import superiority_interval
 from rmpc_bench.analysis.trials import Trials
 
 _LARGEST_LOG = 700.0
@@ -32,7 +33,8 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
     The intervals are those of the verdicts, which are simultaneous.  Of a change in per cent the half width is that of
     the ratio: with 2 % the interval reaches from the ratio divided by 1.02 to the ratio times 1.02.  That of a signed
     metric is relative to the mean absolute value of the metric in both methods.  Where counts decide it is that of the
-    probability of superiority.  Without a second method it is that of the mean of the metric, relative to the mean.
+    probability of superiority.  It takes two runs that both methods finished.  Without a second method it is that of
+    the mean of the metric, relative to the mean.
 
     Parameters
     ----------
@@ -55,6 +57,9 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
 
 
 def _of_comparison(pairs: Pairs, row: Comparison) -> float:
+    """Return the half width over the runs that both methods finished: failed ones resolve nothing."""
+    if row.n_pairs < 2:
+        return math.nan
     if not math.isnan(row.ci_low):
         # A change of -100 % has no finite logarithm.
         low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
@@ -63,7 +68,10 @@ def _of_comparison(pairs: Pairs, row: Comparison) -> float:
     if not math.isnan(row.difference_low):
         scale = pairs.scale()
         return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan
-    return (row.superiority_high - row.superiority_low) / 2
+    scores = pairs.scores[pairs.both]
+    won, lost = int((scores > 0).sum()), int((scores < 0).sum())
+    low, high = superiority_interval(won, lost, len(scores) - won - lost, row.ci_level)
+    return (high - low) / 2
 
 
 def _known(value: float) -> float:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from comparison_tables import table
 from small_experiment import cli, spied, write
 
 from rmpc_bench import load_config, load_results, run
@@ -24,6 +25,7 @@ THREE = (
 CLEAR = '{says: clear, source: additional result, check: "mean(mse[R-MPC]) < 2 * mean(mse[S-MPC])"}'
 CLOSE = '{says: close, source: additional result, check: "mean(mse[R-MPC]) < mean(mse[S-MPC])"}'
 WIDTH = {"noise": NOISE, "methods": THREE, "stop": "{resolve: 0.004%, min_runs: 10, every: 5, max_runs: 200}"}
+FAILING = "{kind: servo-linear, perturb: {J_l: 1 + eps}, bounds: {x: [-1e-6, 1e-6]}}"
 CLAIMS = {"noise": NOISE, "claims": f"[{CLEAR}, {CLOSE}]", "stop": "{decide: claims, min_runs: 5, max_runs: 40}"}
 
 
@@ -84,6 +86,32 @@ def test_a_signed_metric_is_relative_to_its_size(tmp_path):
     low, high = student(a - b, 0.95)
     (each,) = half_widths(trials)
     assert each.value == pytest.approx((high - low) / 2 / np.concatenate([a, b]).mean(), rel=1e-4)
+
+
+def test_failures_never_meet_a_rule(tmp_path):
+    """Every run leaves the range: the shares of failures are known to 7 %, the change is not known at all."""
+    stop = "{resolve: 50%, min_runs: 50, max_runs: 100}"
+    path = write(tmp_path, plant=FAILING, stop=stop, metrics="[mse, settling_time]")
+    computed(path, tmp_path / "a")
+    assert looks(tmp_path / "a").runs == (50, 100) and load_experiment(tmp_path / "a").stop.is_unmet
+    assert [each.value for each in half_widths(load_results(tmp_path / "a").trials)] == [math.inf]
+    options = ["-o", tmp_path / "a", "--progress", "none", "--no-report", "-s", "execution.max_failures=1000"]
+    assert cli("run", path, *options).exit_code == 4
+
+
+@pytest.mark.parametrize("finished", [0, 1, 2, 8, 40])
+def test_a_width_rests_on_the_runs_that_both_methods_finished(finished):
+    """Oracle: the same table without the other runs; below two finished pairs nothing is known."""
+    rng = np.random.default_rng(4)
+    for infinite in (False, True):
+        a, b = rng.lognormal(size=(2, 40))
+        if infinite:  # counts decide: an event that mostly does not occur
+            a[rng.random(40) < 0.7], b[rng.random(40) < 0.7] = np.inf, np.inf
+        whole = table({"B": b[:finished], "A": a[:finished]}, may_not_occur=infinite)
+        a[finished:] = b[finished:] = np.nan
+        (each,) = half_widths(table({"B": b, "A": a}, may_not_occur=infinite))
+        expected = half_widths(whole)[0].value if finished > 1 else math.inf
+        assert each.value == pytest.approx(expected, rel=1e-12)
 
 
 def test_it_stops_at_the_first_look_with_narrow_intervals(width, tmp_path):
