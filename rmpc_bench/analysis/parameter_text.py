@@ -10,11 +10,13 @@ if TYPE_CHECKING:
 
 TUNED = "tuned"
 """First word of what is said of a tuned method, such as ``tuned (budget 16, 40 runs)``."""
+_HERE = f"{TUNED} ("
+"""How this begins where the tuning was for these settings."""
 
 
 def is_tuned(trials: Trials, method: str) -> bool:
-    """Whether the parameters of a method were tuned."""
-    return trials.parameters.get(method, "").startswith(TUNED)
+    """Whether the parameters of a method were tuned for this experiment."""
+    return trials.parameters.get(method, "").startswith(_HERE)
 
 
 def parameter_text(trials: Trials, method: str) -> str:
@@ -27,10 +29,11 @@ def parameter_text(trials: Trials, method: str) -> str:
 
     Returns
     -------
-    such as "as published, not tuned" or "tuned (budget 16, 40 runs)"; empty where it is not known
+    such as "as published, not tuned", "tuned (budget 16, 40 runs)" or "tuned for other settings"; empty where it
+    is not known
     """
     word = trials.parameters.get(method, "")
-    return word if not word or is_tuned(trials, method) else f"{word}, not tuned"
+    return word if not word or word.startswith(TUNED) else f"{word}, not tuned"
 
 
 def untuned_text(trials: Trials, method: str) -> str:
@@ -99,7 +102,7 @@ def parameter_cells(trials: Trials, methods: Sequence[str]) -> list[str]:
     """
     words = [trials.parameters.get(method, "-") for method in methods]
     if len(_tuned_words(trials)) == 1:
-        words = [TUNED if word.startswith(TUNED) else word for word in words]
+        words = [TUNED if word.startswith(_HERE) else word for word in words]
     return words if len(set(words)) > 1 else []
 
 
@@ -128,4 +131,4 @@ def parameter_legend(trials: Trials) -> list[str]:
 def _tuned_words(trials: Trials) -> list[str]:
     """Return what is said of tuned methods, each word once."""
     words = [trials.parameters.get(method, "") for method in trials.methods]
-    return list(dict.fromkeys(word for word in words if word.startswith(TUNED)))
+    return list(dict.fromkeys(word for word in words if word.startswith(_HERE)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config.schema import validate
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
+from rmpc_bench.config.tune_section import ValueRow
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Problem
@@ -114,6 +115,8 @@ class DraftConfig:
     """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
+    rows: Sequence[ValueRow] = ()
+    """Values of this point that the file has."""
     chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Method -> path -> value that tuning has chosen at this point."""
     tuned: dict[str, TunedMethod] = field(default_factory=dict)

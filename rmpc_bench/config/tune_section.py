@@ -32,13 +32,15 @@ class ValueRow:
     Parameters
     ----------
     method : name of the method
-    values : path inside the method -> value
+    values : path inside the method -> value; empty where nothing could be tuned
     at : title of the point of the sweep; empty without a sweep
+    key : what identifies the search that has found them; with another search they are *tuned for other settings*
     """
 
     method: Text
     values: dict[str, float]
     at: str = ""
+    key: str = ""
 
 
 @dataclass(frozen=True)

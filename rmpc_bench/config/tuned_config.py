@@ -17,7 +17,12 @@ def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin:
     if plan is None:
         return config
     rows = [
-        {**({"at": each.point} if each.point else {}), "method": each.method, "values": dict(each.values)}
+        {
+            **({"at": each.point} if each.point else {}),
+            "method": each.method,
+            "values": dict(each.values),
+            "key": each.carried,
+        }
         for each in plan.searches
         if each.values is not None
     ]

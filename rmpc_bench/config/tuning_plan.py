@@ -17,7 +17,7 @@ from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tune_checks import metric_of_tuning
 from rmpc_bench.simulation.random_streams import words_of
-from rmpc_bench.types.tuning import TunedParameter, TuningProtocol
+from rmpc_bench.types.tuning import OTHER_SETTINGS, TunedParameter, TuningProtocol
 
 Chosen = Mapping[tuple[str, str], Mapping[str, float]]
 """Title of a point and name of a method -> path inside the method -> chosen value."""
@@ -56,6 +56,10 @@ class WantedSearch:
     default: tuple[float | None, ...]
     key: str
     values: Mapping[str, float | int] | None
+    settings: str
+    """What identifies the search but for the code: config.resolved.yaml keeps it with the values."""
+    carried: str
+    """The same of the search that has found the values; the one of this search where the file has no values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,8 @@ class TuningPlan:
     def words(self, method: str, default: str) -> str:
         """Say where the parameters of a method come from; `default` is said of those that stay in the file."""
         searches = [each for each in self.searches if each.method == method]
+        if any(each.carried != each.settings for each in searches):
+            return OTHER_SETTINGS
         n_found = sum(each.values is None or bool(each.values) for each in searches)
         if not n_found:
             return f"{default} (nothing could be tuned)"
@@ -142,18 +148,18 @@ def _search(
     draft: DraftConfig, point: SweepPoint, number: int, name: str, protocol: TuningProtocol, shared: str
 ) -> WantedSearch:
     tuned = draft.tuned[name]
-    key = digest(
-        {
-            "experiment": shared,
-            "method": method_data(draft, tuned.lowest, without_path),
-            "ranges": [vars(each) for each in tuned.parameters],
-            # The number of the stream is in the seed.
-            "protocol": {each: value for each, value in vars(protocol).items() if each not in ("metric", "seed")},
-            "metric": point.metric_keys[protocol.metric],
-            "code": point.code[name],
-        }
-    )
-    return WantedSearch(draft.title, number, name, tuned.parameters, tuned.default, key, tuned.values)
+    data = {
+        "experiment": shared,
+        "method": method_data(draft, tuned.lowest, without_path),
+        "ranges": [vars(each) for each in tuned.parameters],
+        # The number of the stream is in the seed.
+        "protocol": {each: value for each, value in vars(protocol).items() if each not in ("metric", "seed")},
+        "metric": point.metric_keys[protocol.metric],
+    }
+    key, settings = digest({**data, "code": point.code[name]}), digest(data)[:16]
+    carried = next((row.key for row in draft.rows if row.method == name), settings)
+    found = (tuned.parameters, tuned.default, key, tuned.values, settings, carried)
+    return WantedSearch(draft.title, number, name, *found)
 
 
 def parameter_words(draft: DraftConfig, plan: TuningPlan | None) -> dict[str, str]:

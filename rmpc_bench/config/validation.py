@@ -70,8 +70,8 @@ def _sections(
     draft = DraftConfig(tree, [], point.coordinates, point.title, access)
     _top_level(draft)
     tune = draft.values["tune"]
-    rows = () if tune is None else (row for row in tune.values if row.at == point.title)
-    draft.chosen = {**{row.method: row.values for row in rows}, **chosen}
+    draft.rows = [] if tune is None else [row for row in tune.values if row.at == point.title]
+    draft.chosen = {**{row.method: row.values for row in draft.rows}, **chosen}
     check_required(draft)
     read_uncertainty(draft)
     _plant(draft)

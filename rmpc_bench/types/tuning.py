@@ -17,6 +17,8 @@ AS_PUBLISHED, DEFAULT = "as published", "default"
 """What is said of the parameters of a method that is not tuned."""
 MOST_PARAMETERS = 10
 """Largest number of parameters of a method that are chosen together: a budget of this bench says little of more."""
+OTHER_SETTINGS = "tuned for other settings"
+"""What is said of a method whose values come from the search of another experiment, method, range or protocol."""
 _QUANTILE = re.compile(r"quantile\s+([0-9]+(?:\.[0-9]+)?)\s*%")
 
 

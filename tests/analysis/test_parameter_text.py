@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from rmpc_bench.analysis.parameter_text import pair_text, parameter_cells, parameter_legend, parameter_text
+from rmpc_bench.analysis.parameter_text import (
+    is_tuned,
+    pair_text,
+    parameter_cells,
+    parameter_legend,
+    parameter_text,
+    untuned_text,
+)
 from rmpc_bench.claims.papers import usual_parameters
 
 TUNED = "tuned (budget 16, 40 runs)"
@@ -62,3 +69,14 @@ def test_methods_that_were_tuned_with_different_budgets_have_each_its_own(trials
 )
 def test_a_collection_of_configurations_is_no_publication(paper, word):
     assert usual_parameters(paper) == word
+
+
+def test_values_of_other_settings_have_their_own_word_everywhere(trials):
+    """Neither "tuned" in a column nor "not tuned" in a sentence."""
+    other = "tuned for other settings"
+    mixed = replace(trials, baseline="B", parameters={"A": TUNED, "B": other, "C": "default"})
+    assert parameter_text(mixed, "B") == untuned_text(mixed, "B") == other and not is_tuned(mixed, "B")
+    assert parameter_cells(mixed, ["A", "B", "C"]) == ["tuned", other, "default"]
+    assert parameter_legend(mixed) == ["tuned = budget 16, 40 runs", f"B: {other}"]
+    alike = replace(trials, parameters=dict.fromkeys("ABC", other))
+    assert parameter_cells(alike, ["A", "B", "C"]) == [] and parameter_legend(alike) == [f"parameters: {other}"]

@@ -140,7 +140,10 @@ def test_integers_stay_integers(tmp_path):
     config = load_config(write(tmp_path, methods=methods))
     loaded = config.origin.load({("", "KF"): {"model.P_v": 7.0}})
     row = loaded.resolved["tune"]["values"]
-    assert row == [{"method": "KF", "values": {"model.P_v": 7}}] and isinstance(row[0]["values"]["model.P_v"], int)
+    key = loaded.tuning.searches[0].settings
+    assert row == [{"method": "KF", "values": {"model.P_v": 7}, "key": key}] and isinstance(
+        row[0]["values"]["model.P_v"], int
+    )
 
 
 def test_values_of_other_ranges_are_not_used(tmp_path):

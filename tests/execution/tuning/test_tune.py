@@ -11,6 +11,7 @@ from tuned_experiment import KEYS, STD, record, run, write
 import rmpc_bench
 from rmpc_bench import load_config, load_results
 from rmpc_bench.config.tuning_plan import tuning_seed
+from rmpc_bench.config.writer import dump
 from rmpc_bench.execution.tuning import tune
 from rmpc_bench.execution.tuning.record import read_record, read_seconds
 from rmpc_bench.execution.tuning.rounds import rounded
@@ -366,3 +367,34 @@ def test_where_nothing_can_be_measured_the_default_stays_and_the_words_say_so(tm
     plain = load_config(write(tmp_path, file="plain.yaml", methods=untuned, plant=OUT_OF_RANGE, tune=None))
     resolved = load_config(tmp_path / "out" / "config.resolved.yaml")
     assert resolved.points[0].method_keys == plain.points[0].method_keys and not resolved.tuning.missing
+
+
+@pytest.mark.parametrize(
+    ("change", "is_tuned"),
+    [
+        ("runs=5", True),
+        ("title=other", True),
+        ("tune.budget=4", False),
+        ("tune.runs=4", False),
+        ("tune.statistic=median", False),
+        ("methods.KFR.tune={model.P_v: [0.001, 1000]}", False),
+        ("methods.KFR.model.P_w=2", False),
+        ("plant.A=0.8", False),
+        ("seed=4", False),
+    ],
+)
+def test_values_are_tuned_only_for_the_search_whose_key_they_carry(finished, tmp_path, change, is_tuned):
+    """As config.resolved.yaml writes them; also after a second round through it, and for one of two methods."""
+    path = finished[1] / "config.resolved.yaml"
+    config = load_config(path, overrides=[change])
+    assert not config.tuning.missing
+    other = "tuned for other settings"
+    words = dict.fromkeys(("KFR", "RKF"), config.tuning.protocol.words if is_tuned else other)
+    # A change of one method leaves the search of the other as it was.
+    words |= {"RKF": config.tuning.protocol.words} if change.startswith("methods.KFR") else {}
+    assert config.parameters == {"KF": "default", **words}
+    again = tmp_path / "again.yaml"
+    again.write_text(dump(config.resolved), encoding="utf-8")
+    assert load_config(again).parameters == config.parameters
+    without = load_config(path, overrides=["tune.values=[{method: KFR, values: {model.P_v: 9}}]"])
+    assert without.parameters["KFR"] == other and without.tuning.missing
