@@ -16,6 +16,7 @@ from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.stop_checks import check_stop
 from rmpc_bench.config.sweep import Sweep
+from rmpc_bench.config.sweep_effects import axes_without_effect
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import Map, locate
 from rmpc_bench.config.tune_checks import BEST_AT
@@ -58,6 +59,9 @@ def check(
     _check_lost(first, points[0])
     check_recording(first, [None if point is None else point.experiment for point in points])
     _check_columns(first, sweep)
+    built = [point for point in points if point is not None]
+    if len(built) == len(points) and not sweep.problems:
+        sweep.problems.extend(axes_without_effect(sweep, built))
     return claims
 
 

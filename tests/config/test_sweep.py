@@ -6,6 +6,7 @@ from small_experiment import KEYS, text, write
 from rmpc_bench import load_config
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.sweep import expand
+from rmpc_bench.config.sweep_section import SWEPT
 from rmpc_bench.config.tree import plain
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.sweep_points import relevant_paths
@@ -308,3 +309,91 @@ SQUARE = [({"a": a, "b": b}, f"{a}{b}") for a in "12" for b in "12"]
 def test_depends_names_the_paths_that_make_a_difference(rows, axes, paths):
     """The paths of a zip as one; a path of one value makes none."""
     assert relevant_paths(rows, axes) == paths
+
+
+def refused(path):
+    """Messages of a configuration that is refused."""
+    with pytest.raises(ConfigError) as error:
+        load_config(path)
+    return [(problem.path, problem.message) for problem in error.value.problems]
+
+
+def test_a_plant_from_two_files_whose_keys_are_replaced_is_refused(tmp_path):
+    """Both points would have the numbers of the own keys; without them the points differ."""
+    for name, stiffness in (("one", 1280), ("two", 640)):
+        write(tmp_path, file=f"{name}.yaml", plant=f"{{kind: servo-linear, k_theta: {stiffness}}}")
+    swept = "{grid: {plant.from: [one.yaml, two.yaml]}}"
+    [(path, message)] = refused(
+        write(tmp_path, file="both.yaml", plant="{k_theta: 900, perturb: {J_l: 1 + eps}}", sweep=swept)
+    )
+    assert path == 'sweep.grid."plant.from"'
+    assert message.startswith("has no effect: one.yaml and two.yaml give the same runs of every method")
+    assert message.endswith("plant.k_theta, plant.perturb of this configuration replace it")
+    kept = load_config(write(tmp_path, file="kept.yaml", plant="{perturb: {J_l: 1 + eps}}", sweep=swept))
+    assert len({point.experiment_hash for point in kept.points}) == 2
+    # The extending file has a sweep, the extended one has the keys.
+    write(tmp_path, file="base.yaml", plant="{kind: servo-linear, k_theta: 900}")
+    (tmp_path / "child.yaml").write_text(f"extends: base.yaml\nname: child\nsweep: {swept}\n")
+    assert [path for path, _ in refused(tmp_path / "child.yaml")] == ['sweep.grid."plant.from"']
+
+
+@pytest.mark.parametrize(
+    ("sweep", "keys", "reason"),
+    [
+        (
+            "{grid: {model.k_theta: [1000, 1280]}}",
+            {"methods": "{A: {estimator: {kind: kalman}, model: {kind: servo-linear, k_theta: 900}}}"},
+            "every method has its own `model`",
+        ),
+        (
+            "{grid: {estimator.c: [0.1, 0.2]}}",
+            {
+                "estimator": "{kind: robust-kalman}",
+                "methods": "{A: {estimator: {c: 1}}, B: {estimator: {kind: kalman}}}",
+            },
+            "every method has its own `estimator`",
+        ),
+        ("{grid: {plant.perturb.J_l: [1 + eps, (1 + eps)]}}", {}, "nothing that is computed depends on it"),
+        ("{zip: [{name: a, controller.Hp: 10}, {name: b, controller.Hp: 10}]}", {}, "nothing that is computed"),
+    ],
+)
+def test_a_path_that_changes_nothing_is_refused_with_its_reason(tmp_path, sweep, keys, reason):
+    [(path, message)] = refused(write(tmp_path, sweep=sweep, **keys))
+    assert path.startswith("sweep.") and "has no effect" in message and reason in message
+
+
+def test_a_path_may_have_an_effect_at_some_values_of_another_one_only(tmp_path):
+    """The radius belongs to one of two estimators: its two values are told apart there."""
+    sweep = "{grid: {methods.R-MPC.model.k_theta: [1280, 900], plant.perturb.J_l: [1 + eps, 1.0]}}"
+    assert len(load_config(write(tmp_path, sweep=sweep)).points) == 4
+
+
+def leaves(node, steps=()):
+    """Paths of the numbers that can be swept in plain data."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from leaves(value, (*steps, key))
+    elif isinstance(node, float | int) and not isinstance(node, bool):
+        yield steps
+
+
+@pytest.mark.parametrize("path", ["belda2017/exp1", "belda2017/exp2"])
+def test_every_number_that_a_sweep_accepts_tells_the_points_apart(path):
+    """Two values of a path of a shipped configuration give two keys of at least one method; every tenth path or so."""
+    config = load_config(path, overrides=["sweep=null"])
+    roots = {key: config.first_point[key] for key in (*SWEPT, "methods") if key in config.first_point}
+    accepted = 0
+    every = list(leaves(roots))
+    for steps in every[:: len(every) // 10]:
+        value = roots
+        for step in steps:
+            value = value[step]
+        swept = ".".join(steps)
+        try:
+            found = load_config(path, overrides=[f"sweep={{grid: {{{swept}: [{value}, {1.25 * value + 0.5}]}}}}"])
+        except ConfigError:
+            continue
+        accepted += 1
+        one, two = (point.method_keys for point in found.points)
+        assert one != two, swept
+    assert accepted > 5
