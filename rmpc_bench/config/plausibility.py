@@ -117,11 +117,11 @@ def _windows(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
         return
     for number, component in enumerate(draft.metrics):
         keys = {} if component is None else component.resolved()
-        for key in ("from", "to", "at"):
+        for key in ("from", "to"):
             value = keys.get(key)
             if isinstance(value, float) and value != int(value):
-                rounded = experiment.metric_layout.sample(value)
-                message = f"{value:g} is rounded to sample {rounded}, because `time` is given in steps"
+                before, after = experiment.metric_layout.around(value)
+                message = f"{value:g} is between the samples {before} and {after}, because `time` is given in steps"
                 yield ["metrics", number, key], f"{message}; for seconds give time.duration and time.step"
 
 

@@ -91,7 +91,7 @@ class Certificate(Metric):
         """Return the only sample that it reads."""
         # No input is chosen at k = N.
         last = layout.n_steps - 1
-        k = layout.sample(self.at)
+        k = layout.sample(self.at, "at")
         k = min(k, last) if layout.cut else k
         if k > last:
             raise DesignError(f"sample {k} lies beyond the last one with an input, {last}", "at")

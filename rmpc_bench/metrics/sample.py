@@ -104,7 +104,7 @@ class Sample(Metric):
         """Return the only sample that it reads."""
         # No input is applied at k = N.
         last = layout.n_steps - 1 if signal_component(self.of).signal[0] == "u" else layout.n_steps
-        k = last if self.at == "N" else layout.sample(self.at)
+        k = last if self.at == "N" else layout.sample(self.at, "at")
         k = min(k, last) if layout.cut else k
         if k > last:
             raise DesignError(f"{self.of} at sample {k} lies beyond the last one, {last}", "at")

@@ -27,6 +27,8 @@ Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 """Which value is better: a lower or a higher one, the one closest to 0 (signed), the one closest to 1 (a ratio)."""
 
 
+ON_SAMPLE = 1e-9
+"""Distance from a sample, in samples, up to which a time is the one of the sample."""
 ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise", "qp"))
 """Words of the names of metrics that are written in capitals."""
 
@@ -100,9 +102,21 @@ class MetricLayout(NamedTuple):
     r: Float[Array, "samples ny"] | None = None
     """Reference at k = 0..N, known before the runs; None where it is not."""
 
-    def sample(self, bound: float) -> int:
-        """Return the sample nearest to a time in seconds or samples, as the experiment's `time` is given."""
-        return round(float(bound) / self.tick)
+    def around(self, bound: float) -> tuple[int, int]:
+        """Return the last sample that is not after a time and the first that is not before it, equal on a sample.
+
+        The time is in seconds or samples, as the experiment's `time` is given.
+        """
+        number = float(bound) / self.tick
+        return math.floor(number + ON_SAMPLE), math.ceil(number - ON_SAMPLE)
+
+    def sample(self, bound: float, key: str) -> int:
+        """Return the sample at a time, the value of `key`; a DesignError if it is between two samples."""
+        before, after = self.around(bound)
+        if before != after:
+            unit = "`time` is given in steps" if self.tick == 1.0 else f"samples are {self.tick:g} s apart"
+            raise DesignError(f"{bound:g} is between the samples {before} and {after}, as {unit}", key)
+        return before
 
 
 class Record(NamedTuple):
@@ -251,7 +265,7 @@ class Metric:
 
 @dataclass(frozen=True, kw_only=True)
 class WindowMetric(Metric):
-    """A metric over the samples between `from` and `to`, both included.
+    """A metric over the samples between `from` and `to`, both included; a bound need not be at a sample.
 
     Parameters
     ----------
@@ -283,8 +297,8 @@ class WindowMetric(Metric):
         limit = self.last_sample(layout)
         default_last = layout.n_steps if self.to_the_end else layout.n_steps - 1
         first, last = (
-            limit if bound == "N" else default if bound is None else layout.sample(bound)
-            for bound, default in ((self.from_, 0), (self.to, default_last))
+            limit if bound == "N" else default if bound is None else layout.around(bound)[inside]
+            for bound, default, inside in ((self.from_, 0, 1), (self.to, default_last, 0))
         )
         if layout.cut:
             first = min(first, limit)

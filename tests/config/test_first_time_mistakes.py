@@ -157,7 +157,7 @@ WARNINGS = {
     "no sampling time": (servo(time="{duration: 20}"), "time", "the sampling time is 1 s; give it, such as"),
     "seconds in a window of samples": (
         servo(time="{step: 0.1, steps: 20}", metrics="[{kind: mse, from: 0.6}]"), "metrics.0.from",
-        "0.6 is rounded to sample 1, because `time` is given in steps; for seconds give time.duration and time.step",
+        "0.6 is between the samples 0 and 1, because `time` is given in steps; for seconds give time.duration",
     ),
     "a model without noise": (
         linear(model="P_w: 0, P_v: 0", methods="{K: {estimator: {kind: kalman-predictor}}}"), "model",

@@ -1,11 +1,14 @@
 """The metric that picks one sample."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from metrics.estimate_records import LAYOUT, N, method, plant, trajectories
 from metrics.issue_checks import no_issue, only_issue
 
 from rmpc_bench.metrics.sample import Sample
+from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.types import DesignError
 
 PICKS = [
@@ -81,3 +84,32 @@ def test_a_missing_component_is_refused_at_evaluation_where_the_plant_is_not_kno
     """Oracle: three states."""
     with pytest.raises(DesignError, match=r"there is no x\.3: choose x\.0 to x\.2"):
         Sample(of="x.3").evaluate(trajectories(rng))
+
+
+def test_a_time_between_two_samples_is_refused():
+    """As a duration is; up to 1e-9 of a sample it is the sample."""
+    with pytest.raises(DesignError, match=r"0.14 is between the samples 1 and 2, as samples are 0.1 s apart"):
+        Sample(of="x.0", at=0.14).window(LAYOUT._replace(tick=0.1))
+    with pytest.raises(DesignError, match=r"2.5 is between the samples 2 and 3, as `time` is given in steps"):
+        Sample(of="x.0", at=2.5).window(LAYOUT._replace(tick=1.0))
+    assert Sample(of="x.0", at=3 * 0.1).window(LAYOUT._replace(tick=0.1)) == (3, 3)
+
+
+def test_a_window_has_the_samples_inside_only(rng):
+    """Oracle: exact fractions of the decimal numbers that the configuration gives, for every sample."""
+    n = 60
+    for tick in ("0.1", "0.05", "0.3", "1", "0.025"):
+        layout = LAYOUT._replace(n_steps=n, tick=float(tick))
+        for low, high in np.sort(rng.integers(0, 1000 * n, (40, 2)), axis=1) * Fraction(tick) / 1000:
+            inside = [k for k in range(n + 1) if low <= k * Fraction(tick) <= high]
+            metric = Mse(from_=float(low), to=float(high))
+            if inside:
+                assert metric.window(layout) == (inside[0], inside[-1])
+            else:
+                with pytest.raises(DesignError, match="at least one sample"):
+                    metric.window(layout)
+        # Every end at a sample, as 3 * 0.1 and as 0.3.
+        ends = [float(k * Fraction(tick)) for k in range(n)]
+        assert [Mse(from_=end, to=end).window(layout).first for end in ends] == [*range(n)]
+        assert [Mse(from_=k * float(tick)).window(layout).first for k in range(n)] == [*range(n)]
+    assert Mse(from_=0.05).window(LAYOUT._replace(tick=0.1)).first == 1  # half a step: not k = 0
