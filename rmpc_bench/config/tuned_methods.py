@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -53,10 +54,13 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     parameters = [found for key in tree if (found := _parameter(draft, tree, key, path)) is not None]
     if len(draft.problems) > before or not _is_valid(components):
         return components
-    lowest = _checked_end(draft, own, read, parameters, path, 0)
-    # What is wrong at both ends is reported once.
-    if lowest is None or _checked_end(draft, own, read, parameters, path, 1) is None:
+    lowest = _checked_at(draft, own, read, parameters, path, [each.ends[0] for each in parameters])
+    if lowest is None:
         return components
+    # What is wrong at both ends is reported once.
+    for row in ([each.ends[1] for each in parameters], [_inside(each) for each in parameters]):
+        if _checked_at(draft, own, read, parameters, path, row) is None:
+            return components
     chosen = draft.chosen.get(name)
     mark = locate_key(draft.tree, path)
     values = None
@@ -95,12 +99,26 @@ def _parameter(draft: DraftConfig, tree: Map, key: str, path: list[str | int]) -
         return None
 
 
-def _checked_end(
-    draft: DraftConfig, own: Map, read: Reader, parameters: Sequence[TunedParameter], path: list[str | int], end: int
+def _inside(parameter: TunedParameter) -> float:
+    """Return a value inside of a range, no whole number unless only such are tried: a key that counts refuses it."""
+    low, high = parameter.ends
+    middle = low + (high - low) / 2
+    if parameter.integer:
+        return math.floor(middle)
+    return middle if middle % 1 else low + (high - low) / math.sqrt(8)
+
+
+def _checked_at(
+    draft: DraftConfig,
+    own: Map,
+    read: Reader,
+    parameters: Sequence[TunedParameter],
+    path: list[str | int],
+    row: Sequence[float],
 ) -> MethodComponents | None:
-    """Validate a method at one end of all ranges; what is refused there is an error of the range."""
+    """Validate a method at a value of every range; what is refused there is an error of the range."""
     mark = Mark(*locate(draft.tree, path))
-    values = {each.path: as_value(each, each.ends[end]) for each in parameters}
+    values = {each.path: as_value(each, value) for each, value in zip(parameters, row, strict=True)}
     before = len(draft.problems)
     found: MethodComponents | None = None
     try:
@@ -110,7 +128,10 @@ def _checked_end(
     refused, draft.problems[before:] = draft.problems[before:], []
     for problem in refused:
         parameter = _to_blame(problem, parameters)
-        draft.note([*path, parameter.path], f"{parameter.path} = {values[parameter.path]:g}: {problem.message}")
+        number = values[parameter.path]
+        counts = number % 1 and "whole number" in problem.message
+        hint = "; `integer: true` in its range tries only such" if counts else ""
+        draft.note([*path, parameter.path], f"{parameter.path} = {number:.12g}: {problem.message}{hint}")
     return None if refused else found
 
 

@@ -5,10 +5,11 @@ from tuned_experiment import KEYS, write
 
 from rmpc_bench import load_config
 from rmpc_bench.config.tree import plain
+from rmpc_bench.config.tuned_methods import _inside
 from rmpc_bench.config.writer import dump
 from rmpc_bench.numerics.direct_search import MOST_DIMENSIONS
 from rmpc_bench.types import ConfigError
-from rmpc_bench.types.tuning import MOST_PARAMETERS
+from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter
 
 LINES = [*KEYS]
 
@@ -84,3 +85,23 @@ def test_more_parameters_than_the_search_has_dimensions_for_are_refused(tmp_path
     assert found.path == "methods.KF.tune" and "has 11 parameters; at most 10 are chosen together" in found.message
     assert len(load_config(write(tmp_path, methods=methods[10])).tuning.searches[0].parameters) == 10
     assert MOST_PARAMETERS <= MOST_DIMENSIONS
+
+
+WINDOW = "{{E: {{estimator: {{kind: moving-horizon}}, tune: {{estimator.window: {}}}}}}}"
+
+
+def test_a_whole_number_needs_a_range_of_whole_numbers(tmp_path):
+    """Its ends are whole numbers, but the values between them would have no design."""
+    found = problem(write(tmp_path, methods=WINDOW.format("{range: [2, 40], scale: linear}")))
+    assert found.path == 'methods.E.tune."estimator.window"'
+    assert "must be a whole number" in found.message and "`integer: true` in its range tries only such" in found.message
+    both = problem(write(tmp_path, methods=WINDOW.format("[2, 4]")))
+    assert both.path == found.path and "whole number" in both.message
+    for given in ("{range: [2, 40], scale: linear, integer: true}", "{range: [2, 3], integer: true}"):
+        assert load_config(write(tmp_path, methods=WINDOW.format(given))).tuning.searches
+
+
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (2.0, 40.0), (-3.0, 5.0), (0.5, 2.5), (1e-9, 1e-6), (0.0, 2.0**0.5 * 2)])
+def test_the_value_inside_of_a_range_is_no_whole_number(ends):
+    value = _inside(TunedParameter("estimator.window", *ends, scale="linear"))
+    assert ends[0] < value < ends[1] and value % 1
