@@ -192,7 +192,7 @@ def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
 
 def _values(panel: Panel) -> str:
     default, row = panel.search.default[panel.number], panel.search.tuned_row
-    tuned = "nothing could be tuned" if row is None else f"{float(row[panel.number]):.4g}"
-    before = "" if default is None else f", default {default:.4g}"
+    tuned = "nothing could be tuned" if row is None else panel.parameter.text(float(row[panel.number]))
+    before = "" if default is None else f", default {panel.parameter.text(default)}"
     end = ", an end of its range" if panel.search.at_end[panel.number] else ""
     return f"{panel.search.method}: {panel.parameter.path} = {tuned}{end}{before}"

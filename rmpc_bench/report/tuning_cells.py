@@ -38,18 +38,18 @@ def objective_text(protocol: TuningProtocol) -> str:
 
 def range_text(parameter: TunedParameter) -> str:
     """Write the range of a parameter."""
-    low, high = parameter.ends
+    low, high = map(parameter.text, parameter.ends)
     whole = ", whole numbers" if parameter.integer else ""
-    return f"{low:.4g} to {high:.4g}{whole}"
+    return f"{low} to {high}{whole}"
 
 
 def value_text(found: Outcome) -> str:
     """Write every parameter of a method with its default and its tuned value, or that nothing could be tuned."""
     search, row, texts = found.search, found.search.tuned_row, list[str]()
     for place, parameter in enumerate(search.parameters):
-        before = "" if search.default[place] is None else f" {number(search.default[place])}"
+        before = "" if search.default[place] is None else f" {_text(parameter, search.default[place])}"
         end = " (end of range)" if search.at_end[place] else ""
-        after = "" if row is None else f" -> {number(float(row[place]))}{end}"
+        after = "" if row is None else f" -> {parameter.text(float(row[place]))}{end}"
         texts.append(f"{parameter.path}{before}{after}")
     return ", ".join(texts) + (" (default): nothing could be tuned" if row is None else "")
 
@@ -74,9 +74,9 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
         "method": search.method,
         "parameter": parameter.path,
         "range": range_text(parameter),
-        "default": number(search.default[place]),
-        "tuned": number(None if row is None else float(row[place])) + end,
-        "best on test": number(found.best_values[place]),
+        "default": _text(parameter, search.default[place]),
+        "tuned": _text(parameter, None if row is None else float(row[place])) + end,
+        "best on test": _text(parameter, found.best_values[place]),
         "tuning: tuned": number(found.objective),
         "test: default": number(found.test_default),
         "test: tuned": number(found.test_tuned),
@@ -85,6 +85,11 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
         "tuning: failed": percent(100 * found.failed),
         "test: failed": percent(100 * found.test_failed),
     }
+
+
+def _text(parameter: TunedParameter, value: float | None) -> str:
+    """Write a value of a parameter; ``-`` where it is not known."""
+    return "-" if value is None else parameter.text(value)
 
 
 def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:

@@ -43,7 +43,7 @@ def end_sentences(found: Outcome) -> Iterator[str]:
         if search.at_end[place] and search.tuned_row is not None:
             value = float(search.tuned_row[place])
             end = "lower" if value == parameter.ends[0] else "upper"
-            text = f"{search.method}: {parameter.path} = {number(value)} is the {end} end of its range"
+            text = f"{search.method}: {parameter.path} = {parameter.text(value)} is the {end} end of its range"
             yield f"{text}; a better value may lie outside."
 
 

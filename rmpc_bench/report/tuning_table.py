@@ -31,7 +31,7 @@ _SHARES = [
     "same_order_pct",
     "same_winner_pct",
 ]
-_NUMBERS = ["default", "best_on_test", "objective", "test_default", "test_tuned", "test_best"]
+_NUMBERS = ["objective", "test_default", "test_tuned", "test_best"]
 _RANKS = ["rank", "rank_smallest", "rank_largest"]
 
 

@@ -131,6 +131,10 @@ class TunedParameter:
         """Smallest and largest value of the parameter, the offset added."""
         return self.low + self.offset, self.high + self.offset
 
+    def text(self, value: float) -> str:
+        """Write a value with four digits of what is searched: 1.00001 with the offset 1 stays 1.00001."""
+        return f"{self.offset + float(f'{value - self.offset:.4g}'):.12g}" if self.offset else f"{value:.4g}"
+
 
 @dataclass(frozen=True, eq=False)
 class TuningSearch:

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from tuned_searches import constant, search, tuning
 from rmpc_bench.report.csv_file import csv_lines
 from rmpc_bench.report.tuning_cells import percent
 from rmpc_bench.report.tuning_table import MOST_NAMED, MOST_POINTS, TuningTable
+from rmpc_bench.types.tuning import TunedParameter
 
 STAGES = ["grid", "grid", "golden"]
 
@@ -155,3 +157,17 @@ def test_percent_has_two_digits():
     assert [percent(value) for value in (0.0, 0.034, 2.35, 99.4, 99.5, 1234.0)] == [
         *("0 %", "0.034 %", "2.4 %", "99 %", "100 %", "1234 %"),
     ]
+
+
+@pytest.mark.parametrize("tiny", [1e-5, 1.23e-9, 0.3])
+def test_a_value_close_to_its_offset_keeps_its_digits(trials, tiny):
+    """In sentences, cells and ranges, and in the file."""
+    factor = TunedParameter("estimator.alpha", 1e-10, 1.0, offset=1.0)
+    found = search(
+        "A", constant([1, 2]), constant([1, 2, 3]), values=[1 + tiny, 2.0], parameters=(factor,), default=1.01
+    )
+    table = TuningTable(trials, tuning(found))
+    text = f"{Decimal(1) + Decimal(repr(tiny))}"
+    assert f"estimator.alpha 1.01 -> {text}, chosen" in table.sentences[0]
+    assert f"| 1.0000000001 to 2 | 1.01 | {text} | {text} |" in table.to_markdown()
+    assert table.frame["tuned"].tolist() == table.frame["best_on_test"].tolist() == [1 + tiny]
