@@ -25,17 +25,7 @@ def standard_error(values: Array) -> float:
 
 
 def student(values: Array, confidence: float) -> Interval:
-    """Student t interval of the mean.
-
-    Parameters
-    ----------
-    values : (n,) sample
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN below two values or where one is infinite
-    """
+    """Student t interval of the mean of a sample (n,); NaN below two values or where one is infinite."""
     from scipy import special
 
     se = standard_error(values)
@@ -50,14 +40,7 @@ def student(values: Array, confidence: float) -> Interval:
 def welch(a: Array, b: Array, confidence: float) -> Interval:
     """Welch interval of the difference of the means of two independent samples.
 
-    Parameters
-    ----------
-    a, b : (n,), (m,) samples
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN below two values of either or where one is infinite; the difference itself where neither has spread
+    NaN below two values of either or where one is infinite; the difference itself where neither has spread.
     """
     from scipy import special
 
@@ -73,16 +56,9 @@ def welch(a: Array, b: Array, confidence: float) -> Interval:
 
 
 def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
-    """Geometric mean of the ratios a/b and its interval, Student t on the logs.
+    """Geometric mean of the ratios a/b and its interval, Student t on the logs, of positive, finite pairs.
 
-    Parameters
-    ----------
-    a, b : (n,) positive, finite samples, paired
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    mean, (low, high); all NaN for empty samples, the interval NaN below two pairs
+    All NaN for empty samples, the interval NaN below two pairs.
     """
     if not len(a):
         return math.nan, NONE
@@ -95,16 +71,8 @@ def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
 def fieller(a: Array, b: Array, confidence: float) -> Interval:
     """Fieller interval of the ratio of two means, paired.
 
-    A factor c lies in it exactly where the Student interval of the mean of a - c b contains 0.
-
-    Parameters
-    ----------
-    a, b : (n,) finite samples, paired
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; unbounded where the interval of the mean of b contains 0, NaN below two pairs
+    A factor c lies in it exactly where the Student interval of the mean of a - c b contains 0.  It is unbounded where
+    the interval of the mean of b contains 0, NaN below two pairs.
     """
     from scipy import special
 
@@ -122,18 +90,7 @@ def fieller(a: Array, b: Array, confidence: float) -> Interval:
 
 
 def wilson(k: float, n: int, confidence: float) -> Interval:
-    """Wilson interval of a share.
-
-    Parameters
-    ----------
-    k : how many of the runs; ties may count half, which scipy's interval does not take
-    n : number of runs
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN when n is 0
-    """
+    """Wilson interval of a share k/n, NaN for no run; ties may count half in k, unlike in scipy's."""
     from scipy import special
 
     if n == 0:
@@ -144,35 +101,43 @@ def wilson(k: float, n: int, confidence: float) -> Interval:
     return max(0.0, centre - reach) if k else 0.0, min(1.0, centre + reach) if k < n else 1.0
 
 
+def exact_share(k: float, n: int, confidence: float) -> Interval:
+    """Interval of Clopper and Pearson of a share k/n."""
+    from scipy import special
+
+    rest = (1 - confidence) / 2
+    low = float(special.betaincinv(k, n - k + 1, rest)) if k > 0 else 0.0
+    return low, float(special.betaincinv(k + 1, n - k, 1 - rest)) if k < n else 1.0
+
+
+def order_ranks(n: int, q: float, confidence: float) -> tuple[int, int]:
+    """Ranks, from 1, of the order statistics between which a quantile lies; 0 and n + 1 where no run is beyond it."""
+    rest = (1 - confidence) / 2
+    # The number of values at or below the quantile is binomial.
+    return _binomial_quantile(rest, n, q), _binomial_quantile(1 - rest, n, q) + 1
+
+
+def _binomial_quantile(p: float, n: int, share: float) -> int:
+    """Return the smallest k with P(X <= k) >= p for a binomial X."""
+    from scipy import special
+
+    if share in (0.0, 1.0):
+        return round(n * share)
+    # The inverse takes k as a real number, so that rounding may miss the step by one.
+    k = max(math.ceil(float(special.bdtrik(p, n, share))), 0)
+    return k - 1 if k and float(special.bdtr(k - 1, n, share)) >= p else k
+
+
 def quantile(values: Array, q: float) -> Array:
-    """Quantile along axis 0, linear between order statistics.
+    """Quantile along axis 0 of a NaN-free sample, linear between order statistics; NaN for an empty one.
 
     Unlike ``numpy.quantile`` it leaves inf between two infs as it is.
-
-    Parameters
-    ----------
-    values : (n, ...) sample, NaN-free
-    q : probability in [0, 1]
-
-    Returns
-    -------
-    the quantile, of the shape of one entry; NaN for an empty sample
     """
     return quantiles(values, [q])[0]
 
 
 def quantiles(values: Array, levels: Sequence[float]) -> list[Array]:
-    """Quantiles along axis 0, each as `quantile` returns it, from one search for all order statistics.
-
-    Parameters
-    ----------
-    values : (n, ...) sample, NaN-free
-    levels : probabilities in [0, 1]
-
-    Returns
-    -------
-    one quantile per probability, of the shape of one entry; NaN for an empty sample
-    """
+    """Quantiles along axis 0, each as `quantile` returns it, from one search for all order statistics."""
     if not len(values):
         return [np.full(values.shape[1:], np.nan) for _ in levels]
     places = [q * (len(values) - 1) for q in levels]
@@ -226,16 +191,7 @@ def _normal_signed_rank_p(differences: Array) -> float:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Adjust p values of one family after Holm.
-
-    Parameters
-    ----------
-    p : p values; NaN for a test that could not be made, which does not count into the family
-
-    Returns
-    -------
-    adjusted values in the same order, NaN where `p` is
-    """
+    """Adjust p values of one family after Holm; NaN is a test that could not be made, which does not count."""
     tests = [i for i in np.argsort(p, kind="stable") if not math.isnan(p[i])]
     adjusted, largest = [math.nan] * len(p), 0.0
     for done, i in enumerate(tests):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.intervals import NONE, Interval, quantile, wilson
+from rmpc_bench.analysis.intervals import NONE, Interval, order_ranks, quantile, wilson
 from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
@@ -92,24 +92,14 @@ def _ends(name: str, interval: Interval, sign: float) -> dict[str, float]:
 
 def quantile_interval(values: Array, confidence: float, q: float = 1 - TAIL) -> Interval:
     """Interval of a quantile between order statistics; NaN where there is none of them on either side."""
-    n, rest = len(values), (1 - confidence) / 2
+    n = len(values)
     if n < 2:
         return NONE
-    # The number of values at or below the quantile is binomial.
-    low, high = _binomial_quantile(rest, n, q), _binomial_quantile(1 - rest, n, q) + 1
+    low, high = order_ranks(n, q, confidence)
     if low < 1 or high > n:
         return NONE
     ordered = np.partition(values, (low - 1, high - 1))
     return float(ordered[low - 1]), float(ordered[high - 1])
-
-
-def _binomial_quantile(p: float, n: int, share: float) -> int:
-    """Return the smallest k with P(X <= k) >= p for a binomial X."""
-    from scipy import special
-
-    # The inverse takes k as a real number, so that rounding may miss the step by one.
-    k = max(math.ceil(float(special.bdtrik(p, n, share))), 0)
-    return k - 1 if k and float(special.bdtr(k - 1, n, share)) >= p else k
 
 
 def cvar_interval(values: Array, confidence: float, seed: int) -> tuple[float, Interval]:

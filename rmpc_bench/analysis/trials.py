@@ -124,6 +124,11 @@ class Trials:
         return self.declared or self.methods
 
     @property
+    def is_random(self) -> bool:
+        """Whether runs differ by chance, as far as the store says; else a single run is all there is."""
+        return self.random_besides != () or any(len(point.uncertainty.columns) > 1 for point in self.each)
+
+    @property
     def primary_info(self) -> MetricInfo | None:
         """The metric that has a verdict; None where it is not in this table."""
         if not self.primary:

@@ -19,7 +19,8 @@ from rmpc_bench.claims import tree
 from rmpc_bench.claims.decision import decided
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import PseudoValues, pseudo_values
-from rmpc_bench.claims.spread import UNKNOWN, BandSpread, Spread, about_these_runs
+from rmpc_bench.claims.levels import ORDER, estimates, unseen
+from rmpc_bench.claims.spread import UNKNOWN, BandSpread, Spread
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1999
@@ -38,24 +39,15 @@ class Band(NamedTuple):
 def entry_by_entry(
     link: tree.Link, evaluator: Evaluator, confidence: float, place: tuple[int, ...], *, about_runs: bool
 ) -> tuple[Spread | None, tuple[int, ...]]:
-    """Find how uncertain the entry is that decides a comparison of series, vectors or matrices.
+    """Find how uncertain the entry is that decides a comparison of series, vectors or matrices, and its place.
 
-    Parameters
-    ----------
-    link : the comparison
-    evaluator : made for it
-    confidence : probability that the band covers all entries
-    place : entry with the smallest margin
-    about_runs : whether the entries are runs, so that the statement is about every run at hand
-
-    Returns
-    -------
-    spread of the entry that decides, and its place; no spread where no entry is estimated
+    No spread where no entry is estimated, or where the entries are runs (`about_runs`).
     """
-    estimated = bool(evaluator.sampled) or (len(evaluator.runs) > 1 and not about_these_runs(link, evaluator))
-    if about_runs or not estimated:
+    if about_runs or not evaluator.is_estimated(link):
         return None, place
-    values = pseudo_values(link, evaluator)
+    # Leaving groups of runs out says nothing of quantiles, nor of what was not seen.
+    of_order = any(call.function in ORDER for call in estimates(link, evaluator))
+    values = None if of_order or unseen(link, evaluator, confidence) else pseudo_values(link, evaluator)
     if values is None:
         return UNKNOWN, place
     bands = {shift: gap_band(values, confidence, evaluator.trials.seed, shift) for shift in (-1, 0, 1)}
@@ -72,18 +64,7 @@ def entry_by_entry(
 
 
 def band(values: Array, confidence: float, seed: int) -> Band:
-    """Compute the simultaneous band of the mean of pseudo-values.
-
-    Parameters
-    ----------
-    values : (groups, ...) pseudo-values
-    confidence : probability that the band covers all entries
-    seed : of the resamples
-
-    Returns
-    -------
-    low and high, each of the shape of one entry
-    """
+    """Compute the simultaneous band of the mean of pseudo-values (groups, ...)."""
     from scipy import special
 
     n, shape = len(values), values.shape[1:]
@@ -105,16 +86,9 @@ def band(values: Array, confidence: float, seed: int) -> Band:
 
 
 def _largest_t(deviation: Array, seed: int) -> Array:
-    """Draw groups again and return the largest t and the largest -t over all entries.
+    """Draw groups again and return the largest t and the largest -t over all entries, (2, _RESAMPLES).
 
-    Parameters
-    ----------
-    deviation : (groups, entries) deviations from the mean of all groups
-    seed : of the resamples
-
-    Returns
-    -------
-    (2, _RESAMPLES) numbers; inf where an entry has no spread in a resample
+    It is inf where an entry has no spread in a resample.
     """
     n = len(deviation)
     rng = np.random.Generator(np.random.PCG64(seed))

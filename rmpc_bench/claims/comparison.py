@@ -81,23 +81,7 @@ def _settled(value: float, scale: float, other: float) -> float:
 
 
 def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator, confidence: float) -> ComparisonResult:
-    """Evaluate one comparison, or an ``all(...)`` as one.
-
-    Parameters
-    ----------
-    statement : a link of a chain, or a chain that is `everywhere`
-    evaluator : made for the statement
-    confidence : level of the interval
-
-    Returns
-    -------
-    its numbers
-
-    Raises
-    ------
-    EvaluationError
-        when the stored results have no answer
-    """
+    """Evaluate a link, or an ``all(...)`` as one; raises EvaluationError where the stored results have no answer."""
     if isinstance(statement, tree.Link):
         return _compared(statement, evaluator, statement.text, confidence)
     parts = [_compared(link, evaluator, statement.text, confidence) for link in statement.links]
@@ -121,8 +105,12 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
     interval = None if spread is None else spread.gap()
     k, entry = _place(value, place)
     holds = held if spread is None else decision.decided(link.operator, spread)
+    # A statement about every run is refuted by one of them, and never proved by some.
+    if value.axis == "runs" and evaluator.is_estimated(link) and (held or len(evaluator.runs) < 2):
+        holds = None
     inconclusive = spread is not None and holds is None
-    n_runs = len(evaluator.runs) or evaluator.n
+    open_or_exact = held and (holds is None or spread is None)
+    estimate = (float(value.array[place]), float(right_sides[place]), float(tolerance[place]))
     return ComparisonResult(
         text=text,
         left=float(value.array[place]),
@@ -138,8 +126,8 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
         n_entries=left.size,
         n_equal=int(alike.sum()) if left.ndim else 0,
         change=decision.change(link, evaluator, spread) if spread is None or not left.ndim else None,
-        n_deciding=decision.n_deciding(link.operator, spread, n_runs) if inconclusive else None,
-        exceptions=decision.exceptions(link, value, evaluator, confidence) if held and spread is None else None,
+        n_deciding=decision.n_deciding(link, evaluator, spread, estimate, confidence) if inconclusive else None,
+        exceptions=decision.exceptions(link, value, evaluator, confidence) if open_or_exact else None,
         below_margin=decision.below_margin(link, evaluator, spread) if holds else "",
     )
 

@@ -11,6 +11,7 @@ from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import significant, without_noise
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.levels import level_spread
 from rmpc_bench.claims.spread import Spread
 from rmpc_bench.claims.values import Value
 from rmpc_bench.expressions.arithmetic import Call, Node, Operation
@@ -55,34 +56,53 @@ def decided(operator: str, spread: Spread) -> bool | None:
     return False if low > 0 or (low == 0 and strict) else None
 
 
-def n_deciding(operator: str, spread: Spread | None, n: int) -> int | None:
-    """Estimate how many runs would decide an inconclusive comparison.
+def n_deciding(
+    link: tree.Link,
+    evaluator: Evaluator,
+    spread: Spread | None,
+    estimate: tuple[float, float, float],
+    confidence: float,
+) -> int | None:
+    """Estimate how many runs would decide an inconclusive comparison, if `estimate` is the truth.
 
-    The interval becomes narrower with the root of the number of runs; its centre is assumed to stay.
-
-    Parameters
-    ----------
-    operator : of the comparison
-    spread : of its sides; None where the two numbers decide
-    n : number of runs
-
-    Returns
-    -------
-    about how many, with two significant digits; None where no number can be named
+    It has the left side, the right side and the tolerance.  A share, quantile or geometric mean gets the interval that
+    so many runs would have; any other one becomes narrower with the root of their number.  Two significant digits; None
+    where no number can be named.
     """
-    if spread is None or operator == "==":
+    n = len(evaluator.runs) or evaluator.n
+    if spread is None or link.operator == "==" or n < 2:
         # Runs can contradict equality, not prove it.
         return None
-    borders = [spread.gap(-1), spread.gap(1)] if operator == "~" else [spread.gap()]
+    if level_spread(link, evaluator, confidence) is not None:
+        return _n_of_level(link, evaluator, confidence, n)
     needed = 0.0
-    for low, high in borders:
+    for shift in (-1, 1) if link.operator == "~" else (0,):
+        low, high = spread.gap(shift)
         if not low <= 0 <= high:
             continue
-        centre, reach = (low + high) / 2, (high - low) / 2
+        centre = estimate[0] - estimate[1] + (shift * estimate[2] if shift else 0.0)
+        reach = high - centre if centre < 0 else centre - low
         if not math.isfinite(reach) or abs(centre) * math.sqrt(MAX_RUNS) <= reach * math.sqrt(n):
             return None
         needed = max(needed, n * (reach / centre) ** 2)
     return math.ceil(significant(needed, 2)) if needed else None
+
+
+def _n_of_level(link: tree.Link, evaluator: Evaluator, confidence: float, n: int) -> int | None:
+    def decides(runs: int) -> bool:
+        spread = level_spread(link, evaluator, confidence, runs / n)
+        return spread is not None and decided(link.operator, spread) is not None
+
+    high = n
+    while not decides(high):
+        high *= 2
+        if high > MAX_RUNS:
+            return None
+    low = high // 2
+    while high - low > max(1, high // 200):
+        middle = (low + high) // 2
+        low, high = (low, middle) if decides(middle) else (middle, high)
+    return math.ceil(significant(high, 2))
 
 
 def change(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> Change | None:
@@ -210,6 +230,8 @@ def exceptions(link: tree.Link, value: Value, evaluator: Evaluator, confidence: 
 def _about_every_run(link: tree.Link, value: Value, evaluator: Evaluator) -> bool:
     if value.axis == "runs":
         return True
+    if value.array.ndim:
+        return False
     for side, level, bounds in ((link.left, link.right, ("<", "<=")), (link.right, link.left, (">", ">="))):
         if tree.terms(level):
             continue

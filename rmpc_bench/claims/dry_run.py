@@ -37,6 +37,7 @@ class PlaceholderResults:
     points: tuple[PlaceholderResults, ...] = ()
     confidence: float = 0.95
     seed: int = 0
+    is_random: bool = True
 
     @property
     def methods(self) -> Sequence[str]:

@@ -21,6 +21,7 @@ from rmpc_bench.claims.values import (
     aligned,
     combine,
     compare,
+    divided,
     listed,
     negative,
 )
@@ -34,7 +35,7 @@ _OPERATORS: Mapping[str, Callable[..., Array]] = {
     "+": np.add,
     "-": difference,
     "*": np.multiply,
-    "/": np.divide,
+    "/": divided,
 }
 
 
@@ -83,14 +84,8 @@ class Evaluator:
     def resampled(self, rng: np.random.Generator, most: int, together: int = 0) -> Evaluator:
         """Return an evaluator on as many runs, at most `most`, drawn from the shared ones with replacement.
 
-        In a pooled claim a run is drawn with all its points, which have the same draws.
-
-        Parameters
-        ----------
-        rng : source of the draws
-        most : largest number of runs that are drawn
-        together : number of resamples that a column then has side by side, (runs, resamples); 0 for a single one
-            without that axis, which every function can take
+        In a pooled claim a run is drawn with all its points, which have the same draws.  With `together` a column has
+        so many resamples side by side, (runs, resamples), which not every function can take.
         """
         other = copy(self)
         if together:
@@ -107,6 +102,18 @@ class Evaluator:
     def _shared_rows(self) -> Array:
         """Positions of the shared runs in the columns."""
         return np.flatnonzero(self.shared)
+
+    def with_values(self, values: Mapping[Node, Value]) -> Evaluator:
+        """Return an evaluator in which some expressions have given values."""
+        other = copy(self)
+        other.fixed = {**self.fixed, **values}
+        return other
+
+    def is_estimated(self, node: Node) -> bool:
+        """Whether a value depends on runs that are random; ``n_failed`` by itself counts the runs at hand."""
+        return bool(self.sampled) or any(
+            table.is_random for term in tree.terms(node) & self.columns.keys() for table in self.tables[term]
+        )
 
     def _moments_from_runs(self, node: Node) -> set[tuple[tree.Term, str]]:
         """Collect the signals whose moments are not exact, each with the series of the moment."""
@@ -193,15 +200,13 @@ class Evaluator:
         return float(value.array)
 
     def sides(self, link: tree.Link) -> tuple[Value, Array, Array]:
-        """Evaluate both sides of a comparison.
-
-        Returns
-        -------
-        left, right and tolerance of one shape, NaN-free; left with the axis 0 of that shape
-        """
+        """Evaluate both sides of a comparison and its tolerance: of one shape, NaN-free, with the axis of the left."""
         left, right, tolerance = self.value(link.left), self.value(link.right), Value(np.array(0.0))
         if link.tolerance is not None:
             tolerance = self.value(link.tolerance)
+            if (tolerance.array < 0).any():
+                kind = NoValue if tree.terms(link.tolerance) else EvaluationError
+                raise kind(f"the tolerance of {link.text} is negative")
         if link.relative:
             tolerance = combine(np.multiply, tolerance, right.of(np.abs(right.array)))
         parts = aligned(left, right, tolerance)
@@ -271,7 +276,10 @@ class Evaluator:
     def _operation(self, node: Operation) -> Value:
         found = self.value(node.first)
         for operand in node.rest:
-            found = combine(_OPERATORS[operand.operator], found, self.value(operand.node))
+            value = self.value(operand.node)
+            if operand.operator == "/" and not tree.terms(operand.node) and not value.array.all():
+                raise EvaluationError("division by 0")
+            found = combine(_OPERATORS[operand.operator], found, value)
         return found
 
     def _call(self, node: Call) -> Value:

@@ -8,28 +8,13 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import quantile
 from rmpc_bench.claims.matrices import distance, excess, of_matrix
-from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue, Value, combine
+from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue, Value, combine, divided
 from rmpc_bench.types import Array
 
 
 @np.errstate(all="ignore")
 def applied(name: str, values: list[Value]) -> Value:
-    """Apply a function of the grammar, other than share and all.
-
-    Parameters
-    ----------
-    name : of the function
-    values : as many as it has arguments
-
-    Returns
-    -------
-    its value, NaN where it has none
-
-    Raises
-    ------
-    EvaluationError
-        when the function is not made for such values
-    """
+    """Apply a function of the grammar, other than share and all; NaN where there is no value."""
     first = values[0]
     if name in _REDUCTIONS:
         return Value(np.asarray(_REDUCTIONS[name](_sample(first))))
@@ -37,7 +22,7 @@ def applied(name: str, values: list[Value]) -> Value:
         q = values[1].array
         if q.ndim or not 0 <= q <= 1:
             raise EvaluationError("the second argument of quantile is a number from 0 to 1")
-        return Value(quantile(_sample(first), float(q)))
+        return Value(_quantile(_sample(first), float(q)))
     if name in ("last", "at", "slope", "since", "upto"):
         return _of_series(name, values)
     if name == "abs":
@@ -56,9 +41,13 @@ def _spread(array: Array) -> Array:
     return np.full(array.shape[1:], np.nan) if len(array) < 2 else np.asarray(np.var(array, axis=0, ddof=1))
 
 
+def _quantile(array: Array, q: float) -> Array:
+    return np.where(np.isnan(array).any(axis=0), np.nan, quantile(array, q))
+
+
 _REDUCTIONS: dict[str, Callable[[Array], Array]] = {
     "mean": lambda array: np.mean(array, axis=0),
-    "median": lambda array: quantile(array, 0.5),
+    "median": lambda array: _quantile(array, 0.5),
     "min": lambda array: np.min(array, axis=0),
     "max": lambda array: np.max(array, axis=0),
     "var": _spread,
@@ -68,7 +57,7 @@ _REDUCTIONS: dict[str, Callable[[Array], Array]] = {
 
 def _ratio(a: Value, b: Value) -> Value:
     if not (a.axis == b.axis == "runs"):
-        return combine(np.divide, a, b)
+        return combine(divided, a, b)
     if not ((a.array > 0) & (b.array > 0) & np.isfinite(a.array) & np.isfinite(b.array)).all():
         raise NoValue("ratio of two columns needs positive, finite values in every run")
     return Value(np.asarray(np.exp(np.mean(np.log(a.array) - np.log(b.array)))))

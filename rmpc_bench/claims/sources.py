@@ -55,6 +55,11 @@ class Table(Protocol):
         """The tables of all points."""
         ...
 
+    @property
+    def is_random(self) -> bool:
+        """Whether runs differ by chance."""
+        ...
+
     def column(self, metric: str, method: str, /) -> Array:
         """Values of a metric over the runs, NaN where a run failed."""
         ...

@@ -1,8 +1,8 @@
 """Uncertainty of the two sides of a comparison: intervals of their difference and of their ratio.
 
-In the order of preference: by Student's t where both sides are linear in means over the runs, by the formula of a share
-or a geometric mean beside a fixed number, and by a bootstrap of whole runs for everything else.  For moments over the
-runs at every k groups of runs are left out one by one (`jackknife`).
+In the order of preference: the interval of a single estimate beside numbers (`levels`), Student's t where both sides
+are linear in means over the runs, and a bootstrap of whole runs for everything else.  For moments over the runs at
+every k groups of runs are left out one by one (`jackknife`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, fieller, geometric, quantile, student, wilson
+from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile, student
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
+from rmpc_bench.claims.levels import at_ends, level_spread, unseen
+from rmpc_bench.claims.values import NoValue
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation
 from rmpc_bench.types import Array
 
@@ -64,27 +66,6 @@ class StudentSpread:
         return fieller(left, right, self.confidence)
 
 
-@dataclass(frozen=True)
-class LevelSpread:
-    """One side with an interval of its own, the other a number."""
-
-    left: Interval
-    right: Interval
-    tolerance: float
-
-    def gap(self, shift: int = 0) -> Interval:
-        """Shift the interval by the numbers."""
-        moved = shift * self.tolerance if shift else 0.0
-        return self.left[0] - self.right[1] + moved, self.left[1] - self.right[0] + moved
-
-    def ratio(self) -> Interval:
-        """Divide the ends; unbounded where the divisor reaches 0."""
-        if min(self.right) <= 0 <= max(self.right):
-            return UNBOUNDED
-        ends = [a / b for a in self.left for b in self.right]
-        return min(ends), max(ends)
-
-
 @dataclass(frozen=True, eq=False)
 class ResampledSpread:
     """Both sides and the tolerance, computed from runs that are drawn again."""
@@ -114,6 +95,27 @@ class ResampledSpread:
 
 
 @dataclass(frozen=True)
+class WiderSpread:
+    """Two spreads of one comparison, taken together."""
+
+    first: Spread
+    second: Spread
+
+    def gap(self, shift: int = 0) -> Interval:
+        """Interval that contains both."""
+        return _hull(self.first.gap(shift), self.second.gap(shift))
+
+    def ratio(self) -> Interval:
+        """Interval that contains both."""
+        return _hull(self.first.ratio(), self.second.ratio())
+
+
+def _hull(one: Interval, other: Interval) -> Interval:
+    ends = (*one, *other)
+    return UNBOUNDED if any(map(math.isnan, ends)) else (min(ends), max(ends))
+
+
+@dataclass(frozen=True)
 class BandSpread:
     """An entry of a simultaneous band: shift -> interval."""
 
@@ -133,46 +135,28 @@ UNKNOWN = BandSpread(dict.fromkeys((-1, 0, 1), UNBOUNDED))
 
 
 def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
-    """Find how uncertain both sides of a comparison are.
+    """Find how uncertain both sides of a comparison of two numbers are.
 
-    Parameters
-    ----------
-    link : a comparison of two numbers
-    evaluator : made for it
-    confidence : level of its intervals
-
-    Returns
-    -------
-    the spread; None for a single run, or where the statement is about the runs at hand: then the two numbers decide
+    None where nothing is estimated: then the two numbers decide.  Fewer than two runs or groups of them decide nothing.
     """
-    if evaluator.sampled:
-        values = pseudo_values(link, evaluator)
-        if values is None:
-            return UNKNOWN
-        return StudentSpread(values.left, values.right, values.tolerance, confidence)
-    if len(evaluator.runs) < 2 or about_these_runs(link, evaluator):
+    if not evaluator.is_estimated(link):
         return None
-    found: Spread | None = None
-    if not evaluator.pooled:
-        found = _of_means(link, evaluator, confidence) or _of_level(link, evaluator, confidence)
-    return found or _resampled(link, evaluator, confidence)
-
-
-def about_these_runs(link: tree.Link, evaluator: Evaluator) -> bool:
-    """Whether nothing is estimated: no run enters, an extreme or a count does, or a share is every run or none."""
-    names = tree.functions(link)
-    sides = [side for side in (link.left, link.right) if not tree.terms(side)]
-    every_or_none = "share" in names and any(evaluator.number(side) in (0.0, 1.0) for side in sides)
-    return not evaluator.columns or every_or_none or bool(_extremes(link, evaluator)) or "n_failed" in names
-
-
-def _extremes(link: tree.Link, evaluator: Evaluator) -> list[Call]:
-    """Smallest and largest values over the runs; those of a series are numbers like others."""
-    return [
-        call
-        for call in tree.calls(link)
-        if call.function in ("min", "max") and not tree.terms(call).isdisjoint(evaluator.columns)
-    ]
+    values = pseudo_values(link, evaluator) if evaluator.sampled else None
+    if (evaluator.columns and len(evaluator.runs) < 2) or (evaluator.sampled and values is None):
+        return UNKNOWN
+    alone = level_spread(link, evaluator, confidence) if values is None else None
+    if alone is not None:
+        return alone
+    beyond = unseen(link, evaluator, confidence)
+    corners = at_ends(link, evaluator, beyond) if beyond else None
+    if beyond and (corners is None or corners.gap() == UNBOUNDED):
+        return UNKNOWN
+    if values is not None:
+        found: Spread = StudentSpread(values.left, values.right, values.tolerance, confidence)
+    else:
+        means = None if evaluator.pooled else _of_means(link, evaluator, confidence)
+        found = means or _resampled(link, evaluator, confidence)
+    return found if corners is None else WiderSpread(found, corners)
 
 
 def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
@@ -222,44 +206,6 @@ def _combined(node: Operation, evaluator: Evaluator) -> Array | None:
     return found
 
 
-def _of_level(link: tree.Link, evaluator: Evaluator, confidence: float) -> LevelSpread | None:
-    """Interval of a share (Wilson), or of a ratio of columns (Student on the logs), beside a number."""
-    if link.tolerance is not None and not tree.terms(link.tolerance).isdisjoint(evaluator.columns):
-        return None
-    ends = []
-    for side in (link.left, link.right):
-        if tree.terms(side):
-            interval = _of_estimate(side, evaluator, confidence)
-        else:
-            number = evaluator.number(side)
-            interval = (number, number)
-        if interval is None:
-            return None
-        ends.append(interval)
-    if all(tree.terms(side) for side in (link.left, link.right)):
-        return None
-    tolerance = 0.0 if link.tolerance is None else evaluator.number(link.tolerance)
-    if link.relative:
-        tolerance *= abs(evaluator.number(link.right))
-    return LevelSpread(ends[0], ends[1], tolerance)
-
-
-def _of_estimate(node: Node, evaluator: Evaluator, confidence: float) -> Interval | None:
-    if not isinstance(node, Call):
-        return None
-    (a, *others) = node.arguments
-    if isinstance(a, tree.Chain):
-        holds = evaluator.holds(a.links)
-        return wilson(int(holds.array.sum()), len(holds.array), confidence) if holds.axis == "runs" else None
-    if node.function == "ratio" and isinstance(a, tree.Term) and isinstance(others[0], tree.Term):
-        first, second = evaluator.column(a), evaluator.column(others[0])
-        if first is not None and second is not None:
-            # Evaluating the node reports values that have no logarithm.
-            evaluator.value(node)
-            return geometric(first, second, confidence)[1]
-    return None
-
-
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
     """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs.
 
@@ -273,7 +219,12 @@ def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> Resa
     together = max(1, _TOGETHER // min(n_runs, MOST_DRAWN)) if _only_order_statistics(link, evaluator) else 0
     for i in range(0, n, together or 1):
         drawn = evaluator.resampled(rng, MOST_DRAWN, min(together, n - i))
-        rows[:, i : i + (together or 1)] = _numbers(link, drawn).reshape(3, -1)
+        try:
+            rows[:, i : i + (together or 1)] = _numbers(link, drawn).reshape(3, -1)
+        except NoValue:
+            # Such as a divisor that is 0 in these runs: nothing bounds the sides.
+            rows = rows[:, :0]
+            break
     if n_runs > MOST_DRAWN:
         centre = _numbers(link, evaluator)[:, None]
         # Where an event did not occur in half of the runs there is no size to scale.

@@ -62,18 +62,7 @@ class Value:
 def joined(*values: Value) -> list[Value]:
     """Give values the same axis 0, of length 1 where a value does not change along it.
 
-    Parameters
-    ----------
-    values : with entries of any shapes
-
-    Returns
-    -------
-    the values, each with the axis and the cut of what they make together
-
-    Raises
-    ------
-    EvaluationError
-        when columns meet series, or series of different samples meet
+    Columns do not meet series, nor series those of other samples: this is an EvaluationError.
     """
     axes = {value.axis for value in values if value.axis}
     if len(axes) > 1:
@@ -106,6 +95,11 @@ def combine(function: Callable[..., Array], *values: Value) -> Value:
     parts = aligned(*values)
     with np.errstate(all="ignore"):
         return parts[0].of(function(*(part.array for part in parts)))
+
+
+def divided(a: Array, b: Array) -> Array:
+    """Divide entry by entry; nothing can be divided by 0."""
+    return np.where(b == 0, np.nan, a / b)
 
 
 def negative(value: Value) -> Value:

@@ -105,8 +105,7 @@ class _AtPoint:
             return Finding.INCONCLUSIVE
         if not claim.check:
             return joining.over_numbers([size.finding for size in self.sizes if size.is_exact])
-        found = joining.over_list([each.holds for check in self.comparisons for each in check])
-        return self.with_sizes(found)
+        return self.with_sizes(joining.over_list(self.cases))
 
     def with_sizes(self, finding: Finding) -> Finding:
         """Say of a statement that holds whether the effect has the stated size."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rmpc_bench.types.issue import unknown
@@ -23,11 +24,15 @@ def value_text(value: object) -> str:
 
 
 def same_value(one: str, other: str) -> bool:
-    """Whether two texts name the same value of a sweep: 0.001 is 1e-3."""
+    """Whether two texts name the same value of a sweep: 0.001 is 1e-3 and 0.1%."""
     try:
-        return one == other or float(one) == float(other)
+        return one == other or math.isclose(_number(one), _number(other), rel_tol=1e-12)
     except ValueError:
         return False
+
+
+def _number(text: str) -> float:
+    return float(text[:-1]) / 100 if text.endswith("%") else float(text)
 
 
 def lies_at(there: Mapping[str, str], wanted: Mapping[str, str]) -> bool:

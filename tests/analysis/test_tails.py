@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rmpc_bench.analysis.tails import _binomial_quantile, cvar_interval, quantile_interval, tails
+from rmpc_bench.analysis.intervals import _binomial_quantile
+from rmpc_bench.analysis.tails import cvar_interval, quantile_interval, tails
 
 INF = math.inf
 

@@ -227,7 +227,7 @@ def test_numbers_of_parts(trials, text, expected):
         ("upto(v[A], 1.5)", "upto needs a sample from 0 to 5"),
         ("upto(v[A], -1)", "upto needs a sample from 0 to 5"),
         ("since(v[A], inf)", "since needs a sample from 0 to 5"),
-        ("since(v[A], 0/0)", "since needs a sample from 0 to 5"),
+        ("since(v[A], 0/inf - 1)", "since needs a sample from 0 to 5"),
         ("since(v[A], [1, 2])", "since needs a sample from 0 to 5"),
         ("at(since(v[A], 3), 2)", "at needs a sample from 3 to 5"),
         ("since(mse[A], 0)", "since needs a series over k"),
@@ -286,8 +286,8 @@ def test_what_does_not_change_is_there_at_every_k(trials, text):
     assert value(text, trials).array == 7.0
 
 
-@pytest.mark.parametrize(("largest", "estimated"), [("max(v[A])", True), ("max(mse[A])", False)])
-def test_an_extreme_of_a_series_is_a_number_an_extreme_of_runs_is_about_these_runs(trials, largest, estimated):
-    """Oracle: a mean over runs against a number has an interval, whatever the number was made from."""
+@pytest.mark.parametrize(("largest", "bounded"), [("max(v[A])", True), ("max(mse[A])", False)])
+def test_an_extreme_of_a_series_is_a_number_an_extreme_of_runs_is_unbounded(trials, largest, bounded):
+    """Oracle: a mean over runs against a number has an interval; no run shows the largest of all runs."""
     (number,) = judge(Claim("", "", (f"mean(mse[A]) < {largest}",)), trials).comparisons
-    assert (number.interval is not None) == estimated
+    assert np.isfinite(number.interval).all() == bounded

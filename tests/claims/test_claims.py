@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from rmpc_bench.claims.table import claims_table
 from rmpc_bench.claims.verdict import judge
 
 INF = math.inf
-SMALLER = "confirmed-smaller"
+LARGER = "confirmed-larger"
 RNG = np.random.default_rng(11)
 BASE = RNG.uniform(1, 2, 60)
 NOISE = RNG.normal(0, 0.02, 60)
@@ -67,11 +68,22 @@ def mean(method):
         (["share(mse[low] < mse[base]) >= 90%"], "confirmed", [True]),
         (["90% <= share(mse[low] < mse[base])"], "confirmed", [True]),
         (["share(mse[low] < mse[base]) >= 99%"], "inconclusive", [None]),
-        (["share(mse[low] < mse[base]) == 1"], "confirmed", [True]),
+        (["share(mse[low] < mse[base]) == 1"], "inconclusive", [None]),
+        (["share(mse[high] < mse[base]) == 1"], "not-confirmed", [False]),
+        (["share(mse[high] < mse[base]) < 1"], "confirmed", [True]),
+        (["max(mse[low]) < 5"], "inconclusive", [None]),
+        (["max(mse[low]) > 1"], "confirmed", [True]),
+        (["max(mse[low]) < 1"], "not-confirmed", [False]),
+        (["min(mse[low]) > 0.1"], "inconclusive", [None]),
+        (["quantile(mse[low], 0.99) < 5"], "inconclusive", [None]),
+        (["quantile(mse[low], 0.9) < 5"], "confirmed", [True]),
+        (["1 - share(mse[low] < mse[base]) < 1%"], "inconclusive", [None]),
+        ([f"{mean('low')} < {mean('base')} < {mean('low')}"], "not-confirmed", [True, False]),
         (["share(mse[high] < mse[base]) > 50%"], "not-confirmed", [False]),
         (["ratio(mse[low], mse[base]) < 0.9"], "confirmed", [True]),
         (["1 < ratio(mse[tie], mse[base])"], "inconclusive", [None]),
-        (["all(mse[low] < mse[base])"], "confirmed", [True]),
+        (["all(mse[low] < mse[base])"], "inconclusive", [None]),
+        (["all(mse[high] < mse[base])"], "not-confirmed", [False]),
         ([], "not-testable", []),
     ],
 )
@@ -98,8 +110,8 @@ def test_paired_intervals_are_scipys(trials):
     assert interval("0.5 <= share(mse[low] < mse[base])") == pytest.approx((-0.5, 0.5 - expected.low))
     expected = np.exp(stats.ttest_1samp(np.log(low / base), 0).confidence_interval(0.95))
     assert interval("ratio(mse[low], mse[base]) < 1") == pytest.approx(tuple(expected - 1), rel=1e-9)
-    for check in ("max(mse[low]) < 5", "share(mse[low] < mse[base]) == 1", "n_failed[low] == 0"):
-        assert interval(check) is None
+    assert interval("max(mse[low]) < 5") == (low.max() - 5, INF)
+    assert interval("n_failed[low] == 0") is None
 
 
 def test_other_intervals_resample_the_runs(trials):
@@ -161,12 +173,87 @@ def test_what_cannot_be_evaluated_is_inconclusive_with_a_reason(trials):
     assert [number.holds for number in verdict.comparisons] == [True]
 
 
-def test_one_run_has_no_interval(make_trials):
-    """The two numbers decide."""
-    trials = make_trials({"mse": {"A": [1.0], "B": [2.0]}})
-    for check in ("mean(mse[A]) < mean(mse[B])", "median(mse[A]) < median(mse[B])", "share(mse[A] < mse[B]) > 0.5"):
-        verdict = judge(claim(check), trials)
-        assert (verdict.finding, verdict.comparisons[0].interval) == ("confirmed", None)
+ONE_RUN = (
+    f"{mean('A')} < {mean('B')}",
+    f"{mean('A')} > {mean('B')}",
+    "median(mse[A]) < median(mse[B])",
+    "share(mse[A] < mse[B]) > 99%",
+    "share(mse[A] > mse[B]) > 99%",
+    "ratio(mse[A], mse[B]) < 1",
+    "quantile(mse[A], 0.9) < 5",
+    "max(mse[A]) > 0",
+    "all(mse[A] < mse[B])",
+    "mse[A] > mse[B]",
+    f"[{mean('A')}, 1] < [{mean('B')}, 2]",
+)
+
+
+@pytest.mark.parametrize("check", ONE_RUN)
+@pytest.mark.parametrize("failed", [0, 39])
+def test_one_run_decides_only_where_nothing_is_random(make_trials, check, failed):
+    """Also where all other runs failed; without randomness the two numbers decide."""
+    trials = make_trials({"mse": {"A": [1.0] + [None] * failed, "B": [2.0] * (1 + failed)}})
+    verdict = judge(claim(check), trials)
+    assert (verdict.finding, verdict.comparisons[0].n, verdict.comparisons[0].n_deciding) == ("inconclusive", 1, None)
+    fixed = judge(claim(check), replace(trials, random_besides=()))
+    assert fixed.finding == ("not-confirmed" if "[A] > mse[B]" in check or check == ONE_RUN[1] else "confirmed")
+    assert fixed.comparisons[0].interval is None
+
+
+def test_a_printed_number_is_not_compared_with_random_runs(make_trials):
+    """One run has no digits that a paper could share."""
+    trials = make_trials({"mse": {"A": [1.0]}})
+    printed = Stated(mean("A"), 1.0, None, "", "1.00")
+    assert judge(claim(stated=printed), trials).finding == "inconclusive"
+    assert judge(claim(stated=printed), replace(trials, random_besides=())).finding == "equal"
+
+
+@pytest.mark.parametrize(
+    ("of", "computed", "stated", "finding"),
+    [
+        ("mean(mse[A]) / mean(mse[B])", 0.8, 0.5, "confirmed-smaller"),
+        ("mean(mse[A]) / mean(mse[B])", 0.8, 0.9, "confirmed-larger"),
+        ("100 * mean(mse[A]) / mean(mse[B])", 0.8, 50, "confirmed-smaller"),
+        ("ratio(mse[A], mse[B])", 0.8, 0.5, "confirmed-smaller"),
+        ("ratio(mse[A], mse[B])", 1.5, 1.2, "confirmed-larger"),
+        ("ratio(mse[A], mse[B])", 1.5, 0.9, "confirmed-smaller"),
+        ("1 - ratio(mse[A], mse[B])", 0.8, 0.5, "confirmed-smaller"),
+        ("mean(mse[A]) - mean(mse[B])", 0.8, 0.0, "confirmed-larger"),
+        ("mean(mse[A]) - mean(mse[B])", 1.3, -0.6, "confirmed-smaller"),
+        ("mean(mse[A])", 0.8, 0.5, "confirmed-larger"),
+        ("mean(mse[A]) / mean(other[B])", 0.8, 0.5, "confirmed-larger"),
+    ],
+)
+def test_a_size_is_larger_by_its_effect(make_trials, of, computed, stated, finding):
+    """By the distance from no effect: the log of a ratio, and from 0 of a difference or a level."""
+    near = computed + RNG.normal(0, 1e-4, 40)
+    trials = make_trials({"mse": {"A": near, "B": [1.0] * 40}, "other": {"A": near, "B": [1.0] * 40}})
+    assert judge(claim("mean(mse[A]) > 0", stated=Stated(of, stated, 0.01, "")), trials).finding == finding
+
+
+@pytest.mark.parametrize(
+    ("check", "k", "n", "needed"),
+    [
+        ("share(mse[A] < 1) > 99%", 40, 40, 381),  # Wilson: n / (n + z^2) > 0.99
+        ("quantile(mse[A], 0.99) < 1", 40, 40, 368),  # 0.99^n < 2.5 %
+        ("share(mse[A] < 1) > 79.9%", 32, 40, 614656),  # z^2 p (1 - p) / 0.001^2
+        ("share(mse[A] < 1) == 1", 40, 40, None),
+        ("max(mse[A]) < 1", 40, 40, None),
+    ],
+)
+def test_runs_that_would_decide_follow_from_the_estimate(make_trials, check, k, n, needed):
+    """Two significant digits; no number of runs decides about the largest of all."""
+    trials = make_trials({"mse": {"A": [0.5] * k + [1.5] * (n - k)}})
+    [found] = judge(claim(check), trials).comparisons
+    assert found.holds is None
+    assert found.n_deciding is None if needed is None else found.n_deciding == pytest.approx(needed, rel=0.04)
+
+
+def test_a_negative_tolerance_is_no_tolerance(trials):
+    """Written or computed."""
+    for tolerance in ("-0.1", "(1 - 2)", "-5%", f"({mean('low')} - {mean('high')})"):
+        verdict = judge(claim(f"{mean('low')} ~ {mean('base')} +- {tolerance}"), trials)
+        assert verdict.finding == "inconclusive" and "is negative" in verdict.reason
 
 
 def test_what_did_not_occur(make_trials):
@@ -224,10 +311,10 @@ def test_table_is_plain_json(trials):
     stated = Stated("ratio(mse[low], mse[base])", 0.9, 0.01, "about 10 %")
     verdict = judge(claim(f"{mean('low')} < {mean('base')}", stated=stated), trials)
     (row,) = json.loads(json.dumps(claims_table([verdict]), allow_nan=False))
-    assert (row["recorded"], row["finding"], row["n_runs"], row["seed"]) == ("confirmed", "confirmed-smaller", 60, 7)
+    assert (row["recorded"], row["finding"], row["n_runs"], row["seed"]) == ("confirmed", "confirmed-larger", 60, 7)
     [size] = row["sizes"]
     given = {key: size[key] for key in ("of", "stated", "tolerance", "text", "finding")}
-    assert given == {"of": stated.of, "stated": 0.9, "tolerance": 0.01, "text": "about 10 %", "finding": SMALLER}
+    assert given == {"of": stated.of, "stated": 0.9, "tolerance": 0.01, "text": "about 10 %", "finding": LARGER}
     logs = stats.ttest_1samp(np.log(COLUMNS["low"] / BASE), 0).confidence_interval(0.95)
     assert size["computed"] == pytest.approx(stats.gmean(COLUMNS["low"] / BASE), rel=1e-5)
     assert size["interval"] == pytest.approx(np.exp(logs), rel=1e-5)

@@ -149,11 +149,11 @@ def test_undecided_names_the_runs_that_would_decide(make_trials):
 
 
 def test_statements_about_every_run(make_trials):
-    """They hold in the runs at hand; what may be among all runs is bounded (the rule of three)."""
+    """No number of runs proves them; what may be among all runs is bounded (the rule of three)."""
     trials = make_trials({"t": {"A": [1.0] * 200, "B": [2.0] * 200}})
     for check in ("max(t[A]) < 5", "share(t[A] < t[B]) == 1", "all(t[A] < t[B])", "n_failed[A] == 0", "5 > max(t[A])"):
         [comparison] = judged(trials, check).comparisons
-        assert comparison.holds is True
+        assert comparison.holds is (True if "n_failed" in check else None)
         assert comparison.exceptions == pytest.approx(1 - 0.05 ** (1 / 200)) == pytest.approx(3 / 200, rel=0.01)
     for check in ("max(t[A]) < min(t[B])", "mean(t[A]) < 5", "n_failed[A] > 0"):
         assert judged(trials, check).comparisons[0].exceptions is None
@@ -218,7 +218,7 @@ LITTLE = {"base": BASE, "little": BASE * 1.0035, "more": BASE * 1.03, "edge": BA
         ("mean(mse[little]) > mean(mse[base])", "1 %"),
         ("mean(mse[base]) < mean(mse[little])", "1 %"),
         ("median(mse[little]) > median(mse[base])", "1 %"),
-        ("mse[little] > mse[base]", "1 %"),  # in every run
+        ("mse[little] > mse[base]", ""),  # in every run, which no number of them proves
         ("mean(mse[more]) > mean(mse[base])", ""),
         ("mean(mse[edge]) > mean(mse[base])", ""),  # the estimate is below the margin, its interval is not
         ("mean(mse[little]) < mean(mse[base])", ""),  # does not hold

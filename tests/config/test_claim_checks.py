@@ -31,6 +31,7 @@ def load(tmp_path):
     [
         (f"{{{C}: 0.1, {HP}: long}}", ({C: "0.1", HP: "long"},), False),
         (f"{{{C}: 1.0}}", ({C: "1"},), False),
+        (f"{{{C}: 100%}}", ({C: "100%"},), False),
         (f"[{{{C}: 1}}, {{{C}: 1e-1, {HP}: short}}]", ({C: "1"}, {C: "0.1", HP: "short"}), False),
         ("all", (), True),
     ],
@@ -47,6 +48,7 @@ def test_where_a_claim_is_made(load, at, points, pooled):
         (f"mean(mse[S-MPC, {HP}=long]) < mean(mse[S-MPC, {HP} = short])", None),
         (f"mean(mse[R-MPC, {C}=1]) < 1", None),  # with c = 1 only one is left
         (f"mean(mse[R-MPC, {C}=1e0, {HP}=short]) < 1", None),
+        (f"mean(mse[R-MPC, {C}=10%, {HP}=short]) < 1", None),
         (f"mean(mse[R-MPC, {HP}=long]) < mean(mse[S-MPC])", f"{{{C}: 0.1, {HP}: short}}"),  # the term's own counts
         (f"mean(mse[R-MPC, {C}=0.1]) < n_failed[S-MPC]", f"{{{HP}: short}}"),  # what it leaves open is taken from at
         ("last(trace(P[R-MPC])) < 1", f"{{{C}: 0.1, {HP}: short}}"),
@@ -347,3 +349,18 @@ def test_the_shape_of_a_size(tmp_path):
     stated = "[{says: s, check: '1 < 2', stated: {of: 'last(P[S-MPC])', value: 1, tolerance: 0}}]"
     with pytest.raises(ConfigError, match=r"claims.0.stated.of: the size: the expression is not one number"):
         load_config(write(tmp_path, claims=stated))
+
+
+@pytest.mark.parametrize(
+    ("check", "reason"),
+    [
+        ("mean(mse[R-MPC]) / 0 > 1", "division by 0"),
+        ("mean(mse[R-MPC]) / (1 - 1) > 1", "division by 0"),
+        ("mean(mse[R-MPC]) ~ 1 +- -0.1", "is negative"),
+        ("mean(mse[R-MPC]) ~ 1 +- -5%", "is negative"),
+    ],
+)
+def test_what_no_results_can_answer_is_refused(tmp_path, check, reason):
+    """Before a run is computed."""
+    with pytest.raises(ConfigError, match=reason):
+        load_config(write(tmp_path, claims=f'[{{says: s, check: "{check}"}}]'))

@@ -212,6 +212,18 @@ def test_a_rule_that_is_met_ends_with_0(tmp_path):
     assert load_experiment(tmp_path / "a").n_runs == 5
 
 
+@pytest.mark.parametrize(
+    "check", ["mean(mse[R-MPC]) < 2 * mean(mse[S-MPC])", "mean(mse[R-MPC]) > 2 * mean(mse[S-MPC])"]
+)
+def test_a_rule_does_not_stop_at_one_run(tmp_path, check):
+    """A single run decides no claim, whichever way its numbers point."""
+    claim = f'[{{says: clear, source: additional result, check: "{check}"}}]'
+    path = write(tmp_path, **{**CLAIMS, "claims": claim, "stop": "{decide: claims, min_runs: 1, max_runs: 16}"})
+    computed(path, tmp_path / "a")
+    runs = looks(tmp_path / "a").runs
+    assert runs[0] == 1 and runs[-1] > 1 and looks(tmp_path / "a").is_met
+
+
 def test_a_new_claim_continues(claims, tmp_path):
     """What was decided before is decided again, at the same looks."""
     path = write(tmp_path, **{**CLAIMS, "claims": f"[{CLEAR}]"})

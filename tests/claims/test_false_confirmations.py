@@ -1,0 +1,128 @@
+"""How often claims at the border of what is true are confirmed: exact probabilities, and simulated experiments."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from rmpc_bench.analysis.intervals import exact_share, order_ranks, wilson
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.claims.verdict import judge
+from rmpc_bench.types import MetricInfo
+
+SEEDS = 500
+MOST = 0.04
+SIZES = (2, 5, 20, 60)
+QUANTILES = (0.5, 0.75, 0.9, 0.95, 0.99)
+
+
+def experiments(n, seeds=SEEDS):
+    """Return trials whose metric i is that of experiment i: A and B are paired and have the same log-normal law."""
+    rng = np.random.default_rng([20261128, n])
+    common = rng.normal(size=(n, seeds))
+    columns = {name: np.exp(0.6 * common + 0.8 * rng.normal(size=(n, seeds))) for name in "AB"}
+    columns["C"] = (rng.random((n, seeds)) < 0.05).astype(float)
+    columns["D"] = (rng.random((n, seeds)) < 0.05).astype(float)
+    names = [f"m{i}" for i in range(seeds)]
+    parts = [
+        pd.DataFrame(values, columns=names).assign(method=method, run=np.arange(n), status="ok")
+        for method, values in columns.items()
+    ]
+    return Trials(
+        name="border",
+        methods=tuple(columns),
+        labels={},
+        metrics=tuple(MetricInfo(name, "", "lower") for name in names),
+        frame=pd.concat(parts, ignore_index=True)[["method", "run", "status", *names]],
+        series=pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"]),
+        baseline="B",
+        confidence=0.95,
+        relevant=0.01,
+        seed=7,
+    )
+
+
+def border(q):
+    """Quantile of A, whose log has a standard deviation of 1."""
+    return repr(float(np.exp(stats.norm.ppf(q))))
+
+
+SINGLE = [
+    *(f"quantile(x[A], {q}) {sign} {border(q)}" for q in QUANTILES for sign in "<>"),
+    f"quantile(x[A], 0.99) / 2 < {border(0.99)} / 2",
+    f"1 - quantile(x[A], 0.99) > 1 - {border(0.99)}",
+    f"max(x[A]) < {border(0.999)}",
+    f"min(x[A]) > {border(0.001)}",
+    f"all(x[A] < {border(0.999)})",
+    f"x[A] > {border(0.001)}",
+    *(f"share(x[A] < {border(p)}) {sign} {p}" for p in (0.01, 0.05, 0.5, 0.9, 0.99) for sign in "<>"),
+    f"share(x[A] < {border(0.999)}) == 1",
+    f"share(x[A] > {border(0.999)}) == 0",
+    f"1 - share(x[A] < {border(0.99)}) < 0.01",
+    "mean(x[C]) < 0.05",
+    "ratio(x[A], x[B]) < 1",
+    "1 - ratio(x[A], x[B]) > 0",
+    "ratio(x[A], x[B]) ~ 1.05 +- 0.05",
+    "ratio(x[A], x[B]) < 1 < ratio(x[A], x[B])",
+    f"max(x[A]) < {border(0.999)} < max(x[B])",
+    "mean(x[C]) < mean(x[D])",
+    "mean(x[A]) / 0 > 1",
+]
+"""None of them is true."""
+PAIRED = [
+    *(f"quantile(x[A], {q}) < quantile(x[B], {q})" for q in QUANTILES),
+    "quantile(x[A], 0.9) / quantile(x[B], 0.9) < 1",
+    "quantile(x[A], 0.99) < 0.99 * quantile(x[B], 0.99)",
+    "max(x[A]) < max(x[B])",
+    "min(x[A]) > min(x[B])",
+    "median(x[A]) < median(x[B]) < median(x[A])",
+    "share(x[A] > 3) < share(x[B] > 3)",
+    "share(x[A] > 8) < share(x[B] > 8)",
+]
+"""Those of several estimates, which are drawn again."""
+
+
+def falsely_confirmed(check, trials):
+    """Share of the experiments in which a claim is confirmed."""
+    claims = [Claim("", "", (check.replace("x[", f"{info.name}["),)) for info in trials.metrics]
+    return np.mean([judge(claim, trials).finding.is_confirmed for claim in claims])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", SIZES)
+def test_claims_at_the_border_of_one_estimate(n):
+    """Confirmed in 4 % of the experiments at most."""
+    trials = experiments(n)
+    found = {check: falsely_confirmed(check, trials) for check in SINGLE}
+    assert {check: share for check, share in found.items() if share > MOST} == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", PAIRED)
+@pytest.mark.parametrize("n", SIZES)
+def test_claims_at_the_border_of_several_estimates(n, check):
+    """Confirmed in 4 % of the experiments at most."""
+    assert falsely_confirmed(check, experiments(n)) <= MOST
+
+
+@pytest.mark.parametrize("q", [*QUANTILES, 0.1, 0.999])
+def test_order_statistics_miss_a_quantile_by_their_binomial_law(q):
+    """Each end is missed with 2.5 % at most, and the next order statistic would be missed more often."""
+    for n in range(2, 400):
+        low, high = order_ranks(n, q, 0.95)
+        law = stats.binom(n, q)
+        assert law.cdf(low - 1) <= 0.025 < law.cdf(low) and law.sf(high - 1) <= 0.025
+        assert high == 1 or law.sf(high - 2) > 0.025
+    assert order_ranks(367, 0.99, 0.95)[1] == 368 and order_ranks(368, 0.99, 0.95)[1] == 368
+
+
+def test_shares_are_missed_in_2_5_percent_at_most():
+    """The exact law of the number of hits; Wilson alone misses the share of a rare event in up to 17 %."""
+    for n in (2, 5, 20, 60, 200):
+        intervals = [(wilson(k, n, 0.95), exact_share(k, n, 0.95)) for k in range(n + 1)]
+        lows, highs = ([pick(a[i], b[i]) for a, b in intervals] for i, pick in ((0, min), (1, max)))
+        for p in np.linspace(0.001, 0.999, 999):
+            weights = stats.binom(n, p).pmf(np.arange(n + 1))
+            assert weights[np.array(lows) > p].sum() <= 0.025 + 1e-12
+            assert weights[np.array(highs) < p].sum() <= 0.025 + 1e-12
