@@ -17,6 +17,8 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.tree import OPTIONS, Items, Map, Mark, locate, split
 from rmpc_bench.types import Problem
 
+SWEPT_PATHS = "paths of the sweep into methods that do not exist here"
+"""Beginning of the line that names paths which are left out of a sweep."""
 _LISTS = (("report", "order"), ("report", "metrics"), ("statistics", "requirement"))
 """Settings that are lists of names, or of texts with names."""
 
@@ -176,9 +178,7 @@ def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
             kept[key] = Items([fitting(row) for row in given], mark=given.mark, value_marks=marks)
         elif given is not None:
             kept[key] = fitting(given)
-    return (
-        (result, [f"paths of the sweep into methods that do not exist here: {', '.join(gone)}"]) if gone else (tree, [])
-    )
+    return (result, [f"{SWEPT_PATHS}: {', '.join(gone)}"]) if gone else (tree, [])
 
 
 def drop_statistics(draft: DraftConfig, inherited: Inherited) -> None:
