@@ -222,11 +222,14 @@ def test_files_of_a_sweep(tmp_path):
     path = written(tmp_path)
     (tmp_path / "slow.py").write_text(OBSERVER.replace("self.gain *", "0.5 * self.gain *"))
     (tmp_path / "same.py").write_text(OBSERVER.replace("import numpy", "# numbers\nimport numpy"))
-    files = ", ".join(f"'{name}.py:Observer'" for name in ("observer", "slow", "same"))
-    edit(path, "metrics:", f"sweep: {{grid: {{methods.One.estimator.file: [{files}]}}}}\nmetrics:")
+    edit(path, "metrics:", "sweep: {grid: {methods.One.estimator.file: [FILES]}}\nmetrics:")
+    edit(path, "FILES", "'observer.py:Observer', 'same.py:Observer'")
+    with pytest.raises(ConfigError, match="has no effect: observer.py:Observer and same.py:Observer give the same"):
+        load_config(path)
+    edit(path, "same.py", "slow.py")
     config = load_config(path)
-    first, slow, same = (point.method_keys["One"] for point in config.points)
-    assert first == same != slow
+    first, slow = (point.method_keys["One"] for point in config.points)
+    assert first != slow
     out = tmp_path / "out"
     assert run(path, out).exit_code == 0
     resolved = load_config(out / "config.resolved.yaml")
