@@ -21,6 +21,7 @@ from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import PseudoValues, pseudo_values
 from rmpc_bench.claims.levels import ORDER, estimates, unseen
 from rmpc_bench.claims.spread import UNKNOWN, BandSpread, Spread
+from rmpc_bench.expressions.arithmetic import Call
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1999
@@ -46,7 +47,7 @@ def entry_by_entry(
     if about_runs or not evaluator.is_estimated(link):
         return None, place
     # Leaving groups of runs out says nothing of quantiles, nor of what was not seen.
-    of_order = any(call.function in ORDER for call in estimates(link, evaluator))
+    of_order = any(isinstance(node, Call) and node.function in ORDER for node in estimates(link, evaluator))
     values = None if of_order or unseen(link, evaluator, confidence) else pseudo_values(link, evaluator)
     if values is None:
         return UNKNOWN, place

@@ -244,5 +244,5 @@ def _about_every_run(link: tree.Link, value: Value, evaluator: Evaluator) -> boo
             return number in (0.0, 1.0)
         upward = link.operator in bounds
         if side.function in ("max", "min") and not tree.terms(side).isdisjoint(evaluator.columns):
-            return upward == (side.function == "max")
+            return link.operator == "==" or upward == (side.function == "max")
     return False

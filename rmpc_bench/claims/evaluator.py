@@ -157,6 +157,16 @@ class Evaluator:
         # The runs of one table are ascending.
         return found if self.shared.dtype == bool and not self.pooled else np.unique(found)
 
+    def by_run(self, column: Array) -> Array | None:
+        """Average of every run over its points in a pooled claim; None where runs have different numbers of them."""
+        if not self.pooled:
+            return column
+        run = self.run[self.shared]
+        counts = np.unique(run, return_counts=True)[1]
+        if counts.min() < counts.max():
+            return None
+        return np.asarray(column[np.argsort(run, kind="stable")].reshape(len(counts), -1).mean(axis=1))
+
     def column(self, term: tree.Term) -> Array | None:
         """Values of a metric over the shared runs; None when the term is not a metric."""
         column = self.columns.get(term)
@@ -223,7 +233,9 @@ class Evaluator:
             if not left.axis:
                 raise EvaluationError(f"{link.text} compares numbers; share needs columns over runs or series over k")
             entries = compare(link.operator, left.array, right, tolerance)
-            value = left.of(entries.reshape(len(entries), -1).all(axis=1))
+            # Resamples stand side by side; entries of a run or sample count together.
+            side_by_side = left.axis == "runs" and self.shared.ndim > 1
+            value = left.of(entries if side_by_side else entries.reshape(len(entries), -1).all(axis=1))
             found = value if found is None else combine(np.logical_and, found, value)
         # The grammar has no empty chain.
         assert found is not None

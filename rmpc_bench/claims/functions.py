@@ -60,7 +60,7 @@ def _ratio(a: Value, b: Value) -> Value:
         return combine(divided, a, b)
     if not ((a.array > 0) & (b.array > 0) & np.isfinite(a.array) & np.isfinite(b.array)).all():
         raise NoValue("ratio of two columns needs positive, finite values in every run")
-    return Value(np.asarray(np.exp(np.mean(np.log(a.array) - np.log(b.array)))))
+    return Value(np.asarray(np.exp(np.mean(np.log(a.array) - np.log(b.array), axis=0))))
 
 
 def _entry(x: Value, i: Value) -> Value:

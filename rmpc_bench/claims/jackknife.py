@@ -45,7 +45,8 @@ def pseudo_values(link: tree.Link, evaluator: Evaluator) -> PseudoValues | None:
     parts = [_sides(link, evaluator.without(number, runs)) for number, runs in enumerate(groups)]
     n = len(groups)
     stacked = [np.stack(column) for column in zip(*parts, strict=True)]
-    return PseudoValues(*(n * all_runs - (n - 1) * without for all_runs, without in zip(whole, stacked, strict=True)))
+    with np.errstate(invalid="ignore"):  # A mean may be infinite.
+        return PseudoValues(*(n * a - (n - 1) * without for a, without in zip(whole, stacked, strict=True)))
 
 
 def _sides(link: tree.Link, evaluator: Evaluator) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Intervals of single estimates over the runs (shares, quantiles, extremes, geometric means) and of sides made of them.
+"""Intervals of single estimates over the runs (shares, quantiles, extremes, ratios) and of sides made of them.
 
 A quantile lies between two order statistics, whose ranks are binomial.  Where the runs do not suffice for a rank, as
 for every extreme, that end is infinite.  A share has the wider of the interval of Wilson, which is too narrow for rare
@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, exact_share, geometric, order_ranks, wilson
+from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoValue, Value
@@ -51,28 +52,30 @@ class CornerSpread:
 
 def level_spread(link: tree.Link, evaluator: Evaluator, confidence: float, times: float = 1.0) -> CornerSpread | None:
     """Spread of sides made of one estimate and numbers, with `times` as many runs; None for any other comparison."""
-    calls = estimates(link, evaluator)
-    if evaluator.pooled or len(calls) != 1 or not _is_arithmetic(link, evaluator):
+    found = estimates(link, evaluator)
+    if len(found) != 1 or not _is_arithmetic(link, evaluator):
         return None
-    return at_ends(link, evaluator, {calls[0]: _ends(calls[0], evaluator, confidence, times)})
+    return at_ends(link, evaluator, {found[0]: _ends(found[0], evaluator, confidence, times)})
 
 
-def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Call, Ends]:
+def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Node, Ends]:
     """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a share of 0 or 1."""
-    found = {}
+    found: dict[Node, Ends] = {}
     for call in estimates(link, evaluator):
+        if not isinstance(call, Call) or call.function == "ratio":
+            continue
         value = evaluator.value(call).array
         low, high = _ends(call, evaluator, confidence)
         if call.function in ORDER:
             low, high = (np.where(np.isinf(end), end, value) for end in (low, high))
-        elif call.function == "ratio" or 0 < value < 1:
+        elif 0 < value < 1:
             continue
         if (low != value).any() or (high != value).any():
             found[call] = (low, high)
     return found
 
 
-def at_ends(link: tree.Link, evaluator: Evaluator, ends: Mapping[Call, Ends]) -> CornerSpread | None:
+def at_ends(link: tree.Link, evaluator: Evaluator, ends: Mapping[Node, Ends]) -> CornerSpread | None:
     """Evaluate a comparison at every combination of ends; None where a divisor reaches 0, or of too many."""
     rows: list[Sequence[Array]] = []
     divisors: dict[Node, list[Array]] = {}
@@ -92,36 +95,62 @@ def at_ends(link: tree.Link, evaluator: Evaluator, ends: Mapping[Call, Ends]) ->
     return CornerSpread(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def estimates(node: Node, evaluator: Evaluator) -> list[Call]:
-    """Collect the outermost calls that estimate a share, quantile, extreme or geometric mean over the runs."""
-    if isinstance(node, Call) and _is_estimate(node, evaluator):
+def estimates(node: Node, evaluator: Evaluator) -> list[Call | Operation]:
+    """Collect what estimates a share, quantile, extreme or average ratio over the runs: the outermost such parts."""
+    if isinstance(node, Call | Operation) and _is_estimate(node, evaluator):
         return [node]
     return [found for child in tree.children(node) for found in estimates(child, evaluator)]
 
 
-def _is_estimate(call: Call, evaluator: Evaluator) -> bool:
-    first = call.arguments[0]
-    if tree.terms(call).isdisjoint(evaluator.columns):
+def _is_estimate(node: Call | Operation, evaluator: Evaluator) -> bool:
+    if tree.terms(node).isdisjoint(evaluator.columns):
         return False
+    if isinstance(node, Operation):
+        return _quotient(node, evaluator) is not None
+    first = node.arguments[0]
     if isinstance(first, tree.Chain):
         return evaluator.holds(first.links).axis == "runs"
     try:
-        values = [evaluator.value(argument) for argument in call.arguments]
+        values = [evaluator.value(argument) for argument in node.arguments]
     except EvaluationError:
         return False  # Such as a signal, whose moments alone are known.
-    if call.function == "ratio":
-        return all(value.axis == "runs" for value in values)
-    if call.function == "mean":
+    if node.function == "ratio":
+        of_columns = all(value.axis == "runs" and evaluator.by_run(value.array) is not None for value in values)
+        return of_columns or _quotient(node, evaluator) is not None
+    if node.function == "mean":
         # Zeros and ones say whether something happened: their mean is a share.
-        return values[0].axis == "runs" and values[0].array.ndim == 1 and set(np.unique(values[0].array)) <= {0.0, 1.0}
-    return call.function in ORDER and values[0].axis == "runs"
+        return values[0].axis == "runs" and values[0].array.ndim == 1 and _is_binary(values[0].array)
+    return node.function in ORDER and values[0].axis == "runs"
+
+
+def _is_binary(column: Array) -> bool:
+    return set(np.unique(column)) <= {0.0, 1.0}
+
+
+def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Array] | None:
+    """Columns over the runs whose means are divided; None for any other part, and for shares."""
+    if isinstance(node, Call):
+        above, below = node.arguments
+    else:
+        of_runs = [each for each in node.rest if not tree.terms(each.node).isdisjoint(evaluator.columns)]
+        divisors = [each for each in of_runs if each.operator == "/"]
+        others = tuple(each for each in node.rest if each not in divisors)
+        if len(divisors) != 1:
+            return None
+        above, below = Operation(node.first, others) if others else node.first, divisors[0].node
+    a, b = (column(part, evaluator) for part in (above, below))
+    if a is None or b is None or not b.ndim or not all(np.isfinite(part).all() for part in (a, b)):
+        return None
+    return None if _is_binary(b) or (a.ndim and _is_binary(a)) else (np.broadcast_to(a, b.shape), b)
 
 
 def _is_arithmetic(node: Node, evaluator: Evaluator) -> bool:
     """Whether columns enter by estimates of whole columns and the four operations only, so that ends give ends."""
     if tree.terms(node).isdisjoint(evaluator.columns):
         return True
-    if isinstance(node, Call) and _is_estimate(node, evaluator):
+    if isinstance(node, Call | Operation) and _is_estimate(node, evaluator):
+        if not isinstance(node, Call) or (node.function == "ratio" and _quotient(node, evaluator)):
+            return True
         inner = [call for argument in node.arguments for call in tree.calls(argument)]
         of_runs = [call for call in inner if not tree.terms(call).isdisjoint(evaluator.columns)]
         return all(evaluator.value(call).axis == "runs" for call in of_runs)
@@ -138,24 +167,74 @@ def _divisors(link: tree.Link, evaluator: Evaluator) -> list[Node]:
     return [node for node in found if not evaluator.value(node).array.ndim]
 
 
-def _ends(call: Call, evaluator: Evaluator, confidence: float, times: float = 1.0) -> Ends:
-    """Interval of an estimate; runs that are pooled over points count once."""
-    first, *others = call.arguments
+def _ends(node: Call | Operation, evaluator: Evaluator, confidence: float, times: float = 1.0) -> Ends:
+    """Interval of an estimate; runs that are pooled over points count once, as if all points of a run were alike."""
+    value = evaluator.value(node).array
+    if not isinstance(node, Call) or node.function == "ratio":
+        return _ends_of_ratio(node, value, evaluator, confidence, times)
+    first, *others = node.arguments
     n = max(round(len(evaluator.runs) * times), 1)
-    value = evaluator.value(call).array
-    if call.function in ("share", "mean"):
+    if node.function in ("share", "mean"):
         near, exact = (law(float(value) * n, n, confidence) for law in (wilson, exact_share))
         return np.array(min(near[0], exact[0])), np.array(max(near[1], exact[1]))
-    a = evaluator.value(first).array
-    if call.function == "ratio":
-        interval = geometric(a, evaluator.value(others[0]).array, confidence)[1]
-        low, high = (value * (end / value) ** times**-0.5 for end in interval)
-        return np.asarray(low), np.asarray(high)
-    q = {"min": 0.0, "median": 0.5, "max": 1.0}.get(call.function)
-    ordered = np.sort(a, axis=0)
+    q = {"min": 0.0, "median": 0.5, "max": 1.0}.get(node.function)
+    ordered = np.sort(evaluator.value(first).array, axis=0)
     low, high = order_ranks(n, float(evaluator.value(others[0]).array) if q is None else q, confidence)
     share = len(ordered) / n
     # With another number of runs the law of a run is the one seen.
     below = ordered[math.ceil(low * share) - 1] if low >= 1 else np.full(value.shape, -np.inf)
     above = ordered[math.ceil(high * share) - 1] if high <= n else np.full(value.shape, np.inf)
     return np.minimum(below, value), np.maximum(above, value)
+
+
+def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, confidence: float, times: float) -> Ends:
+    parts = _quotient(node, evaluator)
+    if parts is not None:
+        low, high = fieller(*parts, confidence)
+    else:
+        assert isinstance(node, Call)
+        a, b = (np.log(evaluator.value(argument).array) for argument in node.arguments)
+        logs, value = evaluator.by_run(a - b), np.log(value)
+        assert logs is not None
+        low, high = average_interval(logs, confidence, evaluator.trials.seed)
+    ends = [value + (np.asarray(end) - value) / math.sqrt(times) for end in (low, high)]
+    return (ends[0], ends[1]) if parts is not None else (np.exp(ends[0]), np.exp(ends[1]))
+
+
+def average_interval(values: Array, confidence: float, seed: int) -> Interval:
+    """Student interval of a mean, and where the values are skewed and few that of bootstrap-t, too."""
+    intervals = student(values, confidence), mean_interval(values, confidence, seed)
+    lows, highs = zip(*intervals, strict=True)
+    return min(lows), max(highs)
+
+
+def column(node: Node, evaluator: Evaluator) -> Array | None:
+    """Array over the runs whose mean is the value of a node, or the number that it is; None where there is none."""
+    if tree.terms(node).isdisjoint(evaluator.columns):
+        value = evaluator.value(node)
+        return None if value.array.ndim else value.array
+    if isinstance(node, Call) and node.function == "mean":
+        value = evaluator.value(node.arguments[0])
+        return evaluator.by_run(value.array) if value.axis == "runs" and value.array.ndim == 1 else None
+    if isinstance(node, Negation):
+        inner = column(node.operand, evaluator)
+        return None if inner is None else -inner
+    return _combined(node, evaluator) if isinstance(node, Operation) else None
+
+
+def _combined(node: Operation, evaluator: Evaluator) -> Array | None:
+    """Sum of columns, or a column times or divided by numbers."""
+    found = column(node.first, evaluator)
+    for operand in node.rest:
+        other = column(operand.node, evaluator)
+        if found is None or other is None:
+            return None
+        if operand.operator in "+-":
+            found = found + other if operand.operator == "+" else found - other
+        elif other.ndim and (found.ndim or operand.operator == "/"):
+            # Not linear in the means.
+            return None
+        else:
+            with np.errstate(all="ignore"):
+                found = found * other if operand.operator == "*" else found / other
+    return found

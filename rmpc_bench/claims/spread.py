@@ -1,8 +1,8 @@
 """Uncertainty of the two sides of a comparison: intervals of their difference and of their ratio.
 
 In the order of preference: the interval of a single estimate beside numbers (`levels`), Student's t where both sides
-are linear in means over the runs, and a bootstrap of whole runs for everything else.  For moments over the runs at
-every k groups of runs are left out one by one (`jackknife`).
+are linear in means over the runs, and a bootstrap of whole runs for everything else.  For moments over the runs, at
+every k or of columns, groups of runs are left out one by one (`jackknife`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile, student
+from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import at_ends, level_spread, unseen
+from rmpc_bench.claims.levels import at_ends, average_interval, column, estimates, level_spread, unseen
 from rmpc_bench.claims.values import NoValue
-from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
@@ -29,7 +28,8 @@ _IN_THE_TAIL = 25
 MOST_DRAWN = 10_000
 """Largest number of runs of a resample, so that time does not grow with the number of runs."""
 _TOGETHER = 1_000_000
-"""Numbers of resamples that are sorted together; they take 16 MB."""
+"""Numbers of resamples that are taken together; they take 16 MB."""
+_ALONG_RUNS = ("mean", "median", "std", "var", "min", "max", "quantile", "share", "ratio", "abs")
 MIN_RUNS = 10
 """Runs below which resampling gives no interval."""
 UNBOUNDED: Interval = (-math.inf, math.inf)
@@ -55,10 +55,12 @@ class StudentSpread:
     right: Array
     tolerance: Array
     confidence: float
+    seed: int
 
     def gap(self, shift: int = 0) -> Interval:
-        """Student interval of the paired differences."""
-        return student(self.left - self.right + shift * self.tolerance, self.confidence)
+        """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
+        gaps = self.left - self.right + shift * self.tolerance
+        return average_interval(gaps, self.confidence, self.seed)
 
     def ratio(self) -> Interval:
         """Fieller interval: it excludes a factor where the Student interval of left - factor * right excludes 0."""
@@ -152,58 +154,41 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     if beyond and (corners is None or corners.gap() == UNBOUNDED):
         return UNKNOWN
     if values is not None:
-        found: Spread = StudentSpread(values.left, values.right, values.tolerance, confidence)
+        found: Spread = StudentSpread(*values, confidence, evaluator.trials.seed)
     else:
-        means = None if evaluator.pooled else _of_means(link, evaluator, confidence)
+        means = _of_means(link, evaluator, confidence)
         found = means or _resampled(link, evaluator, confidence)
+        smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
+        found = found if smooth is None else WiderSpread(found, smooth)
     return found if corners is None else WiderSpread(found, corners)
 
 
 def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
-    sides = [_column(side, evaluator) for side in (link.left, link.right)]
+    sides = [column(side, evaluator) for side in (link.left, link.right)]
     left, right = sides
     if left is None or right is None or not (left.ndim or right.ndim):
         return None
     tolerance: Array | None = np.array(0.0)
     if link.tolerance is not None:
-        tolerance = _column(link.tolerance, evaluator)
+        tolerance = column(link.tolerance, evaluator)
         if tolerance is not None and link.relative:
             tolerance = tolerance * right * np.sign(right.mean())
     if tolerance is None or not all(np.isfinite(part).all() for part in (left, right, tolerance)):
         return None
-    return StudentSpread(left, right, tolerance, confidence)
+    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed)
 
 
-def _column(node: Node, evaluator: Evaluator) -> Array | None:
-    """Array over the runs whose mean is the value of a node, or the number that it is; None where there is none."""
-    if tree.terms(node).isdisjoint(evaluator.columns):
-        value = evaluator.value(node)
-        return None if value.array.ndim else value.array
-    if isinstance(node, Call) and node.function == "mean":
-        value = evaluator.value(node.arguments[0])
-        return value.array if value.axis == "runs" and value.array.ndim == 1 else None
-    if isinstance(node, Negation):
-        inner = _column(node.operand, evaluator)
-        return None if inner is None else -inner
-    return _combined(node, evaluator) if isinstance(node, Operation) else None
-
-
-def _combined(node: Operation, evaluator: Evaluator) -> Array | None:
-    """Sum of columns, or a column times or divided by numbers."""
-    found = _column(node.first, evaluator)
-    for operand in node.rest:
-        other = _column(operand.node, evaluator)
-        if found is None or other is None:
-            return None
-        if operand.operator in "+-":
-            found = found + other if operand.operator == "+" else found - other
-        elif other.ndim and (found.ndim or operand.operator == "/"):
-            # Not linear in the means.
-            return None
-        else:
-            with np.errstate(all="ignore"):
-                found = found * other if operand.operator == "*" else found / other
-    return found
+def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
+    """Spread of variances and other smooth functions, which the percentiles of few resampled runs underestimate."""
+    if len(evaluator.runs) < MIN_RUNS or estimates(link, evaluator):
+        return None
+    try:
+        values = pseudo_values(link, evaluator)
+    except NoValue:
+        return None
+    if values is None or not all(np.isfinite(part).all() for part in values):
+        return None
+    return StudentSpread(*values, confidence, evaluator.trials.seed)
 
 
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
@@ -215,8 +200,7 @@ def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> Resa
     n_runs = len(evaluator.runs)
     n = max(_RESAMPLES, math.ceil(2 * _IN_THE_TAIL / (1 - confidence))) if n_runs >= MIN_RUNS else 0
     rows = np.empty((3, n))
-    # The order statistics of many resamples are found together; the sums of means would be rounded in another way.
-    together = max(1, _TOGETHER // min(n_runs, MOST_DRAWN)) if _only_order_statistics(link, evaluator) else 0
+    together = max(1, _TOGETHER // min(n_runs, MOST_DRAWN)) if _is_by_columns(link, evaluator) else 0
     for i in range(0, n, together or 1):
         drawn = evaluator.resampled(rng, MOST_DRAWN, min(together, n - i))
         try:
@@ -239,10 +223,12 @@ def _numbers(link: tree.Link, evaluator: Evaluator) -> Array:
     return np.stack([left.array, right, tolerance])
 
 
-def _only_order_statistics(link: tree.Link, evaluator: Evaluator) -> bool:
-    """Whether the runs enter by medians and quantiles of single columns, beside numbers."""
-    if evaluator.pooled or not set(tree.terms(link)) <= set(evaluator.columns):
+def _is_by_columns(link: tree.Link, evaluator: Evaluator) -> bool:
+    """Whether each part is computed along axis 0 of columns, so that resamples may stand side by side."""
+    if evaluator.pooled or not tree.terms(link) <= evaluator.columns.keys():
         return False
-    calls = list(tree.calls(link))
-    plain = all(call.function in ("median", "quantile") and isinstance(call.arguments[0], tree.Term) for call in calls)
-    return plain and len(tree.terms(link)) > 0 and not any(isinstance(node, tree.Listing) for node in tree.walk(link))
+    calls = tree.calls(link)
+    known = all(call.function in _ALONG_RUNS for call in calls)
+    levels = [call.arguments[1] for call in calls if call.function == "quantile"]
+    is_plain = not any(isinstance(node, tree.Listing) for node in tree.walk(link))
+    return known and is_plain and not any(map(tree.terms, levels))

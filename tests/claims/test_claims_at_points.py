@@ -1,7 +1,6 @@
 """Claims about the points of a sweep: which runs count, and what several interpretations come to."""
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -142,12 +141,14 @@ def test_interpretations_name_their_points(trials):
 
 
 def test_all_points_together(trials):
-    """Oracle: by hand; four runs decide nothing, at however many points each of them is seen."""
+    """Oracle: scipy's t interval of the means of four runs, at however many points each of them is seen."""
     verdict = judge(claim(BELOW, "mean(mse[A]) < mean(mse[B])", "share(mse[A] < mse[B]) > 0.5", pooled=True), trials)
     runs = [value for column in SIZES.values() for value in column]
+    mean = np.mean(list(SIZES.values()), axis=0) - 2
+    expected = stats.t.interval(0.95, 3, loc=mean.mean(), scale=stats.sem(mean))
     for number in verdict.comparisons[:2]:
         assert (number.left, number.n) == (pytest.approx(sum(runs) / 16), 16)
-        assert number.interval == (-math.inf, math.inf) and number.holds is None
+        assert number.interval == pytest.approx(expected) and number.holds is None
     assert verdict.comparisons[2].left == 10 / 16
     assert claims_table([verdict])[0]["at"] == "all"
     assert "all points of the sweep together" in claims_markdown([verdict], informational=False)

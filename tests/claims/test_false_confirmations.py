@@ -7,6 +7,7 @@ from scipy import stats
 
 from rmpc_bench.analysis.intervals import exact_share, order_ranks, wilson
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims import decision
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.verdict import judge
 from rmpc_bench.types import MetricInfo
@@ -81,6 +82,12 @@ PAIRED = [
     "share(x[A] > 8) < share(x[B] > 8)",
 ]
 """Those of several estimates, which are drawn again."""
+
+
+@pytest.fixture(autouse=True)
+def _no_numbers_of_runs(monkeypatch):
+    """How many runs would decide is most of the time, and no finding depends on it."""
+    monkeypatch.setattr(decision, "n_deciding", lambda *_: None)
 
 
 def falsely_confirmed(check, trials):

@@ -24,6 +24,9 @@ def interval(trials, check):
         "quantile(mse[A], 0.9) < 2 * median(mse[B]) - 0.1",
         "median(mse[A]) ~ 1 +- 10%",
         "-median(mse[A]) < 0",
+        "ratio(mean(mse[A]), mean(mse[B])) < 1",
+        "std(mse[A]) / mean(mse[A]) < max(mse[B]) - min(mse[A])",
+        "share(mse[A] < median(mse[A]) < mse[B]) < ratio(mse[A], mse[B])",
     ],
 )
 @pytest.mark.parametrize("n", [10, 61, 1500])
@@ -34,7 +37,7 @@ def test_together_as_one_by_one(make_trials, monkeypatch, check, n):
     trials = make_trials({"mse": columns})
     monkeypatch.setattr(spread, "_TOGETHER", 300 * n + 1)
     found = interval(trials, check)
-    monkeypatch.setattr(spread, "_only_order_statistics", lambda link, evaluator: False)
+    monkeypatch.setattr(spread, "_is_by_columns", lambda link, evaluator: False)
     assert found == interval(trials, check)
 
 
