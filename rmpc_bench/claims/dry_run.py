@@ -92,14 +92,7 @@ class PlaceholderResults:
 def placeholder_results(layout: ResultLayout) -> PlaceholderResults:
     """Make placeholder results for all points of a sweep.
 
-    Parameters
-    ----------
-    layout : names and shapes that the results will have, with at least one point and the hashes of its trials; the
-        series are those of the first point
-
-    Returns
-    -------
-    the results; at a point the series are known of the methods that are the same as at the first one
+    The series are those of the first point, known at another one of the methods that are the same there.
     """
     first = layout.trials[0]
     tables = [
@@ -115,18 +108,9 @@ def placeholder_results(layout: ResultLayout) -> PlaceholderResults:
 
 
 def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, pooled: bool, short: bool) -> list[str]:
-    """Evaluate a check, or the expression of a size, on placeholder results.
+    """Say why a check, or the expression of a size, has no value on placeholder results; empty where it has one.
 
-    Parameters
-    ----------
-    node : the tree
-    results : the placeholder results
-    at, pooled : as of `Evaluator`
-    short : whether the series are shorter than what the claim was written for
-
-    Returns
-    -------
-    why it has no value, whatever the numbers will be; empty where nothing is wrong with it
+    Series may be `short`er than what the claim was written for.
     """
     statements: Sequence[Node] = (node,)
     if isinstance(node, tree.Chain) and not node.everywhere:

@@ -17,16 +17,7 @@ _MIN_DIGITS, _MAX_DIGITS = 4, 9
 
 
 def evidence(comparison: ComparisonResult) -> str:
-    """Write whether a comparison holds, and by which numbers.
-
-    Parameters
-    ----------
-    comparison : the comparison
-
-    Returns
-    -------
-    such as ``holds; smallest margin at k = 1, entry 0: 3.62498 and 3.62537``
-    """
+    """Write whether a comparison holds, and by which numbers."""
     comparison = comparison.rounded()
     word = {True: "holds", False: "does not hold", None: "inconclusive"}[comparison.holds]
     interval = comparison.interval
@@ -112,14 +103,7 @@ def _digits(left: float, right: float) -> int:
 
 
 def number_text(value: float | None, uncertainty: float = math.nan, digits: int = _MIN_DIGITS) -> str:
-    """Write a number with as many digits as its uncertainty supports.
-
-    Parameters
-    ----------
-    value : the number; None and NaN are written as -
-    uncertainty : half the width of its interval; NaN where there is none
-    digits : significant digits where there is no uncertainty
-    """
+    """Write a number with the digits that its uncertainty, half the width of its interval, supports."""
     if value is None or math.isnan(value):
         return "-"
     if math.isinf(value):

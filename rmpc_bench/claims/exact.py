@@ -14,16 +14,7 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 
 def printed_number(text: str) -> Decimal:
-    """Read a number as printed; its last digit, a zero included, says how exactly it was printed.
-
-    Parameters
-    ----------
-    text : such as ``58.24``, ``1869.20`` or ``4.1e6``; commas and spaces may separate thousands
-
-    Raises
-    ------
-    ValueError
-        If the text is no such number.
+    """Read a number as printed, such as ``1,869.20``; its last digit, a zero included, says how exactly.
 
     Examples
     --------
@@ -45,16 +36,7 @@ class Closeness(NamedTuple):
 
 
 def closeness(value: float, stated: Stated) -> Closeness:
-    """Compare a number without Monte Carlo error with the printed one.
-
-    Parameters
-    ----------
-    value : the computed number
-    stated : the printed number, without tolerance
-
-    Returns
-    -------
-    equal if the number rounds to the printed digits, close within ``stated.close``, else different
+    """Compare a number without Monte Carlo error with the printed one: equal if it rounds to the printed digits.
 
     Examples
     --------

@@ -25,17 +25,7 @@ class PseudoValues(NamedTuple):
 
 
 def pseudo_values(link: tree.Link, evaluator: Evaluator) -> PseudoValues | None:
-    """Compute both sides without every group of runs.
-
-    Parameters
-    ----------
-    link : a comparison that depends on moments over the runs, or on columns
-    evaluator : made for it
-
-    Returns
-    -------
-    None where there are fewer than two groups that can be left out
-    """
+    """Compute both sides without every group of runs; None for fewer than two groups that can be left out."""
     groups = evaluator.groups
     if not evaluator.sampled:
         groups = np.array_split(evaluator.runs, min(len(evaluator.runs), MAX_GROUPS) or 1)

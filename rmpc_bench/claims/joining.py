@@ -31,16 +31,7 @@ def over_list(parts: Sequence[Outcome]) -> Finding:
 
 
 def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
-    """Join the cases of a statement with a hedge.
-
-    Parameters
-    ----------
-    cases : at least one outcome
-    holds_for : ``any`` for "can": one case is enough, and it fails if all do; ``most`` for "usually": more than half
-
-    Returns
-    -------
-    confirmed, not confirmed, or inconclusive where the inconclusive cases decide
+    """Join the cases of a statement: ``any`` for "can", ``most`` for "usually", which is more than half of them.
 
     Examples
     --------

@@ -21,17 +21,7 @@ _KEEPING = "abs last at since upto entry diag trace mean median min max quantile
 
 
 def magnitude(node: Node, evaluator: Evaluator) -> Value:
-    """Compute the magnitude of an expression.
-
-    Parameters
-    ----------
-    node : an expression that has a value
-    evaluator : made for it
-
-    Returns
-    -------
-    as many entries as the expression has, none below the absolute value of the entry
-    """
+    """Compute the magnitude of every entry of an expression, none below its absolute value."""
     value = evaluator.value(node)
     size = value.of(np.abs(value.array))
     found = _of_parts(node, evaluator)
@@ -39,18 +29,7 @@ def magnitude(node: Node, evaluator: Evaluator) -> Value:
 
 
 def of_sides(link: tree.Link, evaluator: Evaluator, left: Value) -> tuple[Array, Array]:
-    """Compute the magnitudes of both sides of a comparison.
-
-    Parameters
-    ----------
-    link : the comparison
-    evaluator : made for it
-    left : its left side as `Evaluator.sides` gives it
-
-    Returns
-    -------
-    two arrays of the shape of `left`; 0 for a side without terms, which is exact
-    """
+    """Compute the magnitudes of both sides of a comparison, in the shape of `left`; 0 for a side without terms."""
     found = [magnitude(node, evaluator) if tree.terms(node) else _EXACT for node in (link.left, link.right)]
     parts = aligned(*found, left)
     first, second = (np.broadcast_to(part.array, left.array.shape) for part in parts[:2])

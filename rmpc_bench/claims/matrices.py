@@ -24,14 +24,8 @@ def of_matrix(name: str, value: Value) -> Value:
 def excess(a: Value, b: Value) -> Value:
     """Compute the largest generalised eigenvalue, max z'az / z'bz: above 1 where b does not cover a.
 
-    Parameters
-    ----------
-    a, b : symmetric matrices or series of them, b without negative eigenvalues
-
-    Returns
-    -------
-    a number or a series; where b is singular inf if a reaches outside its range, else the value on the range (0 where
-    both are 0); NaN where an entry is missing
+    Where b is singular it is inf if a reaches outside its range, else the value on the range (0 where both are 0); NaN
+    where an entry is missing.
     """
     a, b = aligned(_symmetric("excess", a), _symmetric("excess", b))
     part = _spectrum("excess", b.array)
@@ -52,15 +46,7 @@ def excess(a: Value, b: Value) -> Value:
 def distance(x: Value, centre: Value, P: Value) -> Value:
     """Compute sqrt((x - centre)' P^-1 (x - centre)): at most 1 in the ellipsoid of P.
 
-    Parameters
-    ----------
-    x, centre : vectors, or columns or series of them; numbers for a P that is one
-    P : symmetric matrix or series of them, without negative eigenvalues
-
-    Returns
-    -------
-    a number, column or series; where P is singular inf if x - centre reaches outside its range, else the distance in
-    the range; inf where an entry of x - centre is infinite
+    Where P is singular it is inf if x - centre reaches outside its range, else the distance in the range.
     """
     gap, P = combine(difference, x, centre), _symmetric("distance", P)
     gap = gap if gap.entry else gap.of(gap.array[..., None])

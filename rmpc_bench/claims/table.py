@@ -26,17 +26,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 
 
 def claims_record(verdicts: Iterable[ClaimVerdict], experiment: ExperimentRecord) -> ClaimsRecord:
-    """Turn verdicts into what claims.json holds.
-
-    Parameters
-    ----------
-    verdicts : the verdicts
-    experiment : what they are about
-
-    Returns
-    -------
-    JSON types and finite numbers with six significant digits, as in `claims.schema.json`
-    """
+    """Turn verdicts into what claims.json holds, as in `claims.schema.json`."""
     return {"schema": "rmpc-bench claims 1", "experiment": experiment, "claims": claims_table(verdicts)}
 
 

@@ -131,18 +131,7 @@ def functions(node: Node) -> set[str]:
 
 
 def misuse(term: Term, function: str, *, signal: bool) -> str:
-    """Say why a term cannot stand where it does.
-
-    Parameters
-    ----------
-    term : a term of a check
-    function : the one it is an argument of by itself; "" where of none
-    signal : whether it is one of `SIGNALS`, rather than a metric or a series
-
-    Returns
-    -------
-    the reason; empty where nothing is wrong
-    """
+    """Say why a term cannot stand by itself in a function ("" for none), empty where it can."""
     what = f"{term.quantity}[{term.method}]"
     if signal and function not in MOMENTS:
         return f"of the signal {what} only moments over the runs are known: mean({what}), var, std or cov"
