@@ -12,6 +12,7 @@ from rmpc_bench.claims import decision, magnitudes, tree
 from rmpc_bench.claims.band import entry_by_entry
 from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.levels import CornerSpread
 from rmpc_bench.claims.spread import Spread, spread_of
 from rmpc_bench.claims.values import Value, compare
 from rmpc_bench.types import Array
@@ -105,6 +106,9 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
     interval = None if spread is None else spread.gap()
     k, entry = _place(value, place)
     holds = held if spread is None else decision.decided(link.operator, spread)
+    # Runs can contradict an equality; they prove it only of what is known exactly, such as an infinite largest value.
+    if link.operator == "==" and spread is not None and not isinstance(spread, CornerSpread):
+        holds = None if holds and link.left != link.right else holds
     # A statement about every run is refuted by one of them, and never proved by some.
     if value.axis == "runs" and evaluator.is_estimated(link) and (held or len(evaluator.runs) < 2):
         holds = None

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.bootstrap import FEWEST, mean_interval
 from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
@@ -203,6 +203,8 @@ def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, c
 
 def average_interval(values: Array, confidence: float, seed: int) -> Interval:
     """Student interval of a mean, and where the values are skewed and few that of bootstrap-t, too."""
+    if len(values) < FEWEST and values.min() == values.max():
+        return -math.inf, math.inf  # The values of few runs that are equal say nothing of their spread.
     intervals = student(values, confidence), mean_interval(values, confidence, seed)
     lows, highs = zip(*intervals, strict=True)
     return min(lows), max(highs)

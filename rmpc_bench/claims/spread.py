@@ -78,8 +78,11 @@ class ResampledSpread:
     confidence: float
 
     def gap(self, shift: int = 0) -> Interval:
-        """Percentile interval."""
-        return self._percentiles(difference(self.left, self.right) + (shift * self.tolerance if shift else 0.0))
+        """Percentile interval; an end at the border itself, where shares tie, is one step beyond it."""
+        gaps = difference(self.left, self.right) + (shift * self.tolerance if shift else 0.0)
+        low, high = self._percentiles(gaps)
+        step = float(np.abs(gaps[gaps != 0]).min()) if low * high == 0 and gaps.any() else 0.0
+        return (-step if low == 0 else low), (step if high == 0 else high)
 
     def ratio(self) -> Interval:
         """Percentile interval; unbounded where a divisor reaches 0."""
