@@ -141,6 +141,8 @@ def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Arra
     a, b = (column(part, evaluator) for part in (above, below))
     if a is None or b is None or not b.ndim or not all(np.isfinite(part).all() for part in (a, b)):
         return None
+    if are_few_counts(a, b):
+        return None
     return None if _is_binary(b) or (a.ndim and _is_binary(a)) else (np.broadcast_to(a, b.shape), b)
 
 
@@ -201,10 +203,13 @@ def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, c
     return (ends[0], ends[1]) if parts is not None else (np.exp(ends[0]), np.exp(ends[1]))
 
 
+def are_few_counts(*columns: Array) -> bool:
+    """Whether fewer than 10 runs have the same whole number in all columns, which says nothing of their spread."""
+    return all(len(each) < FEWEST and (each == np.rint(each[0])).all() for each in columns if each.ndim)
+
+
 def average_interval(values: Array, confidence: float, seed: int) -> Interval:
     """Student interval of a mean, and where the values are skewed and few that of bootstrap-t, too."""
-    if len(values) < FEWEST and values.min() == values.max():
-        return -math.inf, math.inf  # The values of few runs that are equal say nothing of their spread.
     intervals = student(values, confidence), mean_interval(values, confidence, seed)
     lows, highs = zip(*intervals, strict=True)
     return min(lows), max(highs)

@@ -18,7 +18,7 @@ from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantil
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import at_ends, average_interval, column, estimates, level_spread, unseen
+from rmpc_bench.claims.levels import are_few_counts, at_ends, average_interval, column, estimates, level_spread, unseen
 from rmpc_bench.claims.values import NoValue
 from rmpc_bench.types import Array
 
@@ -169,7 +169,7 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
 def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
     sides = [column(side, evaluator) for side in (link.left, link.right)]
     left, right = sides
-    if left is None or right is None or not (left.ndim or right.ndim):
+    if left is None or right is None or not (left.ndim or right.ndim) or are_few_counts(left, right):
         return None
     tolerance: Array | None = np.array(0.0)
     if link.tolerance is not None:

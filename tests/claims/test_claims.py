@@ -349,3 +349,30 @@ def test_markdown(make_trials):
     informational = claims_markdown(verdicts, informational=True)
     assert "the configuration was modified or did not run at full size" in informational
     assert not any(word in informational.lower() for word in ("wrong", "refuted", "significant", "score"))
+
+
+@pytest.mark.parametrize(
+    ("check", "finding"),
+    [
+        ("mean(t[A]) < 2.5", "inconclusive"),  # two runs with the same count
+        ("mean(t[A]) / mean(t[B]) < 1", "inconclusive"),
+        ("mean(t[A]) < mean(t[B])", "inconclusive"),
+        ("mean(t[A] + 0.25) < 2.5", "confirmed"),  # what does not vary is no count
+    ],
+)
+def test_the_same_count_in_few_runs(make_trials, check, finding):
+    assert judge(claim(check), make_trials({"t": {"A": [2.0, 2.0], "B": [3.0, 3.0]}})).finding == finding
+
+
+def test_equality_is_not_proven_by_runs(make_trials):
+    """Events that coincide in 20 runs may differ in one of eight; a difference contradicts equality."""
+    trials = make_trials({"t": {"A": [1.0, 3.0] * 10, "B": [1.5, 3.5] * 10}})
+    assert judge(claim("share(t[A] > 2) == share(t[B] > 2)"), trials).finding == "inconclusive"
+    assert judge(claim("mean(t[A]) == mean(t[B])"), trials).finding == "not-confirmed"
+
+
+def test_shares_that_differ_in_one_direction_only(make_trials):
+    """Two of 20 runs are in one event alone: neither order is decided, as resamples without them tie."""
+    trials = make_trials({"t": {"A": [3.0] * 8 + [1.0] * 12, "B": [3.0] * 6 + [1.0] * 14}})
+    for check in ("share(t[A] > 2) < share(t[B] > 2)", "share(t[B] > 2) <= share(t[A] > 2)"):
+        assert judge(claim(check), trials).finding == "inconclusive"
