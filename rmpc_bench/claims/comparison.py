@@ -13,7 +13,7 @@ from rmpc_bench.claims.band import entry_by_entry
 from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.levels import CornerSpread
-from rmpc_bench.claims.spread import Spread, spread_of
+from rmpc_bench.claims.spread import Spread, StudentSpread, spread_of
 from rmpc_bench.claims.values import Value, compare
 from rmpc_bench.types import Array
 
@@ -106,9 +106,10 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
     interval = None if spread is None else spread.gap()
     k, entry = _place(value, place)
     holds = held if spread is None else decision.decided(link.operator, spread)
-    # Runs can contradict an equality; they prove it only of what is known exactly, such as an infinite largest value.
-    if link.operator == "==" and spread is not None and not isinstance(spread, CornerSpread):
-        holds = None if holds and link.left != link.right else holds
+    # Runs can contradict an equality.  They prove it of what is known exactly, and of equal columns that are no counts.
+    if link.operator == "==" and holds and spread is not None and link.left != link.right:
+        is_column = isinstance(spread, StudentSpread) and not (spread.left == np.rint(spread.left)).all()
+        holds = True if is_column or isinstance(spread, CornerSpread) else None
     # A statement about every run is refuted by one of them, and never proved by some.
     if value.axis == "runs" and evaluator.is_estimated(link) and (held or len(evaluator.runs) < 2):
         holds = None

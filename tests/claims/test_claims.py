@@ -369,6 +369,9 @@ def test_equality_is_not_proven_by_runs(make_trials):
     trials = make_trials({"t": {"A": [1.0, 3.0] * 10, "B": [1.5, 3.5] * 10}})
     assert judge(claim("share(t[A] > 2) == share(t[B] > 2)"), trials).finding == "inconclusive"
     assert judge(claim("mean(t[A]) == mean(t[B])"), trials).finding == "not-confirmed"
+    for values, finding in (([1.1, 3.7], "confirmed"), ([1.0, 3.0], "inconclusive")):
+        same = make_trials({"t": {"A": values * 10, "B": values * 10}})
+        assert judge(claim("mean(t[A]) == mean(t[B])"), same).finding == finding
 
 
 def test_shares_that_differ_in_one_direction_only(make_trials):
