@@ -63,7 +63,7 @@ def n_deciding(
     estimate: tuple[float, float, float],
     confidence: float,
 ) -> int | None:
-    """Estimate how many runs would decide an inconclusive comparison, if `estimate` is the truth.
+    """Estimate how many runs would decide an inconclusive comparison, if `estimate` is right.
 
     It has the left side, the right side and the tolerance.  A share, quantile or geometric mean gets the interval that
     so many runs would have; any other one becomes narrower with the root of their number.  Two significant digits; None
