@@ -69,17 +69,7 @@ class Outcome(NamedTuple):
 
 
 def objectives(protocol: TuningProtocol, values: Array) -> Array:
-    """Return `TuningProtocol.objective` with `DIGITS` digits, quickly for many sets of runs.
-
-    Parameters
-    ----------
-    protocol : statistic and penalty
-    values : (..., runs) metric of every run; NaN or infinite where the run has failed
-
-    Returns
-    -------
-    (...) objectives
-    """
+    """Return `TuningProtocol.objective` of (..., runs) values with `DIGITS` digits, quickly for many sets of runs."""
     kept, level = np.isfinite(values), level_of(protocol.statistic)
     if level is None:
         return rounded(_of_mean(protocol, values, kept), digits=DIGITS)
@@ -102,12 +92,7 @@ def _of_mean(protocol: TuningProtocol, values: Array, kept: Array) -> Array:
 
 
 def outcome(search: TuningSearch) -> Outcome:
-    """Summarise a search.
-
-    Parameters
-    ----------
-    search : the record of the search of a method at a point
-    """
+    """Summarise the search of a method at a point."""
     if search.chosen is None:
         default = math.nan if search.test is None else float(objectives(search.protocol, search.test[-1]))
         failed = math.nan if search.test is None else _failed(search.test[-1])
@@ -125,16 +110,7 @@ def outcome(search: TuningSearch) -> Outcome:
 
 
 def tuning_frame(tuning: Tuning) -> pd.DataFrame:
-    """Return the tuned parameters as a table, one row per point, method and parameter.
-
-    Parameters
-    ----------
-    tuning : how the parameters were chosen
-
-    Returns
-    -------
-    columns `COLUMNS`; numbers in full precision
-    """
+    """Return a table of `COLUMNS`, one row per point, method and tuned parameter; numbers in full precision."""
     rows = [row for search in tuning.searches for row in _rows(outcome(search))]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 

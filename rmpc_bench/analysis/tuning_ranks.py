@@ -104,13 +104,10 @@ def tuning_ranks(
 
     Returns
     -------
-    the ranks; None below two methods, where a search has found nothing or has no values on the runs of the experiment,
-    and where no method has a finite objective there
+    the ranks; None below two methods, where `why_unranked` has a reason, and where no method has a finite objective
     """
-    if any(search.chosen is None for search in searches):
-        return None
     tests = [search.test for search in searches if search.test is not None]
-    if len(searches) + len(others) < 2 or len(tests) < max(len(searches), 1):
+    if not searches or len(searches) + len(others) < 2 or why_unranked(searches):
         return None
     budgets, drawn = budgets_of(searches), _sets(searches)
     names = [*(search.method for search in searches), *others]
@@ -137,16 +134,23 @@ def tuning_ranks(
     )
 
 
+def why_unranked(searches: Sequence[TuningSearch], n_runs: int | None = None) -> str:
+    """Say why methods with these searches have no ranks, beside an experiment of `n_runs` runs; empty if they have."""
+    lost = [search.method for search in searches if search.chosen is None]
+    if lost:
+        return f"nothing could be tuned for {', '.join(lost)}"
+    sizes = sorted({0 if search.test is None else search.test.shape[1] for search in searches})
+    if sizes[:1] < [2] or sizes[-1] != (n_runs or sizes[0]) or len(sizes) > 1:
+        of = f", which has {n_runs}" if n_runs else ""
+        return f"the values were computed on {sizes[0] or 'no'} run{'s' * (sizes[0] != 1)} of the experiment{of}"
+    is_one = any(search.tuning.shape[1] < 2 for search in searches)
+    return "one tuning run does not show how they depend on the tuning runs" if is_one else ""
+
+
 def budgets_of(searches: Sequence[TuningSearch]) -> tuple[int, ...]:
     """Return the numbers of values after which methods are ranked.
 
-    Parameters
-    ----------
-    searches : of the methods
-
-    Returns
-    -------
-    the values of the first stage, such as the grid, half of the rest, and all values: 9, 12 and 16 of 16
+    They are those of the first stage, such as the grid, half of the rest, and all values: 9, 12 and 16 of 16.
     """
     largest = max(len(search.candidates) for search in searches)
     first = max(sum(stage in FIRST_STAGES for stage in search.stages) for search in searches)

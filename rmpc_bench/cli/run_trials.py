@@ -13,6 +13,7 @@ from rmpc_bench.cli import exits
 from rmpc_bench.cli.tuning import tuned_config
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import choose
+from rmpc_bench.execution.results import load_experiment
 from rmpc_bench.execution.runner import compute
 
 if TYPE_CHECKING:
@@ -21,18 +22,9 @@ if TYPE_CHECKING:
 
 
 def run_trials(request: Request, config: ExperimentConfig, directory: Path, started: float) -> int:
-    """Compute the trials of a shard or of all runs, and say in one line what is stored.
+    """Compute the trials of a shard or of all runs, and say in one line what is stored; return the exit code.
 
-    Parameters
-    ----------
-    request : options of the command line
-    config : the experiment
-    directory : of the results
-    started : when the command began, of the monotonic clock [s]
-
-    Returns
-    -------
-    the exit code; failed runs of a shard count when the shards are joined
+    Failed runs of a shard count when the shards are joined.  `started` is a time of the monotonic clock [s].
     """
     config = tuned_config(request, config, directory)
     compute(
@@ -48,14 +40,17 @@ def run_trials(request: Request, config: ExperimentConfig, directory: Path, star
         shard=request.shard,
         missing=request.missing,
     )
+    stop = None if config.stop is None else load_experiment(directory).stop
+    if stop is not None:
+        tuned_config(request, config, directory, stop.looks.wanted)
     place = request.place(directory)
     data = progress_file.read(place) or {}
     failed = data.get("failed", {})
     what = "trials" if request.shard is None else f"shard {request.shard.name}"
     texts = [f"{config.name}   {what} done in {time.monotonic() - started:.1f} s"]
     if data:
-        first, stop = data["runs"]
-        runs = f"runs {first} to {stop - 1}" if stop > first else "no runs: there are more shards than runs"
+        first, end = data["runs"]
+        runs = f"runs {first} to {end - 1}" if end > first else "no runs: there are more shards than runs"
         words = "".join(f", {word} {n}" for word, n in failed.items())
         texts.append(f"{runs}, {data['done']} of {data['total']} trials, {sum(failed.values())} failed{words}")
     click.echo("   ".join([*texts, str(place)]))
@@ -63,12 +58,4 @@ def run_trials(request: Request, config: ExperimentConfig, directory: Path, star
         request.note(f"when all shards are finished: rmpc-bench merge {shlex.quote(str(directory))}")
     if request.shard is None and sum(failed.values()) > config.execution.max_failures:
         return exits.TOO_MANY_FAILURES
-    return exits.STOP_UNMET if config.stop is not None and _is_unmet(place) else 0
-
-
-def _is_unmet(directory: Path) -> bool:
-    """Whether the largest number of runs is there and the stopping rule is not met."""
-    from rmpc_bench.execution.results import load_experiment
-
-    stop = load_experiment(directory).stop
-    return stop is not None and stop.is_unmet
+    return exits.STOP_UNMET if stop is not None and stop.is_unmet else 0

@@ -11,14 +11,12 @@ if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
 
-def tuned_config(request: Request, config: ExperimentConfig, directory: Path) -> ExperimentConfig:
+def tuned_config(
+    request: Request, config: ExperimentConfig, directory: Path, n_runs: int | None = None
+) -> ExperimentConfig:
     """Return a configuration with tuned values; those that are not known are found first.
 
-    Parameters
-    ----------
-    request : options of the command line
-    config : the experiment
-    directory : of its results
+    `n_runs` is the number of runs that a stopping rule has made; before them the regret is left for later.
     """
     if config.tuning is None:
         return config
@@ -33,17 +31,12 @@ def tuned_config(request: Request, config: ExperimentConfig, directory: Path) ->
         only=request.only or None,
         means=Means(request.jobs, request.engine_name, request.scheduler, request.accept_versions),
         progress=choose(request.how_progress),
+        n_runs=n_runs,
     )
 
 
 def tuning_line(config: ExperimentConfig, only: Collection[str] | None = None) -> list[str]:
-    """Return what is still to be tuned, as one line; no line where nothing is.
-
-    Parameters
-    ----------
-    config : the experiment
-    only : names of the methods that are computed; all unless given
-    """
+    """Return what is still to be tuned of the methods that are computed, as one line; no line where nothing is."""
     if config.tuning is None:
         return []
     protocol = config.tuning.protocol

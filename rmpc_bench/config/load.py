@@ -105,7 +105,7 @@ def _validated(
     own = OwnCode(access)
     points = build(drafts, own, smoke=size.smoke)
     claims = check(sweep, drafts, points, inherited, lenient=size.lenient)
-    check_tuning(drafts, points)
+    check_tuning(drafts, points, inherited)
     built = [point for point in points if point is not None]
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     problems += own.problems

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
-from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.draft import DraftConfig, TunedMethod
+from rmpc_bench.config.left_out import Inherited
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map, locate_key, split
-from rmpc_bench.config.tune_section import SMOKE_BUDGET
+from rmpc_bench.config.tree import Map, join, locate, locate_key, split
+from rmpc_bench.config.tune_section import SMOKE_BUDGET, ValueRow
+from rmpc_bench.config.tuned_methods import as_value, nearest_value
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
 from rmpc_bench.types.tuning import MOST_PARAMETERS
@@ -32,8 +34,8 @@ def metric_of_tuning(draft: DraftConfig) -> str:
     return str((tune and tune.metric) or primary or (draft.metric_names or [""])[0])
 
 
-def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
-    """Refuse ranges without a section and what cannot be tuned; warn of a section without a method to tune.
+def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], inherited: Inherited) -> None:
+    """Refuse ranges without a section, what cannot be tuned and values of nothing; warn of a section without a method.
 
     The first draft gets errors and warnings.  A design that could not be made is None.
     """
@@ -45,6 +47,7 @@ def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | No
             message = "needs the section `tune` at the top, such as `tune: {budget: 16, runs: 40}`, or `tune: {}`"
             first.note(["methods", name, "tune"], f"{message}; `tune: null` tunes nothing", key=True)
         return
+    _check_values(drafts, names, inherited)
     if not names:
         # The command line may add such a method, also an earlier one.
         message = "no method has the key `tune`, such as `tune: {estimator.radius: [0.01, 10]}`; nothing is tuned"
@@ -57,6 +60,45 @@ def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | No
     if points[0] is not None:
         _check_metric(first, points[0])
         _check_plant(first, points[0], names)
+
+
+def _check_values(drafts: Sequence[DraftConfig], names: Sequence[str], inherited: Inherited) -> None:
+    """Refuse values that nothing tunes; inherited ones of a method or point that is not here are left out."""
+    first, points, seen = drafts[0], {draft.title: draft for draft in drafts}, set[tuple[str, str]]()
+    for number, row in enumerate(first.values["tune"].values):
+        place: list[str | int] = ["tune", "values", number]
+        found = {} if row.at in points else {"at": _wrong_point(row.at, points)}
+        found |= {} if row.method in names else {"method": unknown(row.method, names, "method with the key `tune`")}
+        if (row.at, row.method) in seen:
+            first.note(place, f"{row.method} has values above already; leave out one of the two")
+        for key, message in found.items():
+            if inherited(locate(first.tree, place)):
+                first.left_out.append(f"{join(place)}: {message}")
+            else:
+                first.note([*place, key] if key == "method" or row.at else place, message)
+        seen.add((row.at, row.method))
+        tuned = None if found else points[row.at].tuned.get(row.method)
+        for path, message in [] if tuned is None else _wrong_values(row, tuned):
+            first.note([*place, "values", *path], f"{message}; `-s tune.values=[]` searches again")
+
+
+def _wrong_point(at: str, points: Collection[str]) -> str:
+    if "" in points:
+        return "this configuration has no sweep; leave out `at`"
+    return unknown(at, points, "point of the sweep") if at else f"name its point, such as `at: {next(iter(points))}`"
+
+
+def _wrong_values(row: ValueRow, tuned: TunedMethod) -> Iterator[tuple[list[str], str]]:
+    """Yield the path below `values` and what is wrong there."""
+    parameters = {each.path: each for each in tuned.parameters}
+    for path, value in row.values.items():
+        if path not in parameters:
+            yield [path], unknown(path, parameters, f"tuned parameter of {row.method}")
+        elif (nearest := nearest_value(parameters[path], value)) != as_value(parameters[path], value):
+            yield [path], f"{value:g} is not in the range of {row.method}; the nearest value is {nearest:.12g}"
+    if row.values and {*row.values} < {*parameters}:
+        missing = ", ".join(path for path in parameters if path not in row.values)
+        yield [], f"{missing} is missing, which is tuned too"
 
 
 def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:

@@ -76,7 +76,14 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
 
 def as_value(parameter: TunedParameter, number: float) -> float | int:
     """Return a value of a parameter as a configuration writes it."""
-    return int(number) if parameter.integer else float(f"{number:.{DIGITS}g}")
+    return int(number) if parameter.integer and number % 1 == 0 else float(f"{number:.{DIGITS}g}")
+
+
+def nearest_value(parameter: TunedParameter, number: float) -> float | int:
+    """Return the value of a range that is nearest to a number, as a configuration writes it."""
+    low, high = parameter.ends
+    inside = max(low, min(number, high))
+    return as_value(parameter, round(inside) if parameter.integer else inside)
 
 
 def _parameter(draft: DraftConfig, tree: Map, key: str, path: list[str | int]) -> TunedParameter | None:

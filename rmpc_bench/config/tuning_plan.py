@@ -73,7 +73,7 @@ class TuningPlan:
     searches : every tuned method at every point
     seeds : seed of the tuning runs at every point
     folder : identifies the tuning runs, as the hash of an experiment does its runs
-    test_runs : number of runs of the experiment on which values are compared
+    test_runs : number of runs of the experiment on which values are compared; the largest one with a stopping rule
     """
 
     protocol: TuningProtocol
@@ -139,9 +139,8 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
         for number, (draft, point) in enumerate(zip(drafts, points, strict=True))
         for name in draft.tuned
     ]
-    stop = drafts[0].values["stop"]
-    test_runs = points[0].experiment.n_runs if stop is None else stop.first_look
-    return TuningPlan(protocol, tune.regret, tuple(searches), tuple(seeds), digest(sorted(set(shared))), int(test_runs))
+    folder, test_runs = digest(sorted(set(shared))), points[0].experiment.n_runs
+    return TuningPlan(protocol, tune.regret, tuple(searches), tuple(seeds), folder, test_runs)
 
 
 def _search(

@@ -173,6 +173,9 @@ def run(
         shard=part,
         missing=missing,
     )
+    stop = load_experiment(place).stop if config.tuning is not None and config.stop is not None else None
+    if stop is not None:
+        tuned(config, place, only=only, means=means, progress=progress, n_runs=stop.looks.wanted)
     place = place if part is None else part.directory(place)
     own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
     return replace(load_results(place), components=own)

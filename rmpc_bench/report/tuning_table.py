@@ -12,7 +12,7 @@ import pandas as pd
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
-from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks
+from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.report.tuning_cells import objective_text, percent, rank_columns, rank_text, value_columns, value_text
 from rmpc_bench.report.tuning_sentences import EXPLANATION, end_sentences, rank_sentences, search_sentence
@@ -63,13 +63,21 @@ class TuningTable:
         found = {title: self._ranks_at(title, tables.get(title), each) for title, each in self.outcomes.items()}
         return {title: ranks for title, ranks in found.items() if ranks is not None}
 
+    @cached_property
+    def unranked(self) -> dict[str, str]:
+        """Title of a point without ranks -> why it has none; nothing where there is one method only."""
+        titles = [title for title in self.outcomes if title not in self.ranks and len(self.trials.methods) > 1]
+        return {title: self._why_unranked(title) or "every run of the experiment has failed" for title in titles}
+
+    def _why_unranked(self, title: str) -> str:
+        n_runs = next((len(table.runs) for table in self.trials.each if table.title == title), None)
+        return why_unranked([each.search for each in self.outcomes[title]], n_runs)
+
     def _ranks_at(self, title: str, table: Trials | None, found: Sequence[Outcome]) -> TuningRanks | None:
-        if self.tuning is None:
+        if self.tuning is None or self._why_unranked(title):
             return None
         searches, metric, others = [each.search for each in found], self.tuning.protocol.metric, {}
-        sizes = {0 if search.test is None else search.test.shape[1] for search in searches}
-        # A method that is not tuned can be ranked where its own runs are those of the test.
-        if table is not None and sizes == {len(table.runs)} and metric in [info.name for info in table.metrics]:
+        if table is not None and metric in [info.name for info in table.metrics]:
             tuned = {search.method for search in searches}
             others = {name: table.column(metric, name) for name in table.methods if name not in tuned}
         return tuning_ranks(self.tuning.protocol, searches, others, self.trials.all_methods)
@@ -118,6 +126,7 @@ class TuningTable:
         """Return the sentences on one point of the sweep."""
         found = self.outcomes[title]
         texts = [search_sentence(each) for each in found] + [text for each in found for text in end_sentences(each)]
+        texts += [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
         return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
 
     @property
@@ -211,12 +220,16 @@ class TuningTable:
             names = dict.fromkeys(each.search.method for each in ends)
             yield f"at the end of the range: {', '.join(names)}; a better value may lie outside"
         if len(self.outcomes) == 1:
+            yield from (f"No ranks: {why}." for why in self.unranked.values())
             yield from (text for ranks in self.ranks.values() for text in rank_sentences(ranks))
             return
         changing = sum(bool(ranks.can_change or ranks.changing) for ranks in self.ranks.values())
         if self.ranks:
             where = f"at {changing} of {len(self.ranks)} points" if changing else "at no point"
             yield f"ranks change with the tuning runs or the budget {where}"
+        if self.unranked:
+            where, why = f"{len(self.unranked)} of {len(self.outcomes)} points", next(iter(self.unranked.values()))
+            yield f"no ranks at {where}: {why}"
         yield "tables/tuning.md and tuning.csv have each point"
 
     def _screen_of_point(self, found: Sequence[Outcome]) -> Iterator[str]:

@@ -332,13 +332,12 @@ def test_results_without_a_record_of_the_tuning_are_reported(finished, tmp_path)
     assert not (tmp_path / "out" / "tuning.csv").exists() and (tmp_path / "out" / "summary.csv").exists()
 
 
-def test_no_value_with_a_design_leaves_the_default(tmp_path):
-    """The words say that nothing could be tuned; there are no ranks."""
+def test_where_no_value_has_a_design_the_default_stays(tmp_path):
     methods = "{RS: {estimator: {kind: risk-sensitive, theta: 0.001}, tune: {estimator.theta: [500, 1000]}}}"
     path = write(tmp_path, methods=methods)
     assert cli("check", path).exit_code == 0
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
-    assert result.exit_code == 0 and "nothing could be tuned" in result.stdout and "rank" not in result.stdout
+    assert result.exit_code == 0 and "RS   estimator.theta 0.001 (default): nothing could be tuned" in result.stdout
 
 
 def test_an_experiment_without_tuning_is_as_before(tmp_path):

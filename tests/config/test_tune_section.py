@@ -146,10 +146,8 @@ def test_integers_stay_integers(tmp_path):
     )
 
 
-def test_values_of_other_ranges_are_not_used(tmp_path):
-    values = "{values: [{method: KFR, values: {model.P_w: 3}}]}"
-    assert load_config(write(tmp_path, tune=values)).tuning.missing
-    given = load_config(write(tmp_path, tune=values.replace("P_w", "P_v")))
+def test_values_of_a_method_are_used_and_not_searched(tmp_path):
+    given = load_config(write(tmp_path, tune="{values: [{method: KFR, values: {model.P_v: 3}}]}"))
     assert not given.tuning.missing and given.methods["KFR"]["model"]["P_v"] == 3.0
 
 
@@ -225,3 +223,84 @@ def test_recorded_runs_are_not_tuned_on(tmp_path):
 def test_a_metric_of_which_less_is_not_better_is_refused(tmp_path, metric, why):
     with pytest.raises(ConfigError, match=rf"tune.metric: tuning minimises its metric, and {why}"):
         load_config(write(tmp_path, metrics=f"[estimation_mse, {metric}]", tune=f"{{metric: {metric}}}"))
+
+
+ADAPTED = "{KF: {estimator: {kind: kalman}}, KFR: {estimator: {kind: kalman}, tune: %s}}"
+MHE = "{MHE: {estimator: {kind: moving-horizon, window: 3}, tune: {estimator.window: {range: [2, 5], integer: true}}}}"
+SWEPT = {"sweep": "{grid: {plant.A: [0.9, 0.8]}}"}
+MISFITS = [
+    # row of `values`, text whose place is shown, path below the row, message, other keys
+    ("{method: KFR, values: {model.P_v: 5000}}", "5000", '.values."model.P_v"', "the nearest value is 1000", {}),
+    ("{method: KFR, values: {model.P_v: 0.001}}", "0.001", '.values."model.P_v"', "the nearest value is 0.01", {}),
+    ("{method: KFX, values: {model.P_v: 5}}", "KFX", ".method", "did you mean 'KFR'?", {}),
+    ("{method: KF, values: {model.P_v: 5}}", "KF,", ".method", "is not a known method with the key `tune`", {}),
+    ("{method: KFR, values: {model.P_w: 5}}", "5", '.values."model.P_w"', "did you mean 'model.P_v'?", {}),
+    ("{method: KFR, at: x=1, values: {model.P_v: 5}}", "x=1", ".at", "no sweep; leave out `at`", {}),
+    ("{method: KFR, at: plant.A=0.7, values: {model.P_v: 5}}", "plant", ".at", "did you mean 'plant.A=0.9'?", SWEPT),
+    ("{method: KFR, values: {model.P_v: 5}}", "{method", "", "name its point, such as `at: plant.A=0.9`", SWEPT),
+    (
+        "{method: KFR, at: plant.A=0.8, values: {model.P_v: 5000}}",
+        "5000",
+        '.values."model.P_v"',
+        "the nearest value is 1000",
+        SWEPT,
+    ),
+    (
+        "{method: KFR, values: {model.P_v: 1}}",
+        "{model",
+        ".values",
+        "model.P_w is missing, which is tuned too",
+        {"methods": ADAPTED % "{model.P_v: [1, 2], model.P_w: [1, 2]}"},
+    ),
+    (
+        "{method: KFR, values: {model.P_v: 0.2}}",
+        "0.2",
+        '.values."model.P_v"',
+        "the nearest value is 0.3",
+        {"methods": ADAPTED % "{model.P_v: {range: [0.2, 5], offset: 0.1}}"},
+    ),
+    (
+        "{method: MHE, values: {estimator.window: 7}}",
+        "7",
+        '.values."estimator.window"',
+        "the nearest value is 5",
+        {"methods": MHE},
+    ),
+]
+
+
+@pytest.mark.parametrize(("row", "text", "path", "message", "keys"), MISFITS)
+def test_values_that_nothing_tunes_are_refused_at_their_place(tmp_path, row, text, path, message, keys):
+    """Of another method, point, path or range: they were used or ignored without a word."""
+    tune = f"{{budget: 6, runs: 5, values: [{row}]}}"
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, tune=tune, **keys))
+    (found,) = caught.value.problems
+    assert found.path == f"tune.values.0{path}" and message in found.message
+    assert (found.line, found.column) == (*place("tune", text, tune),)
+
+
+def test_values_of_a_method_are_given_once(tmp_path):
+    row = "{method: KFR, values: {model.P_v: 5}}"
+    with pytest.raises(ConfigError, match="tune.values.1: KFR has values above already"):
+        load_config(write(tmp_path, tune=f"{{values: [{row}, {row}]}}"))
+
+
+def test_ends_of_a_range_are_values_of_it_although_the_sum_with_an_offset_is_rounded(tmp_path):
+    """0.1 + 0.2 is 0.30000000000000004, and a configuration has 12 digits."""
+    methods = ADAPTED % "{model.P_v: {range: [0.2, 5], offset: 0.1}}"
+    for value in (0.3, 5.1):
+        path = write(tmp_path, methods=methods, tune=f"{{values: [{{method: KFR, values: {{model.P_v: {value}}}}}]}}")
+        assert load_config(path).tuning.searches[0].values == {"model.P_v": value}
+
+
+def test_inherited_values_of_a_method_that_is_not_here_are_left_out_and_named(tmp_path):
+    """As claims and figures are; those of a range that has changed are an error of the change."""
+    write(tmp_path, tune="{values: [{method: KFR, values: {model.P_v: 5}}]}")
+    path = tmp_path / "tuned.yaml"
+    config = load_config(path, overrides=["methods.KFR.tune=null"])
+    (line,) = config.left_out
+    assert line.startswith("tune.values.0: 'KFR' is not a known method with the key `tune`")
+    with pytest.raises(ConfigError, match=r"the nearest value is 4; `-s tune.values=\[\]` searches again"):
+        load_config(path, overrides=["methods.KFR.tune={model.P_v: [1, 4]}"])
+    assert load_config(path, overrides=["methods.KFR.tune={model.P_v: [1, 4]}", "tune.values=[]"]).tuning.missing

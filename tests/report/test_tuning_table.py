@@ -62,7 +62,8 @@ def test_a_search_that_found_nothing_says_so_on_the_screen_in_sentences_and_tabl
     assert table.sentences[0] == f"{text}, as none of 2 values has a finite mse in a tuning run." and not table.ranks
     assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
     screen = "\n".join(table.to_screen())
-    assert text.replace(": ", "   ", 1) in screen and "rank" not in screen
+    assert text.replace(": ", "   ", 1) in screen and "rank 1" not in screen
+    assert table.sentences[-1] == "No ranks: nothing could be tuned for A." and table.sentences[-1] in screen
     assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
 
 
@@ -93,8 +94,9 @@ def test_the_screen_has_a_line_per_method(made):
 
 def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
     made = TuningTable(trials, tuning(search("A", constant([2, 1]), default=None)))
-    assert made.sentences == ("A: estimator.radius -> 5, chosen from 2 values.",)
-    assert made.to_screen()[1:] == ["            A   estimator.radius -> 5"]
+    why = "No ranks: the values were computed on no runs of the experiment, which has 3."
+    assert made.sentences == ("A: estimator.radius -> 5, chosen from 2 values.", why)
+    assert made.to_screen()[1:] == ["            A   estimator.radius -> 5", f"            {why}"]
     text = made.to_markdown()
     assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: failed |" in text
     assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
@@ -134,11 +136,32 @@ def test_a_sweep_has_a_table_per_point_and_a_short_screen(trials, make_sweep):
     assert made.sentences[0].startswith("s=0: A: ") and len(made.ranks) == n
 
 
-def test_a_method_that_is_not_tuned_is_ranked_with_as_many_runs_only(made, make_trials):
-    """A table of other runs would compare different random numbers."""
+def test_ranks_need_the_values_on_all_runs_of_the_experiment(made, make_trials):
+    """Those of the first look, or of an experiment that goes on, would be ranks of other runs than the comparison."""
     other = make_trials({"mse": {"C": [0.1] * 5, "A": [1.0] * 5, "B": [2.0] * 5}})
-    assert TuningTable(other, made.tuning).ranks[""].methods == ("A", "B")
-    assert made.ranks[""].methods == ("C", "A", "B")
+    table = TuningTable(other, made.tuning)
+    assert not table.ranks and made.ranks[""].methods == ("C", "A", "B")
+    why = "No ranks: the values were computed on 3 runs of the experiment, which has 5."
+    assert table.sentences[-1] == why and why in "\n".join(table.to_screen()) and f"- {why}" in table.to_markdown()
+
+
+@pytest.mark.parametrize(
+    ("tuning_runs", "test_runs", "why"),
+    [
+        (1, 3, "one tuning run does not show how they depend on the tuning runs"),
+        (3, 1, "the values were computed on 1 run of the experiment, which has 1"),
+        (3, 3, "every run of the experiment has failed"),
+    ],
+)
+def test_one_run_gives_no_ranks_and_no_share_of_bootstrap_sets(make_trials, tuning_runs, test_runs, why):
+    """Neither one of the search nor one of the experiment; and the words say so."""
+    metric = np.nan if why.startswith("every") else 1.0
+    table = make_trials({"mse": {"A": [metric] * test_runs, "B": [metric] * test_runs}})
+    tests = metric * constant([2, 1, 3], test_runs)
+    made = TuningTable(table, tuning(*(search(name, constant([2, 1], tuning_runs), tests) for name in "AB")))
+    assert not made.ranks and made.sentences[-1] == f"No ranks: {why}."
+    text = "\n".join([*made.to_screen(), *made.sentences])
+    assert "bootstrap" not in text and "rank 1" not in text and made.frame["same_order_pct"].isna().all()
 
 
 def test_many_methods_are_counted_on_the_screen(trials):

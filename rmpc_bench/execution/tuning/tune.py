@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import digest
 from rmpc_bench.config.tuning_plan import TuningPlan, WantedSearch
 from rmpc_bench.config.tuning_round import Trial
+from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.database import FILE as STORE
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.progress import Progress, Silent
@@ -43,17 +45,23 @@ def tuned(
     only: Collection[str] | None = None,
     means: Means | None = None,
     progress: Progress | None = None,
+    n_runs: int | None = None,
 ) -> ExperimentConfig:
     """Return a configuration with tuned values: those that are known, and those that are found here.
 
     The same call continues an interrupted one.  The directory of the results, or that of a shard, has or gets
     tuning.json and the trials of the tuning.  A shard uses the tuning.json of the whole experiment too.  `means` says
-    how trials are computed.  Raises as `rmpc_bench.execution.runner.compute`, and a ConfigError if no value of a range
-    gives a design.
+    how trials are computed.  With a stopping rule the regret waits for `n_runs`, the number of runs that were made.
+    Raises as `rmpc_bench.execution.runner.compute`.
     """
     plan_of = config.tuning
     if plan_of is None:
         return config
+    before, waits = None, config.stop is not None and n_runs is None
+    if n_runs is not None:
+        # The trials of the experiment are finished, which the file says again afterwards.
+        before, plan_of = progress_file.read(directory), replace(plan_of, test_runs=n_runs)
+        config = replace(config, tuning=plan_of)
     known = read_record(directory)
     if shard is not None:
         directory = shard.directory(directory)
@@ -64,7 +72,7 @@ def tuned(
     missing = [each for key, each in once.items() if each.values is None and key not in found][::-1]
     tested = digest([config.hash, plan_of.test_runs])
     untested = [each for key, each in once.items() if each in missing or (key in found and found[key].tested != tested)]
-    untested = untested[::-1] if plan_of.regret else []
+    untested = untested[::-1] if plan_of.regret and not waits else []
     _make(directory)
     if missing or untested:
         _refuse_another(config, directory)
@@ -73,6 +81,8 @@ def tuned(
     try:
         if any(each.key in found for each in plan_of.searches):
             write_record(directory, plan_of.protocol, plan_of.searches, found, short=not plan_of.regret)
+        if before is not None and (missing or untested):
+            progress_file.write(directory / progress_file.FILE, before)
     except OSError as error:
         raise WriteError(str(error)) from None
     return _with_values(config, found)

@@ -12,9 +12,10 @@ import rmpc_bench
 from rmpc_bench import load_config, load_results
 from rmpc_bench.config.tuning_plan import tuning_seed
 from rmpc_bench.config.writer import dump
+from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning import tune
 from rmpc_bench.execution.tuning.record import read_record, read_seconds
-from rmpc_bench.execution.tuning.rounds import rounded
+from rmpc_bench.execution.tuning.rounds import Rounds, rounded
 from rmpc_bench.execution.tuning.search import Candidate
 from rmpc_bench.types.tuning import TuningProtocol
 
@@ -336,8 +337,55 @@ def test_engines_and_blocks_of_a_servomechanism(tmp_path):
     run(path, tmp_path / "out", "-j", 1)
     run(path, tmp_path / "other", "--engine", "serial", "-s", "execution.block=2")
     assert record(tmp_path / "out") == record(tmp_path / "other")
-    # The regret is computed at the first look, as the number of runs is not known before.
-    assert all(each.test.shape == (5, 6) for each in load_results(tmp_path / "out").tuning.searches)
+    assert all(each.test.shape[0] == 5 for each in load_results(tmp_path / "out").tuning.searches)
+
+
+STOPPED = {"stop": "{max_runs: 24, resolve: 5%, every: 8}", "methods": TWO, "tune": "{budget: 3, runs: 3}"}
+
+
+def test_where_a_rule_stops_values_are_compared_on_all_runs_that_were_made(tmp_path, monkeypatch):
+    """In one command and in Python; then nothing is left to compute, and the status has ended."""
+    path = write(tmp_path, **STOPPED)
+    result = small_experiment.cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none", "--no-report")
+    assert result.exit_code == 4, result.output
+    results = load_results(tmp_path / "out")
+    assert len(results.trials.runs) == 24
+    report = rmpc_bench.tuning(results)
+    for each in results.tuning.searches:
+        own = results.trials.frame.query("method == @each.method").estimation_mse.to_numpy()
+        np.testing.assert_array_equal(each.test[each.chosen], rounded(own))
+    assert report.ranks[""].methods == ("KF", "KFR", "RKF") and not report.unranked
+    (status,) = read_status(tmp_path / "out").shards
+    assert status.state == "finished" and status.stage == "" and status.done == status.total == 72
+    python = rmpc_bench.run(load_config(path), directory=tmp_path / "python", jobs=1)
+    assert record(tmp_path / "python") == record(tmp_path / "out") and python.tuning.searches[0].test.shape == (4, 24)
+    blocks = spied(monkeypatch)
+    rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
+    assert not blocks
+
+
+def test_without_the_runs_of_the_values_the_words_say_why_there_are_no_ranks(tmp_path, monkeypatch):
+    """As after an interruption between the last look and the regret."""
+    path = write(tmp_path, **STOPPED)
+    with monkeypatch.context() as patch:
+        patch.setattr("rmpc_bench.execution.tuning.rounds.Rounds.values", interrupted_at_the_test(Rounds.values))
+        with pytest.raises(KeyboardInterrupt):
+            rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
+    why = "No ranks: the values were computed on no runs of the experiment, which has 24."
+    assert rmpc_bench.tuning(load_results(tmp_path / "out")).sentences[-1] == why
+    rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
+    assert rmpc_bench.tuning(load_results(tmp_path / "out")).ranks
+
+
+def interrupted_at_the_test(values):
+    """Interrupt where values are computed on the runs of the experiment."""
+
+    def replaced(self, trials, *, tested=False):
+        if tested:
+            raise KeyboardInterrupt
+        return values(self, trials, tested=tested)
+
+    return replaced
 
 
 def test_a_large_round_is_computed_in_parts(finished, tmp_path, monkeypatch):
