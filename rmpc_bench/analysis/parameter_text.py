@@ -20,20 +20,12 @@ def is_tuned(trials: Trials, method: str) -> bool:
 
 
 def parameter_text(trials: Trials, method: str) -> str:
-    """Say where the parameters of a method come from.
+    """Say where the parameters of a method come from; empty where it is not known.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    method : name of a method
-
-    Returns
-    -------
-    such as "as published, not tuned", "tuned (budget 16, 40 runs)" or "tuned for other settings"; empty where it
-    is not known
+    Such as "as published, not tuned", "tuned (budget 16, 40 runs)" or "default (nothing could be tuned)".
     """
     word = trials.parameters.get(method, "")
-    return word if not word or word.startswith(TUNED) else f"{word}, not tuned"
+    return word if not word or word.startswith(TUNED) or word.endswith(")") else f"{word}, not tuned"
 
 
 def untuned_text(trials: Trials, method: str) -> str:

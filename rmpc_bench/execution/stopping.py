@@ -7,6 +7,7 @@ one are computed, so that the same command continues where it was.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
@@ -110,7 +111,8 @@ class Stopping:
         table = replace(table, points=tuple(replace(point, look=1) for point in table.points))
         wide = sorted((each for each in half_widths(table) if each.value > resolve), key=lambda each: -each.value)
         texts = [
-            f"{' at '.join(filter(None, (each.method, each.point)))} is known to {100 * each.value:.2g} %"
+            f"{' at '.join(filter(None, (each.method, each.point)))} "
+            + (f"is known to {100 * each.value:.2g} %" if math.isfinite(each.value) else "has no interval")
             for each in wide
         ]
         every = self._keys.every or EVERY

@@ -48,7 +48,7 @@ class TuningProtocol:
     @property
     def words(self) -> str:
         """What is said of a tuned method, such as ``tuned (budget 16, 40 runs)``."""
-        return f"tuned (budget {self.budget}, {self.runs} runs)"
+        return f"tuned (budget {self.budget}, {self.runs} run{'s' * (self.runs > 1)})"
 
     def objective(self, values: Float[Array, "... runs"]) -> Float[Array, ...]:
         """Return what the search minimises: the statistic of the finished runs with a penalty on failed ones.

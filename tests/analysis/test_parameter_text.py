@@ -33,6 +33,13 @@ def test_only_a_tuned_method_is_called_tuned(trials):
     ]
 
 
+def test_a_method_for_which_nothing_could_be_tuned_was_not_left_untuned(trials):
+    word = "default (nothing could be tuned)"
+    table = replace(trials, parameters=dict.fromkeys("ABC", word))
+    assert untuned_text(table, "A") == parameter_text(table, "A") == word
+    assert pair_text(table, "A", "B") == f"both {word}" and parameter_legend(table) == [f"parameters: {word}"]
+
+
 def test_pairs_name_both_methods_unless_they_are_alike(trials):
     assert pair_text(trials, "A", "B") == f"A: {TUNED}, B: default, not tuned"
     assert pair_text(trials, "B", "A") == f"B: default, not tuned, A: {TUNED}"

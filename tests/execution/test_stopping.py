@@ -94,6 +94,7 @@ def test_failures_never_meet_a_rule(tmp_path):
     path = write(tmp_path, plant=FAILING, stop=stop, metrics="[mse, settling_time]")
     computed(path, tmp_path / "a")
     assert looks(tmp_path / "a").runs == (50, 100) and load_experiment(tmp_path / "a").stop.is_unmet
+    assert looks(tmp_path / "a").open == ("R-MPC has no interval",)
     assert [each.value for each in half_widths(load_results(tmp_path / "a").trials)] == [math.inf]
     options = ["-o", tmp_path / "a", "--progress", "none", "--no-report", "-s", "execution.max_failures=1000"]
     assert cli("run", path, *options).exit_code == 4
