@@ -207,7 +207,7 @@ class TuningTable:
         every = [each for found in self.outcomes.values() for each in found]
         protocol, n = self.tuning.protocol, len({each.search.method for each in every})
         points = f" at {len(self.outcomes)} points" if len(self.outcomes) > 1 else ""
-        head = f"{n} method{'s' * (n > 1)}{points}, budget {protocol.budget}, {protocol.runs} run{'s' * (protocol.runs > 1)}"
+        head = f"{n} method{'s' * (n > 1)}{points}, {protocol.words.removeprefix('tuned (').removesuffix(')')}"
         yield f"{head}, {protocol.statistic} of {protocol.metric}"
         if len(self.outcomes) == 1:
             (found,) = self.outcomes.values()

@@ -6,7 +6,6 @@ from small_experiment import KEYS, text, write
 from rmpc_bench import load_config
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.sweep import expand
-from rmpc_bench.config.sweep_section import SWEPT
 from rmpc_bench.config.tree import plain
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.sweep_points import relevant_paths
@@ -366,34 +365,3 @@ def test_a_path_may_have_an_effect_at_some_values_of_another_one_only(tmp_path):
     """The radius belongs to one of two estimators: its two values are told apart there."""
     sweep = "{grid: {methods.R-MPC.model.k_theta: [1280, 900], plant.perturb.J_l: [1 + eps, 1.0]}}"
     assert len(load_config(write(tmp_path, sweep=sweep)).points) == 4
-
-
-def leaves(node, steps=()):
-    """Paths of the numbers that can be swept in plain data."""
-    if isinstance(node, dict):
-        for key, value in node.items():
-            yield from leaves(value, (*steps, key))
-    elif isinstance(node, float | int) and not isinstance(node, bool):
-        yield steps
-
-
-@pytest.mark.parametrize("path", ["belda2017/exp1", "belda2017/exp2"])
-def test_every_number_that_a_sweep_accepts_tells_the_points_apart(path):
-    """Two values of a path of a shipped configuration give two keys of at least one method; every tenth path or so."""
-    config = load_config(path, overrides=["sweep=null"])
-    roots = {key: config.first_point[key] for key in (*SWEPT, "methods") if key in config.first_point}
-    accepted = 0
-    every = list(leaves(roots))
-    for steps in every[:: len(every) // 10]:
-        value = roots
-        for step in steps:
-            value = value[step]
-        swept = ".".join(steps)
-        try:
-            found = load_config(path, overrides=[f"sweep={{grid: {{{swept}: [{value}, {1.25 * value + 0.5}]}}}}"])
-        except ConfigError:
-            continue
-        accepted += 1
-        one, two = (point.method_keys for point in found.points)
-        assert one != two, swept
-    assert accepted > 5
