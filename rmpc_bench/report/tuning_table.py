@@ -156,8 +156,9 @@ class TuningTable:
             return ""
         protocol = self.tuning.protocol
         return (
-            f"{protocol.budget} values at most are tried for each method, each on {protocol.runs} runs whose random "
-            f"numbers the experiment does not use. Objective: {objective_text(protocol)}."
+            f"{protocol.budget} values at most are tried for each method, each on "
+            f"{protocol.runs} run{'s' * (protocol.runs > 1)} whose random numbers the experiment does not use. "
+            f"Objective: {objective_text(protocol)}."
         )
 
     @property

@@ -6,6 +6,7 @@ The designs of a shipped configuration are made once; a swept value makes those 
 from pathlib import Path
 
 import pytest
+from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config
 from rmpc_bench.components.consent import CodeAccess
@@ -15,8 +16,9 @@ from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.source import read
-from rmpc_bench.config.sweep import SweptTree, compose
+from rmpc_bench.config.sweep import SweptTree, compose, expand
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, SWEPT, SweepReader, SweptValue, assigned
 from rmpc_bench.config.tree import Map
 from rmpc_bench.config.validation import validate_sections
@@ -26,11 +28,11 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 QUICK = ("belda2017/exp1", "belda2017/fig4", "benchmarks/f404")
 """Configurations whose designs take little time; all others are slow."""
 EVERY = sorted(path.relative_to(CONFIGS).with_suffix("").as_posix() for path in CONFIGS.rglob("*.yaml"))
-_WITHOUT = ("sweep", "claims", "figures", "report", "tune")
+_WITHOUT = ("claims", "figures", "report", "tune")
 
 
 class Keys:
-    """Makes the designs of a configuration without its sweep, with one value replaced.
+    """Makes the designs of a configuration at the first point of its sweep, with one value replaced.
 
     Parameters
     ----------
@@ -38,8 +40,10 @@ class Keys:
     """
 
     def __init__(self, path):
-        self.path, source = path, read(path, ["sweep=null"], [])
-        self.access, self.tree = CodeAccess.of(path, []), with_matrices(inherit(source), path)
+        self.access = CodeAccess.of(path, [])
+        tree = with_matrices(inherit(read(path, [], [])), path)
+        load_plugins(tree, self.access)
+        self.tree = expand(tree, [], self.access).points[0].tree.copy()
         for key in _WITHOUT:
             self.tree.pop(key, None)
         self.cache, self.calls = DesignCache(), FirstCalls()
@@ -112,10 +116,11 @@ def test_two_values_of_every_path_that_a_sweep_accepts_give_two_keys(name):
     Where both have one key the program refuses the sweep, as test_sweep.py shows; no path is of this kind here.
     """
     file = CONFIGS / f"{name}.yaml"
+    skip_without_libraries(file)
     made = Keys(file)
     before = made.of(made.tree)
     assert before is not None
-    accepted, alike, paths = 0, [], [*swept_values(load_config(file, overrides=["sweep=null"]))]
+    accepted, alike, paths = 0, [], [*swept_values(load_config(file))]
     for steps, value in paths:
         path = ".".join(f'"{step}"' if "." in step else step for step in steps)
         for other in others(value) if made.may_be_swept(steps) else ():
