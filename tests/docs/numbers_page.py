@@ -22,8 +22,8 @@ PAGE = DOCS / "numbers.md"
 ROUNDING = 1e-6
 """Relative change of a value without a standard error that counts as moved; the files have six digits."""
 EVERY_RUN = (
-    "No number of runs confirms a statement about every run, although these runs agree with it. The largest value of all "
-    "runs is not known, nor whether a share is 1. A share of runs, such as 98 %, can be confirmed."
+    "No number of runs confirms a statement about every run, although these runs agree with it. The largest value of "
+    "all runs is not known, nor whether a share is 1. A share of runs, such as 98 %, can be confirmed."
 )
 CAUSES = {
     "ma2025": "x(0) follows the printed law (77), and the noise is used as printed. Before, x(0) was x_hat(0), and "
