@@ -223,6 +223,9 @@ def column(node: Node, evaluator: Evaluator) -> Array | None:
     if isinstance(node, Call) and node.function == "mean":
         value = evaluator.value(node.arguments[0])
         return evaluator.by_run(value.array) if value.axis == "runs" and value.array.ndim == 1 else None
+    if isinstance(node, Call) and node.function == "share" and isinstance(node.arguments[0], tree.Chain):
+        value = evaluator.holds(node.arguments[0].links)
+        return evaluator.by_run(value.array.astype(float)) if value.axis == "runs" else None
     if isinstance(node, Negation):
         inner = column(node.operand, evaluator)
         return None if inner is None else -inner

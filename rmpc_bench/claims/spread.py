@@ -161,6 +161,9 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     else:
         means = _of_means(link, evaluator, confidence)
         found = means or _resampled(link, evaluator, confidence)
+        if means and any("share" in tree.functions(side) for side in (link.left, link.right)):
+            # Differences of shares are few steps wide, of which resamples alone miss some.
+            found = WiderSpread(means, _resampled(link, evaluator, confidence))
         smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
         found = found if smooth is None else WiderSpread(found, smooth)
     return found if corners is None else WiderSpread(found, corners)
