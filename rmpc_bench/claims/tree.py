@@ -18,7 +18,7 @@ _TABLE = {
     "max": ("x", "largest value of a column, series or list"),
     "quantile": ("x, q", "quantile of a column or series, q from 0 to 1, linear between order statistics"),
     "share": ("a < b", "share of the runs, or of the samples k, in which the comparisons hold"),
-    "all": ("a < b", "whether the comparisons hold in all runs, k and entries; the whole check; of runs only refutable"),
+    "all": ("a < b", "if the comparisons hold in all runs, k and entries; the whole check; runs can only refute it"),
     "ratio": ("a, b", "geometric mean of a/b over the runs of two columns; a/b of other values"),
     "at": ("x, k", "sample k of a series"),
     "last": ("x", "last sample of a series"),
