@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rmpc_bench.types.tuning import NOTHING_TUNED
+
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
@@ -25,7 +27,7 @@ def parameter_text(trials: Trials, method: str) -> str:
     Such as "as published, not tuned", "tuned (budget 16, 40 runs)" or "default (nothing could be tuned)".
     """
     word = trials.parameters.get(method, "")
-    return word if not word or word.startswith(TUNED) or word.endswith(")") else f"{word}, not tuned"
+    return word if not word or word.startswith(TUNED) or word.endswith(NOTHING_TUNED) else f"{word}, not tuned"
 
 
 def untuned_text(trials: Trials, method: str) -> str:

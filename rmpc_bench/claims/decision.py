@@ -11,7 +11,7 @@ from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import significant, without_noise
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.levels import level_spread
+from rmpc_bench.claims.levels import CornerSpread, level_spread
 from rmpc_bench.claims.spread import Spread
 from rmpc_bench.claims.values import Value
 from rmpc_bench.expressions.arithmetic import Call, Node, Operation
@@ -73,7 +73,7 @@ def n_deciding(
     if spread is None or link.operator == "==" or n < 2:
         # Runs can contradict equality, not prove it.
         return None
-    if level_spread(link, evaluator, confidence) is not None:
+    if isinstance(spread, CornerSpread):
         return _n_of_level(link, evaluator, confidence, n)
     needed = 0.0
     for shift in (-1, 1) if link.operator == "~" else (0,):

@@ -22,6 +22,7 @@ from rmpc_bench.claims.values import EvaluationError, NoValue, Value
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operand, Operation, Percent
 from rmpc_bench.types import Array
 
+UNBOUNDED: Interval = (-math.inf, math.inf)
 ORDER = ("median", "quantile", "min", "max")
 _MOST = 6
 """Largest number of estimates whose ends are combined."""
@@ -46,7 +47,7 @@ class CornerSpread:
         with np.errstate(all="ignore"):
             ratios = self.left / self.right
         if self.right.min() <= 0 <= self.right.max() or np.isnan(ratios).any():
-            return -math.inf, math.inf
+            return UNBOUNDED
         return float(ratios.min()), float(ratios.max())
 
 

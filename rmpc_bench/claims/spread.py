@@ -18,7 +18,16 @@ from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantil
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import are_few_counts, at_ends, average_interval, column, estimates, level_spread, unseen
+from rmpc_bench.claims.levels import (
+    UNBOUNDED,
+    are_few_counts,
+    at_ends,
+    average_interval,
+    column,
+    estimates,
+    level_spread,
+    unseen,
+)
 from rmpc_bench.claims.values import NoValue
 from rmpc_bench.types import Array
 
@@ -32,7 +41,6 @@ _TOGETHER = 1_000_000
 _ALONG_RUNS = ("mean", "median", "std", "var", "min", "max", "quantile", "share", "ratio", "abs")
 MIN_RUNS = 10
 """Runs below which resampling gives no interval."""
-UNBOUNDED: Interval = (-math.inf, math.inf)
 
 
 class Spread(Protocol):

@@ -34,7 +34,7 @@ class ValueRow:
     method : name of the method
     values : path inside the method -> value; empty where nothing could be tuned
     at : title of the point of the sweep; empty without a sweep
-    key : what identifies the search that has found them; with another search they are *tuned for other settings*
+    key : what identifies the search of these values; if this search is another one, they are "tuned for other settings"
     """
 
     method: Text

@@ -17,7 +17,7 @@ from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tune_checks import metric_of_tuning
 from rmpc_bench.simulation.random_streams import words_of
-from rmpc_bench.types.tuning import OTHER_SETTINGS, TunedParameter, TuningProtocol
+from rmpc_bench.types.tuning import NOTHING_TUNED, OTHER_SETTINGS, TunedParameter, TuningProtocol
 
 Chosen = Mapping[tuple[str, str], Mapping[str, float]]
 """Title of a point and name of a method -> path inside the method -> chosen value."""
@@ -101,7 +101,7 @@ class TuningPlan:
             return OTHER_SETTINGS
         n_found = sum(each.values is None or bool(each.values) for each in searches)
         if not n_found:
-            return f"{default} (nothing could be tuned)"
+            return f"{default} {NOTHING_TUNED}"
         words = self.protocol.words
         return words if n_found == len(searches) else f"{words[:-1]}, {n_found} of {len(searches)} points)"
 

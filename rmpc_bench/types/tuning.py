@@ -19,6 +19,8 @@ MOST_PARAMETERS = 10
 """Largest number of parameters of a method that are chosen together: a budget of this bench says little of more."""
 OTHER_SETTINGS = "tuned for other settings"
 """What is said of a method whose values come from the search of another experiment, method, range or protocol."""
+NOTHING_TUNED = "(nothing could be tuned)"
+"""Stands behind the source of the values that a method keeps where none has a finite objective."""
 _QUANTILE = re.compile(r"quantile\s+([0-9]+(?:\.[0-9]+)?)\s*%")
 
 
