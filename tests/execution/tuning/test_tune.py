@@ -337,7 +337,9 @@ def test_engines_and_blocks_of_a_servomechanism(tmp_path):
     run(path, tmp_path / "out", "-j", 1)
     run(path, tmp_path / "other", "--engine", "serial", "-s", "execution.block=2")
     assert record(tmp_path / "out") == record(tmp_path / "other")
-    assert all(each.test.shape[0] == 5 for each in load_results(tmp_path / "out").tuning.searches)
+    made = load_results(tmp_path / "out")
+    n = len(made.trials.runs)
+    assert {each.test.shape for each in made.tuning.searches} == {(5, n)} and n == made.experiment.stop.looks.wanted
 
 
 STOPPED = {"stop": "{max_runs: 24, resolve: 5%, every: 8}", "methods": TWO, "tune": "{budget: 3, runs: 3}"}
