@@ -15,10 +15,11 @@ from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
 from rmpc_bench.execution.latex_files import write_caption
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.files import save, svg_of
+from rmpc_bench.figures.files import page_svg, save
 from rmpc_bench.figures.paper import thin_lines
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.style import rendered
+from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.types import DesignError, Figure
 
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
@@ -42,7 +43,7 @@ class WrittenFigure(NamedTuple):
     paths: tuple[Path, ...]
     """One file per format."""
     svg: str = ""
-    """The picture as SVG, whatever the formats."""
+    """The picture as the SVG element of a page, whatever the formats; its class is its name."""
 
 
 def write_figures(
@@ -86,10 +87,10 @@ def write_more(
     return tuple(figures)
 
 
-def _svg(picture: Any, paths: Sequence[Path]) -> str:
-    """Return the picture as SVG: the content of its file, if there is one."""
+def _svg(picture: Any, stem: str, paths: Sequence[Path]) -> str:
+    """Return the picture for a page: the content of its file, if there is one."""
     file = next((path for path in paths if path.suffix == ".svg"), None)
-    return svg_of(picture) if file is None else file.read_text(encoding="utf-8")
+    return page_svg(picture, stem) if file is None else for_page(file.read_text(encoding="utf-8"), stem)
 
 
 def _written(results: Results, number: int, stem: Path, rendering: Rendering) -> Written:
@@ -117,4 +118,4 @@ def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> 
     paths = save(picture, stem.parent, stem.name, rendering)
     if {"pdf", "pgf"} & set(rendering.formats):
         paths.append(write_caption(caption, stem))
-    return caption, tuple(paths), _svg(picture, paths)
+    return caption, tuple(paths), _svg(picture, stem.name, paths)

@@ -212,7 +212,7 @@ def _bar(axes: Axes, row: Mapping[Any, Any], y: float, look: LineStyle) -> None:
         return
     share = 100 * min(1.0, max(0.0, float(row["share"])))
     face = paler(look.color, 0.35)
-    axes.barh(y, share, 0.85, color=face, edgecolor=BLACK, linewidth=0.3, hatch=look.hatch, zorder=2.1)
+    axes.barh(y, share, 0.85, color=face, edgecolor=BLACK, linewidth=0.3, zorder=2.1)
     ends = np.clip(100 * np.array([row["share_low"], row["share_high"]], dtype=float), 0.0, 100.0)
     axes.plot(ends, [y, y], color=BLACK, lw=0.9, zorder=2.5)
 
@@ -268,7 +268,7 @@ def _handles(results: Trials, content: DriversContent, styles: Mapping[str, Line
     for name in content.rows:
         look = styles[name]
         face = paler(look.color, 0.35)
-        patch = Patch(facecolor=face, edgecolor=BLACK, linewidth=0.3, hatch=look.hatch, gid=look.gid)
+        patch = Patch(facecolor=face, edgecolor=BLACK, linewidth=0.3, gid=look.gid)
         found.append((results.labels.get(name, name), patch))
     return found
 

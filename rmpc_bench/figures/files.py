@@ -6,12 +6,12 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.figures.fonts import families
 from rmpc_bench.figures.pdf_fonts import small_fonts
 from rmpc_bench.figures.pgf import as_latex
 from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.stable_svg import stable_svg
-from rmpc_bench.figures.style import rendered, style
-from rmpc_bench.figures.svg_text import readable_text
+from rmpc_bench.figures.style import font_family, rendered, style
+from rmpc_bench.figures.svg_text import as_file, for_page, themed
 from rmpc_bench.figures.vector_files import can_be_drawn_once, svg_and_pdf
 from rmpc_bench.replaced_file import refuse_outside, replace_text, replaced
 
@@ -49,7 +49,7 @@ def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
     """Write SVG and PDF from one draw."""
     with style(), small_fonts():
         svg, pdf = svg_and_pdf(figure, FORMATS[".svg"], FORMATS[".pdf"])
-    replace_text(directory / f"{stem}.svg", readable_text(stable_svg(svg)))
+    replace_text(directory / f"{stem}.svg", as_file(themed(svg), families(font_family())))
     with replaced(directory / f"{stem}.pdf") as partial:
         partial.write_bytes(pdf)
 
@@ -77,8 +77,20 @@ def save_as(figure: MplFigure, file: Path) -> None:
 
 
 def svg_of(figure: MplFigure) -> str:
-    """Return a picture as SVG, the same text every time."""
+    """Return a picture as SVG, the same text every time, as in a file."""
+    return as_file(_drawn(figure), families(font_family()))
+
+
+def page_svg(figure: MplFigure, css_class: str) -> str:
+    """Return a picture as the SVG element of a page, whose style sheet has the variables of `palette`.
+
+    The class, which no other figure of the page may have, stands in front of every id.
+    """
+    return for_page(_drawn(figure), css_class)
+
+
+def _drawn(figure: MplFigure) -> str:
     text = StringIO()
     with style():
         figure.savefig(text, format="svg", **FORMATS[".svg"])
-    return readable_text(stable_svg(text.getvalue()))
+    return themed(text.getvalue())

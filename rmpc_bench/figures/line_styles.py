@@ -1,4 +1,7 @@
-"""Styles of methods: every method has the same colour, dashes, marker and hatch in every figure of an experiment."""
+"""Styles of methods: every method has the same colour, dashes and marker in every figure of an experiment.
+
+Seven methods have styles of their own; the lines of more are thin and grey.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,25 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.figures.palette import DIM
+from rmpc_bench.figures.style import COLOURS, WHITE
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
-DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (8, 3)))
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (4, 2)),
+    (0, (1.2, 1.2)),
+    (0, (7, 1.5, 1.2, 1.5)),
+    (0, (8, 3)),
+    (0, (3, 1.2)),
+    (0, (8, 1.5, 1.2, 1.5, 1.2, 1.5)),
+)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++")
-"""Patterns of areas.  Seven of them, as there are seven markers, and five dashes and nine colours: no two of 315
-methods have the same combination, and no two of 35 the same dashes and the same marker in black and white."""
+THIN = 0.7
+"""Width of the grey lines of methods beyond the seventh, which are too many to be distinguished [pt]."""
 MOST_TRAVEL = 6.0
 """Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
 N_MARKERS = 8
@@ -37,8 +48,6 @@ class LineStyle(NamedTuple):
     zorder: float
     marker: str = "o"
     """Of single points, such as the mean of a method."""
-    hatch: str = ""
-    """Pattern of areas; empty for the first method."""
     place: int = 0
     """Position among the shown methods, which moves its markers along the line."""
     n_shown: int = 1
@@ -60,11 +69,11 @@ class LineStyle(NamedTuple):
 
         Rough lines have no dashes; two of them then have markers already.
         """
-        if self.n_shown < (2 if rough else MARKED_FROM) or n_samples < 2:
+        if self.n_shown < (2 if rough else MARKED_FROM) or n_samples < 2 or self.color == DIM:
             return {}
         step = max(1, n_samples // N_MARKERS)
         every = (self.place * step // self.n_shown, step)
-        return {"marker": self.marker, "ms": 2.8, "mew": 0.6, "mfc": "white", "markevery": every}
+        return {"marker": self.marker, "ms": 2.8, "mew": 0.6, "mfc": WHITE, "markevery": every}
 
 
 def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineStyle]:
@@ -78,18 +87,17 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
     for place, name in enumerate(shown):
         number = methods.index(name)
         stepwidth = 0.6 + min(0.3, 1.2 / len(shown)) * (len(shown) - 1 - place)
-        color, dashes, marker, hatch = (each[number % len(each)] for each in (COLOURS, DASHES, MARKERS, HATCHES))
-        zorder = 2.5 + 0.01 * place
-        found[name] = LineStyle(
-            color, dashes, 1.3, stepwidth, zorder, marker, hatch, place, len(shown), f"method-{number}"
-        )
+        dashes, marker = (each[number % len(each)] for each in (DASHES, MARKERS))
+        color, dashes, width = (COLOURS[number], dashes, 1.3) if number < len(COLOURS) else (DIM, "-", THIN)
+        zorder = 2.5 + 0.01 * place - (number >= len(COLOURS))
+        gid = f"method-{name}"
+        found[name] = LineStyle(color, dashes, width, stepwidth, zorder, marker, place, len(shown), gid)
     return found
 
 
-def paler(color: str, share: float = 0.6) -> str:
-    """Mix a colour, as "#rrggbb", with white; unlike a transparent one it does not change where lines cross."""
-    parts = (int(color[place : place + 2], 16) for place in (1, 3, 5))
-    return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
+def paler(color: str, share: float = 0.6) -> tuple[str, float]:
+    """Let a share of the ground shine through a colour, whether the ground is white or dark."""
+    return color, round(1 - share, 3)
 
 
 def are_rough(signals: Sequence[Array]) -> bool:

@@ -97,7 +97,7 @@ def _draw_band(
     step: Any = "post" if main["drawstyle"] == "steps-post" else None
     inside: dict[str, Any] = {"color": paler(look.color, 0.82), "linewidth": 0}
     if not below:
-        inside = {"facecolor": "none", "edgecolor": paler(look.color, HATCHED), "hatch": look.hatch or "////"}
+        inside = {"facecolor": "none", "edgecolor": paler(look.color, HATCHED), "hatch": "////"}
         inside["linewidth"] = 0.0
     area = axes.fill_between(t, low, high, step=step, zorder=1.5 + (look.zorder - 2.5), gid=look.gid, **inside)
     area.set_hatch_linewidth(HATCH_WIDTH)

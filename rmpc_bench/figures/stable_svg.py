@@ -1,44 +1,30 @@
 """SVG text that does not depend on the rounding errors of the CPU.
 
 matplotlib writes coordinates with six decimals of a point and names clipping paths and markers by a hash of unrounded
-numbers, so that an error of 1e-13 changes many lines of a file.  A thousandth of a point cannot be seen.
+numbers, so that an error of 1e-13 changes many lines of a file.  A hundredth of a point cannot be seen.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from decimal import Decimal
 
-DECIMALS = Decimal("0.001")
+DECIMALS = Decimal("0.01")
 _COORDINATES = re.compile(r'(?<=\s)(?:d|x|y|width|height|points|viewBox)="[^"]*"|(?:translate|rotate)\([^)]*\)')
 """Attributes that hold coordinates in points; a factor in `scale(...)` or a comment is left as it is."""
-_LONG_NUMBER = re.compile(r"-?\d+\.\d{4,}")
-_METHOD = re.compile(r'(?<=id=")method-\d+(?=")')
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _HASHED_NAME = re.compile(r'(?<=id=")[a-z][0-9a-f]{10}(?=")')
 
 
 def stable_svg(text: str) -> str:
-    """Round an SVG of matplotlib to a thousandth of a point, and number the names that it has made from hashes."""
+    """Round an SVG of matplotlib to a hundredth of a point, and number the names that it has made from hashes."""
     text = _COORDINATES.sub(lambda part: _LONG_NUMBER.sub(_rounded, part[0]), text)
     names = dict.fromkeys(_HASHED_NAME.findall(text))
     numbers = {name: f"{name[0]}{number}" for number, name in enumerate(names, start=1)}
-    text = _METHOD.sub(_Counted(), text)
     return re.sub(r'(?<=["#])[a-z][0-9a-f]{10}(?=["\)])', lambda found: numbers.get(found[0], found[0]), text)
 
 
-class _Counted:
-    """Number the groups of a method, as an id may stand in a file once."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-
-    def __call__(self, found: re.Match[str]) -> str:
-        self._counts[found[0]] += 1
-        return f"{found[0]}-{self._counts[found[0]]}"
-
-
 def _rounded(number: re.Match[str]) -> str:
-    """Write a number with three decimals at most; the six decimals of the text decide a half, not the float."""
+    """Write a number with two decimals at most; the six decimals of the text decide a half, not the float."""
     rounded = Decimal(number[0]).quantize(DECIMALS)
     return f"{rounded if rounded else abs(rounded):f}".rstrip("0").rstrip(".")

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 from rmpc_bench import notices
 from rmpc_bench.figures.fonts import family_of
 from rmpc_bench.figures.formulas import formulas_once
+from rmpc_bench.figures.palette import DIM, GROUND, INK, LINE, METHODS
 from rmpc_bench.figures.rendering import Rendering
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
-RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
-BLACK, WHITE = "#000000", "#ffffff"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255", "#999933")
-"""Palette of the methods, six colours of Okabe and Ito, then three darker ones of Tol: a colour-blind reader can
-distinguish them."""
-REFERENCE = "#7f7f7f"
+RED, BLUE = "#d7191c", "#0b5ba8"
+COLOURS = METHODS
+GREY, REFERENCE = LINE, DIM
+"""Colours of the grid, and of what belongs to no method."""
+BLACK, WHITE = INK, GROUND
 FONT_SIZE = 8
 """Size of all texts at the printed width [pt, of which an inch has 72]."""
 STYLE: dict[Any, Any] = {
@@ -34,6 +34,8 @@ STYLE: dict[Any, Any] = {
     "ytick.labelsize": FONT_SIZE,
     "legend.fontsize": FONT_SIZE,
     "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
     "axes.titlepad": 3.0,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,

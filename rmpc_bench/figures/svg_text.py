@@ -1,31 +1,100 @@
-"""Texts of an SVG: fonts that stand in for a missing one, and formulas as words instead of single characters.
+"""SVG of figures: colours are variables of CSS, formulas are words, and nothing names a font or a size.
 
-matplotlib names one font only, and writes every character of a formula as an element of its own with the whole style.
+matplotlib writes fixed colours and fonts, every character of a formula as an element, and an id for every group.
+`themed` makes of it what file and page share; `as_file` adds the colours of a light and a dark ground, `for_page` makes
+its ids those of one figure.  A group of a method has its key as ``data-method``.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 
-from rmpc_bench.figures.fonts import families
+from rmpc_bench.figures.palette import DARK, LIGHT, css_variables, in_css
+from rmpc_bench.figures.stable_svg import stable_svg
 
-_FAMILY = re.compile(r"font-family: ((?:'[^']*'|[\w-]+)(?:, (?:'[^']*'|[\w-]+))*)")
+PRIME = "\N{PRIME}"
+SUPERSCRIPT = 0.7
+"""Size of a superscript; matplotlib sets a prime as one, from a font in which it stands in the place of a 0."""
+RAISED = 0.59
+"""How far a superscript is raised, as a share of its size."""
+NAMESPACES = ' xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+
+_LEFT_OUT = re.compile(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*|<defs>\s*<style[^>]*>.*?</style>\s*</defs>\s*", re.S)
+_ROOT = re.compile(r"<svg\b[^>]*>", re.S)
+_VIEW = re.compile(r'viewBox="[^"]*"')
+_OWN_STYLE = re.compile(r"<style>.*?</style>\n?", re.S)
+_COLOUR = re.compile(r"#[0-9a-f]{6}\b")
+_FAMILY = re.compile(r"; font-family: [^\";]*|font-family: [^\";]*(?:; )?")
 _TURNED_BY_0 = re.compile(r' transform="rotate\(-?0 [^)]*\)"')
-_FONT = re.compile(r"font-size: [\d.]+px; font-family: [^\";]*")
+_FONT = re.compile(r"font-size: [\d.]+px")
 _SPANS = re.compile(r'(?:<tspan x="[^"]*" y="[^"]*" style="[^"]*">(?:[^<&]|&[^;]*;)</tspan>\s*){2,}')
 _SPAN = re.compile(r'<tspan x="([^"]*)" y="([^"]*)" style="([^"]*)">((?:[^<&]|&[^;]*;))</tspan>')
+_PRIMES = re.compile(r'y="([^"]*)" style="font-size: ([\d.]+)px; font-family: \'cmsy10\'">0<')
+_METHOD = re.compile(r"""\bid=(["'])method-""")
+_ID = re.compile(r' id="([^"]*)"')
+_GROUP = re.compile(r"<(/?)g\b([^>]*)>\s*")
+_REFERENCE = re.compile(r'(href="#|url\(#)([^")]+)')
+_PATH = re.compile(r'(?<= d=")[^"]*(?=")')
 
 
-def readable_text(svg: str) -> str:
-    """Give an SVG of rounded coordinates shorter, searchable formulas and fonts for machines without the first."""
-    svg = _FAMILY.sub(_with_others, _SPANS.sub(_joined, _TURNED_BY_0.sub("", svg)))
+def themed(text: str) -> str:
+    """Make the SVG element of matplotlib's file that is the same on every ground, with the same bytes every time."""
+    text = stable_svg(_LEFT_OUT.sub("", text[text.index("<svg") :]))
+    text = _PRIMES.sub(_prime, _TURNED_BY_0.sub("", text))
+    text = _FAMILY.sub("", _SPANS.sub(_joined, text))
+    text = _METHOD.sub(r"data-method=\1", text)
+    used = {name for _, name in _REFERENCE.findall(text)}
+    text = _ID.sub(lambda found: found[0] if found[1] in used else "", text)
+    text = _COLOUR.sub(lambda found: in_css(found[0]), _PATH.sub(_short, text))
+    text = _without_empty_groups(re.sub(r"\n\s+", "\n", text))
+    view = _VIEW.search(text)
+    head = f'<svg {view[0] if view else ""} fill="currentColor" stroke-linejoin="round">'
+    return _with_usual_font(_ROOT.sub(lambda _: head, text, count=1))
+
+
+def as_file(text: str, families: Sequence[str]) -> str:
+    """Give a themed SVG the colours of both grounds, and its fonts, so that it can stand alone."""
+    used = {name for name in LIGHT if f"var(--{name})" in text} | {"bg", "fg"}
+    fonts = ",".join(name if "-" in name or name == "serif" else f"'{name}'" for name in families)
+    light, dark = (css_variables(ground, used) for ground in (LIGHT, DARK))
+    style = (
+        f"<style>svg{{{light};background:var(--bg);color:var(--fg);font-family:{fonts}}}"
+        f"@media(prefers-color-scheme:dark){{svg{{{dark}}}}}</style>"
+    )
+    return _ROOT.sub(lambda found: f"<svg{NAMESPACES}{found[0][4:]}\n{style}", text, count=1)
+
+
+def for_page(text: str, css_class: str) -> str:
+    """Make a themed SVG, or a file of one, an element of a page: its class is in front of every id."""
+    text = _OWN_STYLE.sub("", text[text.index("<svg") :].replace(NAMESPACES, ""), count=1)
+    text = _REFERENCE.sub(rf"\g<1>{css_class}-\2", _ID.sub(rf' id="{css_class}-\1"', text))
+    text = text.replace("xlink:href=", "href=").rstrip()
+    return text.replace("<svg", f'<svg class="{css_class}" aria-hidden="true"', 1)
+
+
+def _without_empty_groups(text: str) -> str:
+    """Leave out the groups that say nothing of what is in them."""
+    kept: list[bool] = []
+
+    def tag(found: re.Match[str]) -> str:
+        if found[2].endswith("/"):
+            return ""
+        if not found[1]:
+            kept.append(bool(found[2]))
+            return found[0] if kept[-1] else ""
+        return found[0] if kept.pop() else ""
+
+    return _GROUP.sub(tag, text)
+
+
+def _with_usual_font(svg: str) -> str:
+    """Name the size of most texts once, at the root."""
     usual = Counter(_FONT.findall(svg)).most_common(1)
-    return _with_usual_font(svg, usual[0][0]) if usual else svg
-
-
-def _with_usual_font(svg: str, font: str) -> str:
-    """Name the font of most texts once, at the root."""
+    if not usual:
+        return svg
+    font = usual[0][0]
     svg = re.sub(rf'(?:; )?{re.escape(font)}(?:; )?(?=([^"]*)")', _between, svg).replace(' style=""', "")
     return svg.replace("<svg ", f'<svg style="{font}" ', 1)
 
@@ -35,10 +104,15 @@ def _between(found: re.Match[str]) -> str:
     return "; " if found[0].startswith("; ") and found[1] else ""
 
 
-def _with_others(found: re.Match[str]) -> str:
-    first = found[1].split(",")[0].strip("' ")
-    names = (name if "-" in name or name == "serif" else f"'{name}'" for name in families(first))
-    return f"font-family: {', '.join(names)}"
+def _prime(found: re.Match[str]) -> str:
+    """Write a prime as the character, which is raised in its font, at the height and in the size of the letters."""
+    height, size = float(found[1]), float(found[2])
+    return f'y="{height + RAISED * size:.2f}" style="font-size: {size / SUPERSCRIPT:g}px">{PRIME}<'
+
+
+def _short(found: re.Match[str]) -> str:
+    """Write the points of a path without blanks at the ends of lines, and straight lines without repeated letters."""
+    return re.sub(r"(?<=\d)\n?L ", " ", re.sub(r" \n|\n ", "\n", found[0].strip()))
 
 
 def _joined(found: re.Match[str]) -> str:

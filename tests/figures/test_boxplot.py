@@ -330,7 +330,7 @@ def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
         assert word not in svg
     assert b"CreationDate" not in pdf
     assert b"tEXt" not in png and b"tIME" not in png
-    assert b'width="252pt"' in svg
+    assert b'viewBox="0 0 252 ' in svg
     assert int.from_bytes(png[16:20], "big") == 700  # 3.5 in at 200 dpi
 
 

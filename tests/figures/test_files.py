@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -19,7 +18,6 @@ from rmpc_bench.figures.files import save
 from rmpc_bench.figures.paper import LEAST, THINNER, thin_lines
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.style import font_family, is_for_paper, rendered
-from rmpc_bench.figures.svg_text import readable_text
 
 COLUMN = inches("252pt")
 SCRIPT = """
@@ -76,29 +74,6 @@ def test_pdf(make_trials, tmp_path, font):
     sizes = text_sizes(page)
     assert sizes and set(sizes) <= {8.0, 5.6} and sizes.count(8.0) > len(sizes) / 2
     assert "S-MPC" in page.extract_text() and "n=4" in page.extract_text().replace(" ", "")
-
-
-def test_svg(make_trials, tmp_path):
-    """Text is text with fonts for other machines, the width is exact, and a formula is not cut into characters."""
-    picture, rendering = drawn(make_trials, formats=("svg",))
-    (file,) = save(picture, tmp_path, "a", rendering)
-    svg = file.read_text()
-    assert re.search(r'width="251\.059pt"', svg)
-    assert ">S-MPC</text>" in svg and ">=10</tspan>" in svg
-    assert "font-size: 8px; font-family: 'DejaVu Sans', 'Verdana', 'Geneva', sans-serif" in svg
-    assert {*re.findall(r"font-size: ([\d.]+)px", svg)} == {"8", "5.6"}
-
-
-def test_svg_without_changes():
-    """A picture without text stays as it is; characters with an escape count as one."""
-    assert readable_text('<svg width="1"><path d="M 0 0"/></svg>') == '<svg width="1"><path d="M 0 0"/></svg>'
-    one = '<tspan x="{}" y="0" style="font-size: 8px; font-family: \'DejaVu Sans\'">{}</tspan>'
-    text = (
-        "<svg ><text>"
-        + "\n".join(one.format(x, each) for x, each in ((1, "a"), (2, "&amp;"), (3, "b")))
-        + "</text></svg>"
-    )
-    assert '<tspan x="1 2 3" y="0">a&amp;b</tspan>' in readable_text(text)
 
 
 def test_the_same_bytes_in_every_process(tmp_path):

@@ -15,7 +15,6 @@ from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.means import Means
 from rmpc_bench.figures.paired import Paired
 from rmpc_bench.figures.pareto import Pareto
-from rmpc_bench.figures.style import COLOURS
 from rmpc_bench.figures.sweep_lines import SweepLines
 from rmpc_bench.figures.trajectories import Trajectories
 from rmpc_bench.figures.tubes import Tubes
@@ -66,13 +65,12 @@ FIGURES = {
 }
 
 
-def without_method(file, number):
+def without_method(file, name):
     """Return the SVG without the groups of a method and without definitions, which draw nothing themselves."""
     tree = ElementTree.fromstring(file.read_text(encoding="utf-8"))
     for parent in [*tree.iter()]:
         for child in list(parent):
-            group = re.match(r"method-(\d+)", child.get("id", ""))
-            if (group and int(group[1]) == number) or child.tag.endswith("defs"):
+            if child.get("data-method") == name or child.tag.endswith("defs"):
                 parent.remove(child)
     return ElementTree.tostring(tree, encoding="unicode")
 
@@ -82,9 +80,9 @@ def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
     """Neither its colour nor its name in a legend or beside an axis; the other method stays."""
     figure = FIGURES[name].draw(sweep if "sweep" in name else point)
     save_as(figure, tmp_path / "figure.svg")
-    left = without_method(tmp_path / "figure.svg", 1)
-    assert COLOURS[1] not in left.lower()
+    left = without_method(tmp_path / "figure.svg", "B")
+    assert "var(--m2)" not in left
     if name not in ("paired",):
-        assert COLOURS[0] in left.lower()
+        assert "var(--m1)" in left
     texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
     assert not [text for text in texts if text.strip() in ("B", "B (exact)")]

@@ -9,7 +9,7 @@ _METHOD = re.compile(r'\bid="method-(\d+)[^"]*"')
 _ID = re.compile(r'\bid="([^"]+)"')
 _REFERENCE = re.compile(r'(\b(?:xlink:)?href="#|url\(#)([^")]+)')
 _OPENING = re.compile(r"<svg\b[^>]*>", re.DOTALL)
-_SIZE = re.compile(r'\b(width|height)="([\d.]+)pt"')
+_SIZE = re.compile(r'\bviewBox="[\d.]+ [\d.]+ ([\d.]+) ')
 _STYLE = re.compile(r'\bstyle="([^"]*)"\s*')
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
@@ -33,12 +33,13 @@ def inline_svg(text: str, name: str, title: str, description: str) -> str:
         opening[0]
         .replace(' xmlns:xlink="http://www.w3.org/1999/xlink"', "")
         .replace(' xmlns="http://www.w3.org/2000/svg"', "")
+        .replace(' aria-hidden="true"', "")
     )
     # HTML knows the namespace; the width is that of the print, in CSS so that a screen can enlarge or reduce it.
-    width = next((float(found[2]) for found in _SIZE.finditer(head) if found[1] == "width"), 0.0)
+    width = next((float(found[1]) for found in _SIZE.finditer(head)), 0.0)
     # Browsers take the first of two attributes of one name and drop the other.
     style = "; ".join([*_STYLE.findall(head), f"--width: {width:g}pt"])
-    head = re.sub(r"\s+", " ", _STYLE.sub("", _SIZE.sub("", head))).replace(" >", ">")
+    head = re.sub(r"\s+", " ", _STYLE.sub("", head)).replace(" >", ">")
     labels = f'role="img" aria-labelledby="{name}-title {name}-desc" style="{style}"'
     body = f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
     rest = text[opening.end() :].replace("xlink:href=", "href=").rstrip()
