@@ -144,7 +144,6 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
         "estimation-error": "rmpc_bench.figures.estimation_error:EstimationError",
-        "heat-map": "rmpc_bench.figures.heat_map:HeatMap",
         "means": "rmpc_bench.figures.means:Means",
         "nees": "rmpc_bench.figures.nees:NeesOverTime",
         "paired": "rmpc_bench.figures.paired:Paired",
@@ -153,19 +152,26 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "ranking": "rmpc_bench.figures.ranking:Ranking",
         "series": "rmpc_bench.figures.series:Series",
         "shares": "rmpc_bench.figures.shares:Shares",
-        "sweep-lines": "rmpc_bench.figures.sweep_lines:SweepLines",
+        "sweep": "rmpc_bench.figures.sweep:Sweep",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",
         "tuning": "rmpc_bench.figures.tuning:TuningOverParameter",
         "variance-with-bound": "rmpc_bench.figures.variance_with_bound:VarianceWithBound",
     },
 }
+RENAMED_FIGURES = {
+    "heat-map": "is now 'sweep'",
+    "sweep-lines": "is now 'sweep'",
+}
+"""Earlier kind of a figure -> what takes its place."""
 
 _REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUILT_IN}
 
 
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
     """Say that a name is unknown; see `rmpc_bench.types.issue.unknown`."""
+    if noun == "figure" and name in RENAMED_FIGURES:
+        return f"{name!r} {RENAMED_FIGURES[name]} ({way_out})"
     # Imported here because `types` needs NumPy, and the names of components are listed without it.
     from rmpc_bench.types import issue
 

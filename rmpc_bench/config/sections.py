@@ -303,7 +303,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "record": Section(RecordKeys, RecordKeys(), "Trajectories to keep."),
     "report": Section(ReportKeys, ReportKeys(), "What tables and figures show, and how figures are written."),
-    "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
+    "figures": Section(list[Any], ["boxplot"], "Figures to draw; of a sweep `sweep` if not given."),
     "claims": Section(list[Any], [], "Statements of a paper to check."),
     "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),
     "requires": Section(

@@ -83,7 +83,9 @@ def _sections(
     read_method_section(draft)
     refuse_sections(draft)
     draft.metrics = _named_components(draft, "metrics")
-    # The default figure, a boxplot, needs runs.
+    # The default figure needs runs.
+    if "figures" not in tree and point.coordinates:
+        draft.values["figures"] = ["sweep"]
     if "figures" in tree or "runs" in draft.values["evaluate"]:
         draft.figures = _named_components(draft, "figures")
     _claims(draft)

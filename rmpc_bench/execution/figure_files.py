@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in
-from rmpc_bench.components.figure_names import figure_names
+from rmpc_bench.components.figure_names import figure_names, renamed
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
@@ -103,7 +103,7 @@ def _written(results: Results, number: int, stem: Path, rendering: Rendering) ->
             made = figure_of(results, own, rendering)
             return _saved(made, results, stem, rendering)
     if FILE in keys or not is_built_in("figures", keys["kind"]):
-        raise DesignError(OWN)
+        raise DesignError(renamed(str(keys.get("kind"))) or OWN)
     return _saved(figure_of(results, figure_component(keys), rendering), results, stem, rendering)
 
 

@@ -125,7 +125,7 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversT
         points = results.trials.points
         first = {"at": [dict(point.point) for point in points[:MOST_PANELS]]} if len(points) > MOST_PANELS else {}
         wanted.append({"kind": "paired", **first})
-        wanted += [{"kind": "sweep-lines"}] if len(points) > MOST_PANELS else []
+        wanted += [{"kind": "sweep"}] if len(points) > MOST_PANELS else []
     if trials.traces and not there & {"tubes", "plane"}:
         wanted.append({"kind": "trajectories"})
     if driven.tables:

@@ -125,6 +125,18 @@ def wrapped(text: str, limit: float) -> list[str]:
     return lines or [""]
 
 
+def shortened(text: str, limit: float) -> str:
+    """Typeset a name on one line; the end of one that is wider than `limit` points is left out."""
+    shown = typeset(" ".join(text.split("\n")))
+    parts = re.findall(r"\\\$|\$(?:\\.|[^$])*\$|.", shown)
+    fits, ends = 0, len(parts)
+    while fits < ends:
+        middle = (fits + ends + 1) // 2
+        end = "…" if middle < len(parts) else ""
+        fits, ends = (middle, ends) if width("".join(parts[:middle]) + end) <= limit else (fits, middle - 1)
+    return shown if fits == len(parts) else "".join(parts[: max(fits, 1)]) + "…"
+
+
 def width(text: str) -> float:
     """Width of one line of a label in points."""
     import matplotlib

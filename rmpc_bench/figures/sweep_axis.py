@@ -1,4 +1,4 @@
-"""Axis of a figure over a swept value: numbers in order on a linear or logarithmic scale, or categories."""
+"""Axis of a figure over a swept value: numbers in order on a linear or logarithmic scale, or names."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.figures.labels import literal
+from rmpc_bench.analysis.shown_numbers import MINUS
+from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, width
+from rmpc_bench.figures.scales import WIDE, value_axis
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 POINTS = "points"
-"""In place of a path: every point of the sweep is a category."""
+"""In place of a path: every point of the sweep is a name."""
 NAME = "name"
 """Path of the names that the rows of a zip have."""
 MOST_TICKS = 8
 """Swept numbers that all have a tick of their own."""
-WIDE = 8.0
-"""Ratio of the largest to the smallest number from which on a logarithmic axis is considered."""
+PAD, APART = 0.02, 5.0
+"""Space beyond the outer points, as a share of their distance, and smallest distance of two labels of ticks [pt]."""
 PER_CENT = re.compile(r"(?P<both>\+-)?\s*(?P<number>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>%)?")
 OWNERS = {"controller": "the controller", "estimator": "the estimator", "model": "the design model"}
 OWNERS |= {section: f"the {section}" for section in ("plant", "noise", "reference", "input", "time", "uncertainty")}
@@ -36,60 +38,59 @@ class SweepAxis(NamedTuple):
     """The values of a swept path in the order of the axis."""
 
     path: str
-    """The path; `POINTS` where every point is a category."""
     texts: tuple[str, ...]
     """Values as the sweep writes them."""
     numbers: Array | None
-    """(values,) ascending numbers; None where the values are categories."""
+    """(values,) ascending numbers; None where the values are names."""
     unit: str
     words: str
     """The path in words."""
 
     @property
-    def is_geometric(self) -> bool:
-        """Whether the numbers are positive and rather have equal ratios than equal differences."""
-        if self.numbers is None or len(self.numbers) < 3 or self.numbers[0] <= 0:
-            return False
-        if self.numbers[-1] < WIDE * self.numbers[0]:
-            return False
-        return _unevenness(np.diff(np.log(self.numbers))) < _unevenness(np.diff(self.numbers))
+    def is_log(self) -> bool:
+        """Whether all numbers are positive and the largest exceeds 20 times the smallest."""
+        numbers = self.numbers
+        return numbers is not None and bool(numbers[0] > 0 and numbers[-1] > WIDE * numbers[0])
 
     @property
     def label(self) -> str:
-        """Label of the axis; empty for categories that speak for themselves."""
+        """Label of the axis; empty for names, which speak for themselves."""
         if self.path in (POINTS, NAME):
             return ""
         return f"{literal(self.words)} [{self.unit}]" if self.unit else literal(self.words)
 
-    def position(self, text: str) -> float:
-        """Where a value lies on the axis: its number, or the index of its category."""
-        place = self.texts.index(text)
-        return float(place) if self.numbers is None else float(self.numbers[place])
+    def place(self, text: str) -> float:
+        """Return the number of a value."""
+        assert self.numbers is not None, "names have no numbers"
+        return float(self.numbers[self.texts.index(text)])
 
-    def value_words(self, text: str) -> str:
-        """Name a value in a sentence, such as ``Hp = 10``; a category alone."""
-        if self.path in (POINTS, NAME) or re.search(r"\w \w", text):
-            return text
-        return f"{self.path.rpartition('.')[2]} = {text}"
-
-    def scale(self, axes: Axes, *, horizontal: bool = True) -> None:
-        """Give an axis of a panel its scale, and a tick at every swept number where they are few."""
-        from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
-
-        assert self.numbers is not None, "categories have no scale"
-        if self.is_geometric:
-            (axes.set_xscale if horizontal else axes.set_yscale)("log")
-        if len(self.numbers) <= MOST_TICKS:
-            axis = axes.xaxis if horizontal else axes.yaxis
-            axis.set_major_locator(FixedLocator(list(self.numbers)))
-            axis.set_minor_locator(NullLocator())
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    def scale(self, axes: Axes) -> None:
+        """Give the horizontal axis its scale, limits beside the outer points, and ticks."""
+        assert self.numbers is not None, "names have no scale"
+        scaled = np.log(self.numbers) if self.is_log else self.numbers
+        reach = float(scaled[-1] - scaled[0])
+        beyond = PAD * reach or abs(float(scaled[0])) or 1.0
+        ends = np.array([scaled[0] - beyond, scaled[-1] + beyond])
+        if self.is_log:
+            axes.set_xscale("log")
+            ends = np.exp(ends)
+        ticks = {number: f"{number:g}".replace("-", MINUS) for number in self.numbers.tolist()}
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        room = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH * np.diff(scaled, prepend=ends[0])
+        if len(ticks) > MOST_TICKS or (room[1:] < (APART + max(map(width, ticks.values()))) * reach).any():
+            chosen = value_axis(list(self.numbers), wide=WIDE if self.is_log else math.inf).ticks
+            ticks = {math.exp(tick.at) if self.is_log else tick.at: tick.label for tick in chosen}
+        shown = [at for at in ticks if ends[0] <= at <= ends[1]]
+        axes.set_xticks(shown, [ticks[at] for at in shown])
+        axes.minorticks_off()
+        axes.set_xlim(*ends)
 
 
 def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = ()) -> SweepAxis:
     """Find the axis of a swept path, or of `POINTS`, which have titles, from the texts of values by point and path."""
     if path == POINTS:
-        return SweepAxis(POINTS, tuple(titles), None, "", "point of the sweep")
+        return SweepAxis(POINTS, tuple(dict.fromkeys(titles)), None, "", "point of the sweep")
     texts = tuple(dict.fromkeys(point[path] for point in points))
     found = [_number(text) for text in texts]
     known = [each for each in found if each is not None]
@@ -102,14 +103,15 @@ def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str
     return SweepAxis(path, tuple(texts[place] for place in order), numbers, unit or UNITS.get(path, ""), in_words(path))
 
 
-def usual_path(points: Sequence[Mapping[str, str]]) -> str | None:
-    """Choose the path of a figure that names none: the only one, or the names of a zip that determine all others."""
+def main_paths(points: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return the fewest paths that tell the points apart; names determine the values that change with them."""
     paths = list(points[0]) if points else []
-    if len(paths) == 1:
-        return paths[0]
-    if NAME in paths and len(other_paths(points, NAME)) == 0:
-        return NAME
-    return None
+    kept = sorted(paths, key=lambda path: path != NAME)
+    for path in reversed(kept.copy()):
+        rest = [each for each in kept if each != path]
+        if not other_paths(points, *rest):
+            kept = rest
+    return [path for path in paths if path in kept] or paths[:1]
 
 
 def other_paths(points: Sequence[Mapping[str, str]], *shown: str) -> list[str]:
@@ -159,12 +161,10 @@ def _number(text: str) -> tuple[float, str] | None:
     found = PER_CENT.fullmatch(text.strip())
     if found is None:
         return None
-    value = float(found["number"])
+    try:
+        value = float(found["number"])
+    except ValueError:
+        return None
     if not math.isfinite(value) or (found["both"] and not found["unit"]):
         return None
     return value, ("\N{PLUS-MINUS SIGN}%" if found["both"] else "%") if found["unit"] else ""
-
-
-def _unevenness(steps: Array) -> float:
-    """Spread of the steps relative to their mean."""
-    return float(np.std(steps) / np.mean(steps))

@@ -19,7 +19,6 @@ PARAMETERS = {
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
     "estimation-error": [{}, {"component": 1, "runs": 2}],
-    "heat-map": [{}, {"show": "value", "log": True, "numbers": False}],
     "means": [{}],
     "nees": [{}, {"of": "nis", "log": False}],
     "paired": [{}],
@@ -28,7 +27,7 @@ PARAMETERS = {
     "ranking": [{}, {"metric": "power"}],
     "series": [{"quantity": "P"}],
     "shares": [{}, {"metric": "power", "above": 1.5, "order": ["B"]}],
-    "sweep-lines": [{}, {"metric": "power", "log": True, "spread": "se"}, {"show": "change"}],
+    "sweep": [{}, {"metric": "power", "show": "value", "log": True}, {"path": ["controller.Hp", "controller.Hu"]}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
     "tuning": [{}, {"order": ["B"], "width": 5.0}],
@@ -76,9 +75,9 @@ def test_every_registered_kind_is_tested():
 @pytest.mark.parametrize(("kind", "keys"), CASES)
 def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
-    if kind in ("sweep-lines", "ranking"):
+    if kind in ("sweep", "ranking"):
         results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
-    if kind == "heat-map":
+    if "path" in keys:
         grid = [{"controller.Hp": Hp, "controller.Hu": Hu} for Hp in ("5", "10") for Hu in ("1", "2")]
         results = FigureExample(make_sweep(*[(point, results.results) for point in grid]))
     checked = check_component(registry.get("figures", kind)(**keys), results)

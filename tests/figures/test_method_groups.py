@@ -15,7 +15,7 @@ from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.means import Means
 from rmpc_bench.figures.paired import Paired
 from rmpc_bench.figures.pareto import Pareto
-from rmpc_bench.figures.sweep_lines import SweepLines
+from rmpc_bench.figures.sweep import Sweep
 from rmpc_bench.figures.trajectories import Trajectories
 from rmpc_bench.figures.tubes import Tubes
 from rmpc_bench.types import MetricInfo
@@ -60,8 +60,8 @@ FIGURES = {
     "trajectories": Trajectories(signals=["x.0"]),
     "estimation error": EstimationError(),
     "means": Means(),
-    "lines of a sweep with bars": SweepLines(drawn="bars"),
-    "lines of a sweep with bands": SweepLines(drawn="bands"),
+    "changes of a sweep": Sweep(),
+    "values of a sweep": Sweep(show="value"),
 }
 
 
@@ -82,7 +82,7 @@ def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
     save_as(figure, tmp_path / "figure.svg")
     left = without_method(tmp_path / "figure.svg", "B")
     assert "var(--m2)" not in left
-    if name not in ("paired",):
+    if name not in ("paired", "changes of a sweep"):
         assert "var(--m1)" in left
     texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
     assert not [text for text in texts if text.strip() in ("B", "B (exact)")]

@@ -1,0 +1,245 @@
+"""Panels of cells over a sweep: points and methods, or two swept values of each method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCONCLUSIVE, WORSE
+from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
+from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.palette import GROUND, INK, PRINT
+from rmpc_bench.figures.point_tables import row_of
+from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
+    from rmpc_bench.figures.sweep_content import SweepContent
+    from rmpc_bench.types.figure import Figure
+
+ROW, LINE, HEAD = 0.2, 0.14, 0.4
+"""Heights of a row of cells, of a line of the names of columns, and of the rest of a panel [in]."""
+MOST_LINES = 3
+"""Lines of the name of a column."""
+NAME_SHARE = 0.35
+"""Share of the width that the name of a row may take before it is cut."""
+PAD, SMALLEST = 2.0, 5.0
+"""Free width of a cell beside its text, and smallest size of the text; below it cells have colours only [pt]."""
+TINT, MOST_TINT = 0.16, 0.45
+"""Opacity of the colour of a verdict, and of the largest value."""
+COLOURS = {BETTER: PRINT["better"], WORSE: PRINT["worse"], FAILS_MORE: PRINT["fail"]}
+MARKS = {INCONCLUSIVE: "?", EQUIVALENT: "≈", FAILS_MORE: "!"}
+
+
+class Cell(NamedTuple):
+    """Text and colours of a cell."""
+
+    text: str
+    ink: str
+    fill: str
+    alpha: float
+    gid: str
+
+
+class Block(NamedTuple):
+    """Cells with the names of their rows and columns; no cell where the sweep leaves a point out."""
+
+    title: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    cells: Sequence[Sequence[Cell | None]]
+    head: float = 0.0
+    """Height of title and names of columns [in]."""
+    turned: bool = False
+    """Whether the names of columns are turned."""
+
+    @property
+    def n_lines(self) -> int:
+        """Most lines that the name of a row has."""
+        return max(1 + name.count("\n") for name in self.rows)
+
+
+def draw_cells(content: SweepContent, keys: Figure) -> MplFigure:
+    """Draw a matrix of points and methods, or a panel of cells per method."""
+    from matplotlib.figure import Figure as MplFigure
+
+    blocks = _grids(content) if content.down is not None else [_matrix(content)]
+    with style():
+        limit = NAME_SHARE * keys.size(1.0)[0] * POINTS_PER_INCH
+        blocks = [_with_heads(block._replace(rows=_names(block.rows, limit)), limit) for block in blocks]
+    heights = [block.head + ROW * len(block.rows) * block.n_lines for block in blocks]
+    size = keys.size(0.3 + sum(heights))
+    with style():
+        figure = MplFigure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(blocks), squeeze=False, height_ratios=heights)[:, 0]
+        for axes, block in zip(panels, blocks, strict=True):
+            _draw(axes, block)
+        if content.down is not None:
+            panels[-1].set_xlabel(content.axis.label)
+            panels[-1].xaxis.set_label_position("bottom")
+            for axes in panels:
+                axes.set_ylabel("\n".join(wrapped(content.down.label, 1.2 * POINTS_PER_INCH)))
+        unit = content.info.unit if content.show == "value" or content.form == "difference" else ""
+        title = wrapped(with_unit(typeset(content.words), unit), 0.9 * size[0] * POINTS_PER_INCH)
+        figure.suptitle("\n".join(title), fontsize=FONT_SIZE)
+        lay_out(figure)
+        for axes, block in zip(panels, blocks, strict=True):
+            _write(axes, block, size)
+        figure.set_layout_engine(None)
+    return figure
+
+
+def _matrix(content: SweepContent) -> Block:
+    """Arrange points and methods; the longer ones go down, and the means of the baseline are first."""
+    (points,) = content.panels.values()
+    cell = _cells(content)
+    names = [label_of(content.trials, name) for name in content.methods]
+    cells = [[cell(table, name) for name in content.methods] for table in points.values()]
+    base = content.trials.baseline
+    if content.show == "change":
+        names = [f"{label_of(content.trials, base)}, mean", *names]
+        cells = [[_mean(table, base), *row] for row, table in zip(cells, points.values(), strict=True)]
+    titles = [literal(text) for text in points]
+    if len(titles) >= len(content.methods):
+        return Block("", titles, names, cells)
+    return Block("", names, titles, [list(column) for column in zip(*cells, strict=True)])
+
+
+def _grids(content: SweepContent) -> list[Block]:
+    """Arrange the two swept values, method by method."""
+    assert content.down is not None
+    cell, across, down = _cells(content), content.axis.texts, content.down.texts
+    found = []
+    for name in content.methods:
+        tables = [[content.panels[y].get(x) for x in across] for y in down]
+        cells = [[None if table is None else cell(table, name) for table in row] for row in tables]
+        title = label_of(content.trials, name)
+        found.append(Block(title, [literal(text) for text in down], [literal(text) for text in across], cells))
+    return found
+
+
+def _names(names: Sequence[str], limit: float) -> list[str]:
+    """Write the names of rows on two lines at most."""
+    found = []
+    for name in names:
+        lines = wrapped(typeset(name), limit)
+        fits = len(lines) <= 2 and all(width(line) <= limit for line in lines)
+        found.append("\n".join(lines) if fits else shortened(name, limit))
+    return found
+
+
+def _cells(content: SweepContent) -> Any:
+    """Return the function that makes the cell of a method in a table."""
+    if content.show == "change":
+        return lambda table, name: _changed(content, table, row_of(table, name))
+    values = {(id(t), name): content.number(t, name) for t in content.tables for name in content.methods}
+    finite = [each.value for each in values.values() if math.isfinite(each.value)] or [0.0]
+    low, high = min(finite), max(finite)
+    log = (high > 20 * low > 0) if content.log is None else content.log and low > 0
+    scale = math.log if log else float
+
+    def cell(table: ResultTable, name: str) -> Cell:
+        value = values[id(table), name]
+        at = (scale(value.value) - scale(low)) / (scale(high) - scale(low)) if low < value.value < math.inf else 0.0
+        return Cell(_text(value), INK, PRINT["better"], MOST_TINT * at, f"method-{name}")
+
+    return cell
+
+
+def _text(value: Estimate) -> str:
+    """Write a value with the digits that its interval supports, at most four."""
+    if not math.isfinite(value.half) or not math.isfinite(value.value):
+        return short(value.value)
+    digits = places(value.half)
+    size = math.floor(math.log10(abs(value.value))) if value.value else 0
+    return number(value.value, digits) if 0 <= digits and digits + size < 4 and size < 5 else short(value.value)
+
+
+def _changed(content: SweepContent, table: ResultTable, row: ResultRow | None) -> Cell | None:
+    """Make the cell of a change: without decimals, with the colour of the verdict."""
+    if row is None or math.isnan(content.number(table, row.method).value):
+        return None
+    value = content.number(table, row.method)
+    if content.form == "share":
+        text = f"{number(100 * value.value, 0)} %"
+    elif content.form == "difference":
+        text = ("+" if value.value > 0 else "") + _text(value)
+    else:
+        whole = is_per_cent(row.change)
+        text = f"{number(row.change.value, 0, sign=True)} %" if whole else change_texts(row.change)[0]
+    word = row.word or _direction(content, value)
+    colour = COLOURS.get(word)
+    text = f"{text} {MARKS.get(word, '')}".strip()
+    return Cell(text, colour or INK, colour or GROUND, TINT if colour else 0.0, f"method-{row.method}")
+
+
+def _direction(content: SweepContent, value: Estimate) -> str:
+    """Find the word of a metric without verdict: to which side of no change its interval lies."""
+    none = {"ratio": 1.0, "share": 0.5}.get(content.form, 0.0)
+    if not (value.low > none or value.high < none):
+        return INCONCLUSIVE
+    wanted = content.info.direction == "higher" or content.form == "share"
+    return BETTER if (value.low > none) == wanted else WORSE
+
+
+def _mean(table: ResultTable, method: str) -> Cell | None:
+    row = row_of(table, method)
+    if row is None or not row.n:
+        return None
+    mean = row.quantiles[2] if table.may_not_occur else row.mean.value
+    return Cell(short(mean), INK, GROUND, 0.0, f"method-{method}")
+
+
+def _with_heads(block: Block, limit: float) -> Block:
+    """Write the names of columns: on three lines at most where all fit, else turned."""
+    widest = max(width(line) for name in block.rows for line in name.split("\n"))
+    slot = (limit / NAME_SHARE - widest - 2 * FONT_SIZE) / len(block.columns) - PAD
+    heads = [wrapped(typeset(name), slot) for name in block.columns]
+    most = max(map(len, heads))
+    if most <= MOST_LINES and all(width(line) <= slot for head in heads for line in head):
+        return block._replace(columns=["\n".join(head) for head in heads], head=HEAD + LINE * most)
+    cut = [shortened(name, limit) for name in block.columns]
+    return block._replace(columns=cut, head=HEAD + max(map(width, cut)) / POINTS_PER_INCH, turned=True)
+
+
+def _draw(axes: Axes, block: Block) -> None:
+    """Draw the cells of a panel with the names of rows and columns, the latter on top."""
+    from matplotlib.patches import Rectangle
+
+    for y, row in enumerate(block.cells):
+        for x, cell in enumerate(row):
+            if cell is not None and cell.alpha:
+                axes.add_patch(Rectangle((x, y), 1, 1, facecolor=cell.fill, alpha=cell.alpha, lw=0, gid=cell.gid))
+    axes.set_xlim(0, len(block.columns))
+    axes.set_ylim(len(block.rows), 0)
+    axes.hlines(range(len(block.rows) + 1), 0, len(block.columns), color=PRINT["line"], lw=0.5, clip_on=False)
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    axes.set_yticks([y + 0.5 for y in range(len(block.rows))], block.rows, linespacing=1.0)
+    how: dict[str, Any] = {"rotation": 60, "ha": "left", "rotation_mode": "anchor"} if block.turned else {}
+    axes.set_xticks([x + 0.5 for x in range(len(block.columns))], block.columns, **how)
+    if block.title:
+        axes.set_title(typeset(block.title), loc="left", fontweight="bold")
+
+
+def _write(axes: Axes, block: Block, size: tuple[float, float]) -> None:
+    """Write the texts into the cells, as large as all of them fit."""
+    place = axes.get_position()
+    wide = place.width * size[0] * POINTS_PER_INCH / len(block.columns) - PAD
+    tall = place.height * size[1] * POINTS_PER_INCH / len(block.rows)
+    texts = [cell.text for row in block.cells for cell in row if cell is not None]
+    font = min(FONT_SIZE, FONT_SIZE * wide / max(map(width, texts), default=1.0), 0.8 * tall)
+    if font < SMALLEST:
+        return
+    for y, row in enumerate(block.cells):
+        for x, cell in enumerate(row):
+            if cell is not None:
+                look: dict[str, Any] = {"color": cell.ink, "fontsize": font, "gid": cell.gid}
+                axes.text(x + 0.5, y + 0.5, cell.text.replace("-", MINUS), ha="center", va="center", **look)

@@ -1,0 +1,193 @@
+"""Panels of lines over a swept number, one line per method with its intervals, and the names at the ends of lines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.shown_numbers import Estimate
+from rmpc_bench.figures.axes import FAR, stacked_panels
+from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.line_styles import LineStyle, line_styles
+from rmpc_bench.figures.palette import BAND, DIM, INK
+from rmpc_bench.figures.scales import WIDE, Axis, difference_axis, ratio_axis, share_axis, value_axis
+from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+    from matplotlib.text import Annotation
+
+    from rmpc_bench.figures.sweep_content import SweepContent
+
+MOST_TICKS = 8
+"""Ticks of the axis of changes in per cent."""
+ALPHA = 0.13
+"""Of the bands."""
+LINE = 1.25 * FONT_SIZE
+"""Distance of two names at the ends of lines [pt]."""
+NAME_SHARE = 0.3
+"""Share of the width of the figure that a name may take before it is cut."""
+BEYOND = {-1: " ▼", 1: " ▲"}
+"""Behind the name of a line that ends below or above the axis."""
+
+
+class Name(NamedTuple):
+    """A name at the end of a line."""
+
+    text: str
+    place: float
+    """Height, 0 at the lower end of the axis and 1 at the upper one."""
+    color: str
+    gid: str | None
+
+
+def draw_lines(content: SweepContent, size: tuple[float, float]) -> MplFigure:
+    """Draw the panels from top to bottom, on common axes."""
+    from matplotlib.figure import Figure as MplFigure
+
+    axis, styles = _axis(content), line_styles(content.trials.all_methods, content.methods)
+    with style():
+        figure = MplFigure(figsize=size, layout="constrained")
+        panels = stacked_panels(figure, len(content.panels))
+        title, found = _title(content, 0.75 * size[0] * POINTS_PER_INCH, is_log=axis.log), []
+        for axes, panel in zip(panels, content.panels, strict=True):
+            axes.set_title("\n".join(filter(None, [*title, literal(panel)])), loc="left")
+            title = []
+            found.append((axes, _draw(axes, content, panel, axis, styles)))
+        panels[-1].set_xlabel("\n".join(wrapped(content.axis.label, 0.6 * size[0] * POINTS_PER_INCH)))
+        texts = [_write(axes, names, NAME_SHARE * size[0] * POINTS_PER_INCH) for axes, names in found]
+        lay_out(figure)
+        for (axes, _), written in zip(found, texts, strict=True):
+            content.axis.scale(axes)
+            _move_apart(axes, written)
+        lay_out(figure)
+        figure.set_layout_engine(None)
+    return figure
+
+
+def _title(content: SweepContent, room: float, *, is_log: bool) -> list[str]:
+    """Say what is drawn, and which side is better where that fits on the line."""
+    text = typeset(content.words)
+    unit = content.info.unit if content.show == "value" or content.form == "difference" else ""
+    text = with_unit(text, unit) + (LINEAR if content.log and not is_log else "")
+    longer = text + content.better_if
+    return [longer] if width(longer) <= room else wrapped(text, room)
+
+
+def _axis(content: SweepContent) -> Axis:
+    """Choose the vertical axis, the same for all panels."""
+    found = [content.number(table, name) for table in content.tables for name in content.methods]
+    found = [each for each in found if not math.isnan(each.value)]
+    margin = max(table.margin for table in content.tables) if content.show == "change" else 0.0
+    if content.show == "value":
+        # A log scale that is asked for has every ratio on it, one that is not wanted none.
+        wide = {None: WIDE, True: 1.0, False: math.inf}[content.log]
+        return value_axis([end for each in found for end in each if abs(end) < FAR], wide=wide)
+    if content.form == "share":
+        return share_axis()
+    if content.form == "ratio":
+        return ratio_axis([Estimate(*(100 * (end - 1) for end in each)) for each in found], margin, MOST_TICKS)
+    return difference_axis(found, margin, MOST_TICKS)
+
+
+def _draw(axes: Axes, content: SweepContent, panel: str, axis: Axis, styles: dict[str, LineStyle]) -> list[Name]:
+    """Draw the lines of a panel and return the names for their ends."""
+    if axis.log:
+        axes.set_yscale("log")
+    back = math.exp if axis.log else float
+    axes.set_ylim(back(axis.low), back(axis.high))
+    axes.set_yticks([back(tick.at) for tick in axis.ticks], [tick.label for tick in axis.ticks])
+    axes.minorticks_off()
+    names = _reference(axes, content, axis) if content.show == "change" else []
+    for name in content.methods:
+        line = content.line(panel, name)
+        if not line:
+            continue
+        look = styles[name]
+        x = np.array([at for at, _ in line])
+        middle, low, high = (_drawable(column, axis) for column in np.array([value for _, value in line]).T)
+        known = np.isfinite(low) & np.isfinite(high)
+        if known.any():
+            axes.fill_between(x, low, high, where=known, color=look.color, alpha=ALPHA, lw=0, zorder=1.5, gid=look.gid)
+        if len(x) == 1:
+            axes.vlines(x, low, high, color=look.color, lw=0.9, zorder=2.4, gid=look.gid)
+        marks: dict[str, Any] = {} if look.color == DIM else {"marker": look.marker, "ms": 3.2}
+        axes.plot(x, middle, **look.line(), **marks)
+        names.append(Name(label_of(content.trials, name), axis.place(float(middle[-1])), look.color, look.gid))
+    return names
+
+
+def _drawable(values: Array, axis: Axis) -> Array:
+    """Limit numbers to ten lengths of the axis beyond its ends, which is all that can be drawn."""
+    reach = 10 * (axis.high - axis.low)
+    ends = np.array([axis.low - reach, axis.high + reach])
+    low, high = np.exp(np.clip(ends, -200, 200)) if axis.log else ends
+    return np.where(np.isnan(values), np.nan, np.clip(values, low, high))
+
+
+def _reference(axes: Axes, content: SweepContent, axis: Axis) -> list[Name]:
+    """Draw the baseline with the margin of relevance, and return its name."""
+    margin = max(table.margin for table in content.tables)
+    none = {"ratio": 1.0, "share": 0.5}.get(content.form, 0.0)
+    if margin and content.form != "share":
+        ends = (1 / (1 + margin), 1 + margin) if content.form == "ratio" else (-margin, margin)
+        axes.axhspan(*ends, color=BAND, lw=0, zorder=0.2)
+    baseline = content.trials.baseline
+    gid = f"method-{baseline}"
+    axes.axhline(none, color=INK, lw=1.0, zorder=2.1, gid=gid)
+    return [Name(label_of(content.trials, baseline), axis.place(none), INK, gid)]
+
+
+def _write(axes: Axes, names: Sequence[Name], limit: float) -> list[Annotation]:
+    """Write names at the right of a panel, each at the end of its line, with an arrow where it leaves the axis."""
+    found = []
+    for name in names:
+        text = shortened(name.text, limit) + BEYOND.get((name.place > 1) - (name.place < 0), "")
+        place = 1.02, min(max(name.place, 0.0), 1.0)
+        look: dict[str, Any] = {"color": name.color, "gid": name.gid, "va": "center", "annotation_clip": False}
+        found.append(axes.annotate(text, place, xycoords="axes fraction", **look))
+    return found
+
+
+def _move_apart(axes: Axes, texts: Sequence[Annotation]) -> None:
+    """Move the names at the ends of lines apart; of more than fit, those of grey lines are left out first."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    gap = LINE / (POINTS_PER_INCH * figure.get_figheight() * axes.get_position().height)
+    most = 1 + int(1 / gap)
+    kept = sorted(texts, key=lambda text: text.get_color() == DIM)[:most] if len(texts) > most else texts
+    for text in texts:
+        text.set_visible(text in kept)
+    for text, place in zip(kept, apart([text.xy[1] for text in kept], gap), strict=True):
+        text.xy = (text.xy[0], place)
+        text.set_position(text.xy)
+
+
+def apart(places: Sequence[float], gap: float) -> list[float]:
+    """Move places from 0 to 1 as little as possible, so that neighbours have a distance; they must fit.
+
+    Examples
+    --------
+    >>> apart([0.5, 0.5, 0.0], 0.25)
+    [0.375, 0.625, 0.0]
+    """
+    order = sorted(range(len(places)), key=lambda k: places[k])
+    blocks: list[list[float]] = []
+    for rank, k in enumerate(order):
+        blocks.append([places[k] - rank * gap])
+        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
+            blocks[-2:] = [blocks[-2] + blocks[-1]]
+    highest = max(0.0, 1 - (len(places) - 1) * gap)
+    fitted = [min(max(_mean(block), 0.0), highest) for block in blocks for _ in block]
+    found = dict(zip(order, (place + rank * gap for rank, place in enumerate(fitted)), strict=True))
+    return [found[k] for k in range(len(places))]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)

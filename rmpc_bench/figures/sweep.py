@@ -1,0 +1,175 @@
+"""Changes against the baseline, or values of a metric, over a sweep: lines over numbers, cells over names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.captions import sentences
+from rmpc_bench.figures.cell_panels import draw_cells
+from rmpc_bench.figures.labels import metric_of
+from rmpc_bench.figures.line_panels import draw_lines
+from rmpc_bench.figures.point_tables import common_form, tables_of
+from rmpc_bench.figures.sweep_axis import POINTS, SweepAxis, axis_of, main_paths, other_paths, panel_title
+from rmpc_bench.figures.sweep_content import Show, SweepContent
+from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.figure import SweepFigure
+from rmpc_bench.types.issue import Issue, unknown
+from rmpc_bench.types.result_layout import ResultLayout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.result_rows import ResultTable
+    from rmpc_bench.analysis.trials import Trials
+
+PANEL, FIRST = 1.7, 2.6
+"""Heights of a figure of lines: of every further panel, and of the first one with labels [in]."""
+PAGE = {"wide": (4.65, 3.2), "narrow": (2.7, 2.6)}
+"""Class of a drawing on the page -> its size [in]: the page shows it 1.4 times as large, with texts of 11 pt."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(SweepFigure):
+    """Change of a metric against the baseline, or its values, at the points of a sweep.
+
+    Over one swept number it has a line per method with its intervals as bands.  The axis of the number is logarithmic
+    if all numbers are positive and the largest exceeds 20 times the smallest.  A change is a ratio on a logarithmic
+    axis; a line that leaves the axis has an arrow at its name.  Over names it is a matrix of points and methods, and
+    over two paths a table per method: cells have the number, and of a change the colour of the verdict.  In a cell ?
+    is inconclusive and ≈ equivalent.  Points that differ in another path are panels of lines, or lines of the matrix.
+
+    Parameters
+    ----------
+    path : swept path of the axis, two paths for tables, or `points` for a matrix of all points; if not given, the
+        paths that tell the points apart
+    metric : name of the metric; the primary one if not given
+    show : `change` against the baseline with its interval, or `value`; if not given, the change where there is another
+        method
+    spread : for values: `interval` shows means with their intervals, `quartiles` medians with quartiles
+    log : whether the axis or the colours of values are logarithmic; if not given, where the largest value exceeds 20
+        times the smallest
+    label : text of the axis of the swept value; made from the path if not given
+    height : height of the whole picture [in]; if not given it follows from the numbers of panels and cells
+    order : methods to show; all if not given
+    at : points of the sweep to show, each by values of its paths; all if not given
+    """
+
+    needs_runs: ClassVar[bool] = True
+    metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
+
+    path: str | list[str] | None = None
+    metric: str | None = None
+    show: Literal["change", "value"] | None = None
+    spread: Literal["interval", "quartiles"] = "interval"
+    log: bool | None = None
+    label: str | None = None
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: swept paths, and another method for changes."""
+        yield from super().check(layout)
+        changes = self._shows(layout.methods) == "change"
+        if changes and len(layout.methods) < 2:
+            yield Issue("show", "compares methods with the baseline: needs at least two methods, or `show: value`")
+        if changes and self.log is not None:
+            yield Issue("log", "is for values: leave log out, or show the value")
+        if not layout.points:
+            return
+        paths = list(layout.points[0])
+        if not paths:
+            yield Issue("path", "nothing is swept in this configuration")
+            return
+        wanted = [self.path] if isinstance(self.path, str) else self.path or []
+        if len(wanted) > 2 or len(set(wanted)) < len(wanted) or (isinstance(self.path, list) and not wanted):
+            yield Issue("path", "must be one path, two different ones, or `points`")
+        for path in wanted:
+            if path not in ([*paths, POINTS] if len(wanted) == 1 else paths):
+                yield Issue("path", unknown(path, [*paths, POINTS], "path of the sweep"))
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw lines or cells; see `Figure.draw`."""
+        content = self._content(results)
+        if content.is_lines:
+            return draw_lines(content, self.size(FIRST + PANEL * (len(content.panels) - 1)))
+        return draw_cells(content, self)
+
+    def caption(self, results: Trials) -> str:
+        """Say what lines or cells are; see `Figure.caption`."""
+        return sentences(self._content(results).sentence())
+
+    def _shows(self, methods: Sequence[str]) -> Show:
+        return self.show or ("change" if len(methods) > 1 else "value")
+
+    def _content(self, results: Trials) -> SweepContent:
+        self.require(layout_of(results))
+        points, info = points_at(results, self.at), metric_of(results, self.metric)
+        found = content_of(tables_of(results, points, info), self.path)
+        methods = self.order or results.methods
+        show = self._shows(results.methods)
+        if show == "change":
+            methods = [name for name in methods if name != results.baseline]
+            if not methods:
+                raise DesignError(f"must name a method besides the baseline '{results.baseline}'", "order")
+        axis = found.axis if self.label is None else found.axis._replace(words=self.label)
+        return found._replace(axis=axis, methods=tuple(methods), show=show, spread=self.spread, log=self.log)
+
+
+def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None = None) -> SweepContent:
+    """Arrange the tables of the points of a sweep: over one path or two, or point by point."""
+    points = [table.trials.point for table in tables]
+    titles = [short_title(table.trials) for table in tables]
+    paths = [path] if isinstance(path, str) else list(path or main_paths(points))
+    axis = axis_of(points, paths[0], titles) if len(paths) == 1 else None
+    methods = tuple(dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline))
+    if len(paths) == 2 and not other_paths(points, *paths):
+        return _grid(tables, points, paths, methods)
+    if axis is None or axis.numbers is None:
+        return _list(tables, points, paths, titles, methods)
+    others = other_paths(points, axis.path)
+    panels: dict[str, dict[str, ResultTable]] = {}
+    for point, table in zip(points, tables, strict=True):
+        panels.setdefault(panel_title(point, others), {})[point[axis.path]] = table
+    return SweepContent(axis, panels, methods, common_form(tables))
+
+
+def _grid(
+    tables: Sequence[ResultTable], points: Sequence[Mapping[str, str]], paths: Sequence[str], methods: tuple[str, ...]
+) -> SweepContent:
+    """Arrange points by two paths."""
+    across, down = (axis_of(points, path) for path in paths)
+    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts}
+    for point, table in zip(points, tables, strict=True):
+        panels[point[down.path]][point[across.path]] = table
+    return SweepContent(across, panels, methods, common_form(tables), down)
+
+
+def _list(
+    tables: Sequence[ResultTable],
+    points: Sequence[Mapping[str, str]],
+    paths: Sequence[str],
+    titles: Sequence[str],
+    methods: tuple[str, ...],
+) -> SweepContent:
+    """Arrange points one after the other, named by their path where it tells them apart."""
+    single = len(paths) == 1 and paths[0] != POINTS and not other_paths(points, *paths)
+    names = [point[paths[0]] for point in points] if single else list(titles)
+    axis = SweepAxis(POINTS, tuple(names), None, "", "point of the sweep")
+    return SweepContent(axis, {"": dict(zip(names, tables, strict=True))}, methods, common_form(tables))
+
+
+def page_drawings(tables: Sequence[ResultTable]) -> dict[str, str]:
+    """Draw the changes of a sweep of one number for the page, class of the drawing -> SVG; empty for other sweeps.
+
+    Parameters
+    ----------
+    tables : the rows of the primary metric at every point
+    """
+    from rmpc_bench.figures.files import page_svg
+
+    content = content_of(tables)
+    if not content.is_lines or not content.methods:
+        return {}
+    return {name: page_svg(draw_lines(content, size), name) for name, size in PAGE.items()}
