@@ -146,12 +146,10 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "estimation-error": "rmpc_bench.figures.estimation_error:EstimationError",
         "means": "rmpc_bench.figures.means:Means",
         "nees": "rmpc_bench.figures.nees:NeesOverTime",
-        "paired": "rmpc_bench.figures.paired:Paired",
         "pareto": "rmpc_bench.figures.pareto:Pareto",
         "plane": "rmpc_bench.figures.plane:Plane",
-        "ranking": "rmpc_bench.figures.ranking:Ranking",
+        "rows": "rmpc_bench.figures.rows:Rows",
         "series": "rmpc_bench.figures.series:Series",
-        "shares": "rmpc_bench.figures.shares:Shares",
         "sweep": "rmpc_bench.figures.sweep:Sweep",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",
@@ -161,6 +159,9 @@ BUILT_IN: dict[str, dict[str, str]] = {
 }
 RENAMED_FIGURES = {
     "heat-map": "is now 'sweep'",
+    "paired": "is now 'rows'",
+    "ranking": "is now 'sweep', or 'rows' with show: rank",
+    "shares": "is now 'rows' with show: share",
     "sweep-lines": "is now 'sweep'",
 }
 """Earlier kind of a figure -> what takes its place."""

@@ -160,7 +160,8 @@ def _factor(ratio: float) -> str:
     """Write a factor with two significant digits, from 100 on as an integer."""
     if not math.isfinite(ratio) or ratio == 0:
         return number(ratio, 0)
-    return number(ratio, max(0, 1 - math.floor(math.log10(abs(ratio)) + 1e-9)) if abs(ratio) < 100 else 0)
+    rounded = abs(float(f"{ratio:.1e}"))
+    return number(ratio, max(0, 1 - math.floor(math.log10(rounded) + 1e-9)) if rounded < 100 else 0)
 
 
 def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False) -> tuple[str, str]:

@@ -14,8 +14,8 @@ def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> figure_names(["boxplot", "paired", "boxplot", "own.py:Picture"])
-    ('boxplot', 'paired', 'boxplot-2', 'Picture')
+    >>> figure_names(["boxplot", "rows", "boxplot", "own.py:Picture"])
+    ('boxplot', 'rows', 'boxplot-2', 'Picture')
     """
     counts: Counter[str] = Counter()
     names = []

@@ -158,7 +158,9 @@ class DraftConfig:
         self.problems.append(Problem(*mark, join(path), message))
 
     def section(self, name: str) -> Any:
-        """Return the tree under a top-level key, or the default of the key."""
+        """Return the tree under a top-level key, or the default of the key; the figure of a sweep is another one."""
+        if name == "figures" and name not in self.tree and self.coordinates:
+            return ["sweep"]
         return self.tree[name] if name in self.tree else SECTIONS[name].default
 
     def checked(self, annotation: Any, path: list[str | int]) -> Any:

@@ -121,7 +121,7 @@ def _lines(draft: DraftConfig, found: dict[tuple[str, int], Problem]) -> list[st
 
 def _kind(draft: DraftConfig, number: int) -> str:
     figures = draft.tree.get("figures")
-    given = figures[number] if isinstance(figures, Items) else draft.values["figures"][number]
+    given = figures[number] if isinstance(figures, Items) else draft.section("figures")[number]
     return str(given.get("kind", given.get("file", "?"))) if isinstance(given, Map) else str(given)
 
 

@@ -84,8 +84,6 @@ def _sections(
     refuse_sections(draft)
     draft.metrics = _named_components(draft, "metrics")
     # The default figure needs runs.
-    if "figures" not in tree and point.coordinates:
-        draft.values["figures"] = ["sweep"]
     if "figures" in tree or "runs" in draft.values["evaluate"]:
         draft.figures = _named_components(draft, "figures")
     _claims(draft)

@@ -70,12 +70,12 @@ def write_figures(
 def write_more(
     results: Results, wanted: Sequence[Mapping[str, Any]], directory: Path, rendering: Rendering
 ) -> tuple[WrittenFigure, ...]:
-    """Draw figures that the configuration does not name; what the results cannot show is left out.
+    """Draw figures for the page that the configuration does not name; what the results cannot show is left out.
 
-    The page has them inside it.  They are files only where SVG is among the formats, for report.md shows that one.
+    The page has them inside it; they are no files.
     """
     figures = []
-    rendering = replace(rendering, formats=tuple(each for each in rendering.formats if each == "svg"))
+    rendering = replace(rendering, formats=())
     for keys in wanted:
         try:
             with rendered(rendering):

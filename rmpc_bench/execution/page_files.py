@@ -17,7 +17,6 @@ from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.sweep_points import MOST_PANELS
 from rmpc_bench.figures.tuning import MOST_METHODS
 from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.replaced_file import replace_text
@@ -116,16 +115,12 @@ def write_page(
 
 
 def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversTable) -> list[Mapping[str, Any]]:
-    """Name figures that a page has even where the configuration does not: changes, trajectories, drivers, tuning."""
+    """Name figures that a page has even where the configuration does not: boxes, trajectories, drivers, tuning."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
     wanted: list[Mapping[str, Any]] = []
-    if len(trials.methods) > 1 and len(trials.runs) > 1 and trials.with_verdicts:
-        # Of a large sweep the first points, as many as the figure has panels for.
-        points = results.trials.points
-        first = {"at": [dict(point.point) for point in points[:MOST_PANELS]]} if len(points) > MOST_PANELS else {}
-        wanted.append({"kind": "paired", **first})
-        wanted += [{"kind": "sweep"}] if len(points) > MOST_PANELS else []
+    if len(results.trials.each) == 1 and len(trials.runs) > 1:
+        wanted.append({"kind": "boxplot"})
     if trials.traces and not there & {"tubes", "plane"}:
         wanted.append({"kind": "trajectories"})
     if driven.tables:

@@ -1,6 +1,6 @@
 """Figures of stored results: one file per kind, each one frozen dataclass whose fields are its YAML keys.
 
-The kinds are boxplot, elements, ellipses, estimation_error, means, nees, paired, pareto, plane, series, sweep,
+The kinds are boxplot, elements, ellipses, estimation_error, means, nees, pareto, plane, rows, series, sweep,
 trajectories, tubes and variance_with_bound.  A kind checks its requirements on the layout of the
 results in `check` and draws them in `draw`.
 Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.

@@ -1,189 +1,140 @@
-"""Boxplot of a metric: one box per method (zenere2018, Fig. 7), the points of a sweep as panels (Fig. 8)."""
+"""Boxplot of a metric: an upright box per method (zenere2018, Fig. 7), the points of a sweep as panels (Fig. 8)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import FAR, make_logarithmic
-from rmpc_bench.figures.box_labels import counts_of, label_panels
-from rmpc_bench.figures.boxes import FILL, WHISKER, add_strip, crosses_sentence, draw_boxes, drawn_columns
-from rmpc_bench.figures.captions import (
-    changes_sentence,
-    infinite_sentence,
-    joined,
-    label_of,
-    medians_sentence,
-    quantity,
-    runs_sentence,
-    sentences,
+from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
+from rmpc_bench.figures.labels import (
+    LINEAR,
+    POINTS_PER_INCH,
+    literal,
+    metric_label,
+    metric_of,
+    names_of_columns,
+    wrapped,
 )
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
-from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.style import FONT_SIZE, fix_layout, lay_out, style
-from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
-from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.figures.palette import DIM
+from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
+from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.types import Array
 from rmpc_bench.types.figure import SweepFigure
-from rmpc_bench.types.issue import Issue
-from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
-    from matplotlib.text import Text
 
+    from rmpc_bench.analysis.result_rows import ResultTable
     from rmpc_bench.analysis.trials import Trials
 
-FLAT = 0.02
-"""Height of a box, as a share of a linear axis, below which its quartiles cannot be distinguished."""
-WIDE = 10.0
-"""Ratio of the largest to the smallest value from which on a logarithmic axis makes flat boxes higher."""
+FIRST, PANEL = 2.4, 1.4
+"""Heights of one panel with its labels, and of a further one [in]."""
+MOST_DOTS = 500
+"""Runs beyond the whiskers of all boxes of a panel that are drawn; a file with a million runs would have 10 MB."""
+MARGIN = 42.0
+"""Width of the numbers of the axis and its label [pt]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Boxplot(SweepFigure):
-    """One box per method in its colour: black median, quartiles, whiskers to 1.5 interquartile ranges, outliers.
+    """An upright box per method: median, quartiles, whiskers from 5 to 95 % of the runs, and points beyond them.
 
-    One line below the boxes gives the number of runs if it is the same for all; else it stands below each box, as
-    n/total if some runs failed.  Also below a box is the number of runs without a finite value, such as runs that did
-    not settle.  They count as larger than every other value and lie in a grey strip at the top.  The points of a sweep
-    are panels with a common axis, one below the other.  If all panels have the same numbers, only the last panel shows
-    them.  A label that is wider than its box is broken into lines.  If it then has more than 5 lines, or is taller than
-    the panel, all labels are rotated by 45 degrees, or numbers with a key below replace them.
+    Every run beyond the whiskers is a point; of more than 500 in a panel those at equal ranks are drawn.  The inside of
+    a box has the colour of the verdict.  A box or whisker ends in an arrow where the event of the metric did not occur.
+    The points of a sweep are panels on a common axis, one below the other; of more than 6 the first 6 are drawn.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    log : logarithmic axis; linear, with a remark, if a value is not positive; `auto` is logarithmic if all values are
-        positive, the largest is at least 10 times the smallest, and some box with different quartiles would be lower
-        than 2 % of a linear axis
-    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep; labels of
-        more than two lines, rotated labels and a key need additional height
+    log : logarithmic axis, linear with a remark if a value is not positive; if not given, where the largest value
+        exceeds 20 times the smallest
+    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, and more
+        for long names
     order : methods to show, from left to right; all if not given
-    at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
+    at : points of the sweep to show, from top to bottom, each by values of its paths; the first 6 if not given
     """
 
     needs_runs: ClassVar[bool] = True
     metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
 
     metric: str | None = None
-    log: bool | Literal["auto"] = "auto"
-
-    def check(self, layout: ResultLayout) -> Iterator[Issue]:
-        """Add to the common checks: no more points than panels fit."""
-        yield from super().check(layout)
-        example = ", ".join(f"{path}: {value}" for path, value in (layout.points or ({},))[0].items())
-        advice = f"choose with `at`, such as [{{{example}}}]"
-        n = layout.n_points_at(self.at)
-        yield from layout.require_at_most(MOST_PANELS, n, "points of the sweep", "at" if self.at else "", advice)
+    log: bool | None = None
 
     def caption(self, results: Trials) -> str:
-        """Define the boxes, count the runs, and state medians and changes; see `Figure.caption`."""
-        from rmpc_bench.analysis.comparison import levels
-
-        points, info = points_at(results, self.at), metric_of(results, self.metric)
-        methods = self.order or list(results.methods)
-        panels = _panels(points, info, methods)
-        is_log, remark = axis_of(self.log, panels)
-        scale = (
-            ", on a logarithmic axis" if is_log else ", on a linear axis as some values are not positive" * bool(remark)
-        )
-        where = f" at {'; '.join(map(short_title, points))}" if points[0].point else ""
-        changes = changes_sentence(points[0], methods, info, levels(results)) if len(points) == 1 else ""
+        """Define the boxes and count the runs; see `Figure.caption`."""
+        tables, words = self._tables(results)
+        runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
         return sentences(
-            f"Distribution of {quantity(info)} over the runs for {joined(label_of(results, name) for name in methods)}"
-            f"{where}{scale}",
-            "A box extends from the lower to the upper quartile, the line in it is the median, the whiskers reach to "
-            f"the last values within {WHISKER:g} interquartile ranges of the box, and crosses are values beyond them",
-            crosses_sentence(drawn_columns(panels, is_log=is_log)[0]),
-            runs_sentence(points, methods),
-            infinite_sentence(points, methods, info),
-            medians_sentence(points, methods, info),
-            changes,
+            f"Boxes of {quantity(tables[0].info)}{words}: median, quartiles, whiskers from 5 to 95 % of the runs, and "
+            f"the runs beyond them; {runs}"
         )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
+        tables, _ = self._tables(results)
+        return _draw(self, tables)
+
+    def _tables(self, results: Trials) -> tuple[list[ResultTable], str]:
         self.require(layout_of(results))
-        points, info = points_at(results, self.at), metric_of(results, self.metric)
-        methods = self.order or list(results.methods)
-        styles = line_styles(results.all_methods, methods)
-        return _draw(self, points, info, styles, self.size(1.0 + 1.4 * len(points)))
+        points, words = first_points(points_at(results, self.at))
+        return tables_of(results, points, metric_of(results, self.metric)), words
 
 
-def axis_of(log: bool | Literal["auto"], panels: Sequence[Sequence[Array]]) -> tuple[bool, str]:
-    """Return whether the axis is logarithmic, and the remark if it was asked to be and cannot."""
-    boxes = [column[np.isfinite(column)] for column in chain(*panels)]
-    drawn = np.concatenate([np.zeros(0), *boxes])
-    if not len(drawn) or log is False:
-        return False, ""
-    positive = bool((drawn > 0).all())
-    if log is True:
-        return positive, "" if positive else " (linear: some values <= 0)"
-    if not positive or drawn.max() < WIDE * drawn.min():
-        return False, ""
-    reach = float(min(drawn.max(), FAR) - drawn.min())
-    heights = [float(np.subtract(*np.percentile(np.minimum(values, FAR), [75, 25]))) for values in boxes if len(values)]
-    return any(0 < height < FLAT * reach for height in heights), ""
-
-
-def _panels(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str]) -> list[list[Array]]:
-    return [[point.column(info.name, method) for method in methods] for point in points]
-
-
-def _draw(
-    keys: Boxplot, points: Sequence[Trials], info: MetricInfo, styles: dict[str, LineStyle], size: tuple[float, float]
-) -> MplFigure:
+def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    panels = _panels(points, info, list(styles))
-    is_log, remark = axis_of(keys.log, panels)
+    from rmpc_bench.figures.boxes import box_axis, draw_box, set_axis
+
+    first = tables[0]
+    rows = [shown_rows(table, first, keys.order) for table in tables]
+    values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
+    axis = box_axis(np.concatenate([np.zeros(0), *(each for panel in values for each in panel)]), keys.log)
     with style():
+        slot = (keys.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
+        names, how, tall = names_of_columns([label_of(first.trials, row.method) for row in rows[0]], slot)
+        size = keys.size(FIRST + PANEL * (len(tables) - 1) + max(0.0, tall / POINTS_PER_INCH - 0.3))
         figure = MplFigure(figsize=size, layout="constrained")
-        rows = list(figure.subplots(len(panels), sharey=True, squeeze=False)[:, 0])
-        drawn, ceiling = drawn_columns(panels, is_log=is_log)
-        for axes, columns, point in zip(rows, drawn, points, strict=True):
-            draw_boxes(axes, columns, list(styles.values()), ceiling)
-            axes.set_title("\n".join(wrapped(literal(short_title(point)), 0.8 * size[0] * POINTS_PER_INCH)))
-        if not any(np.isfinite(column).any() for column in chain(*panels)):
-            rows[0].set_yticks([])
-        elif is_log:
-            make_logarithmic(rows[0])
-        if ceiling is not None:
-            add_strip(rows, drawn, ceiling, is_log=is_log)
-        name = _name_axis(figure, rows, metric_label(info) + remark)
-        # The first layout gives the width of a box.
+        panels = list(figure.subplots(len(tables), sharex=True, sharey=True, squeeze=False)[:, 0])
+        for axes, table, shown, columns in zip(panels, tables, rows, values, strict=True):
+            set_axis(axes, axis, upright=True)
+            for place, (row, column) in enumerate(zip(shown, columns, strict=True)):
+                draw_box(axes, row, place, axis, upright=True)
+                _draw_beyond(axes, column, row.quantiles, place, f"method-{row.method}", len(shown))
+            if len(tables) > 1 or table.trials.point:
+                axes.set_title("\n".join(wrapped(literal(short_title(table.trials)), 0.8 * size[0] * POINTS_PER_INCH)))
+        panels[-1].set_xlim(-0.6, len(names) - 0.4)
+        panels[-1].set_xticks(range(len(names)), names, **how)
+        for axes in panels:
+            axes.tick_params(axis="x", length=0)
+        for label, row in zip(panels[-1].get_xticklabels(), rows[0], strict=True):
+            label.set_gid(f"method-{row.method}")
+        remark = LINEAR if keys.log and not axis.log else ""
+        text = "\n".join(wrapped(metric_label(first.info) + remark, 0.8 * size[1] * POINTS_PER_INCH))
+        (panels[0].set_ylabel if len(panels) == 1 else figure.supylabel)(text, fontsize=FONT_SIZE)
         lay_out(figure)
-        slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(styles) - FONT_SIZE / 2
-        labels = [label_of(points[0], method) for method in styles]
-        counts = [
-            [counts_of(column, int(point.computed(name).sum())) for name, column in zip(styles, columns, strict=True)]
-            for point, columns in zip(points, panels, strict=True)
-        ]
-        label_panels(rows, labels, counts, slot, [_sample(look) for look in styles.values()])
-        # The layout is made once, at one resolution, or a second save would move it.
-        fix_layout(figure)
-        if len(rows) > 1:
-            name.set_y((rows[0].get_position().y1 + rows[-1].get_position().y0) / 2)
+        figure.set_layout_engine(None)
     return figure
 
 
-def _name_axis(figure: MplFigure, rows: Sequence[Axes], text: str) -> Text:
-    """Label the axis of a single panel, or the one that panels share."""
-    if len(rows) == 1:
-        rows[0].set_ylabel("\n".join(wrapped(text, 0.8 * figure.get_figheight() * POINTS_PER_INCH)))
-        return rows[0].yaxis.label
-    return figure.supylabel(text, fontsize=FONT_SIZE)
+def _values(table: ResultTable, method: str) -> Array:
+    values = table.trials.column(table.info.name, method)
+    return values[np.isfinite(values)]
 
 
-def _sample(look: LineStyle) -> Artist:
-    """Make a small box for the key."""
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=paler(look.color, FILL), edgecolor=look.color, linewidth=1.0, gid=look.gid)
+def _draw_beyond(axes: Axes, values: Array, quantiles: Sequence[float], place: float, gid: str, n_boxes: int) -> None:
+    """Draw the runs beyond the whiskers, of too many those at equal ranks."""
+    if not quantiles:
+        return
+    beyond = np.sort(np.concatenate([values[values < quantiles[0]], values[values > quantiles[-1]]]))
+    most = max(2, MOST_DOTS // n_boxes)
+    if len(beyond) > most:
+        beyond = beyond[np.linspace(0, len(beyond) - 1, most).round().astype(np.int64)]
+    if len(beyond):
+        look: dict[str, Any] = {"ls": "", "marker": "o", "ms": 1.8, "mew": 0, "color": DIM, "gid": gid}
+        axes.plot(np.full(len(beyond), place), beyond, **look)

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCONCLUSIVE, WORSE
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
+from rmpc_bench.figures.boxes import VERDICT_COLOURS
 from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.labels import (
+    POINTS_PER_INCH,
+    literal,
+    names_of_columns,
+    on_two_lines,
+    typeset,
+    width,
+    with_unit,
+    wrapped,
+)
 from rmpc_bench.figures.palette import GROUND, INK, PRINT
 from rmpc_bench.figures.point_tables import row_of
 from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
@@ -22,17 +32,14 @@ if TYPE_CHECKING:
     from rmpc_bench.figures.sweep_content import SweepContent
     from rmpc_bench.types.figure import Figure
 
-ROW, LINE, HEAD = 0.2, 0.14, 0.4
-"""Heights of a row of cells, of a line of the names of columns, and of the rest of a panel [in]."""
-MOST_LINES = 3
-"""Lines of the name of a column."""
+ROW, HEAD = 0.2, 0.4
+"""Heights of a row of cells, and of a panel without its rows and the names of columns [in]."""
 NAME_SHARE = 0.35
 """Share of the width that the name of a row may take before it is cut."""
 PAD, SMALLEST = 2.0, 5.0
 """Free width of a cell beside its text, and smallest size of the text; below it cells have colours only [pt]."""
 TINT, MOST_TINT = 0.16, 0.45
 """Opacity of the colour of a verdict, and of the largest value."""
-COLOURS = {BETTER: PRINT["better"], WORSE: PRINT["worse"], FAILS_MORE: PRINT["fail"]}
 MARKS = {INCONCLUSIVE: "?", EQUIVALENT: "≈", FAILS_MORE: "!"}
 
 
@@ -55,8 +62,8 @@ class Block(NamedTuple):
     cells: Sequence[Sequence[Cell | None]]
     head: float = 0.0
     """Height of title and names of columns [in]."""
-    turned: bool = False
-    """Whether the names of columns are turned."""
+    how: Mapping[str, Any] = {}
+    """How ticks have the names of columns."""
 
     @property
     def n_lines(self) -> int:
@@ -71,7 +78,7 @@ def draw_cells(content: SweepContent, keys: Figure) -> MplFigure:
     blocks = _grids(content) if content.down is not None else [_matrix(content)]
     with style():
         limit = NAME_SHARE * keys.size(1.0)[0] * POINTS_PER_INCH
-        blocks = [_with_heads(block._replace(rows=_names(block.rows, limit)), limit) for block in blocks]
+        blocks = [_with_heads(block, limit) for block in blocks]
     heights = [block.head + ROW * len(block.rows) * block.n_lines for block in blocks]
     size = keys.size(0.3 + sum(heights))
     with style():
@@ -123,16 +130,6 @@ def _grids(content: SweepContent) -> list[Block]:
     return found
 
 
-def _names(names: Sequence[str], limit: float) -> list[str]:
-    """Write the names of rows on two lines at most."""
-    found = []
-    for name in names:
-        lines = wrapped(typeset(name), limit)
-        fits = len(lines) <= 2 and all(width(line) <= limit for line in lines)
-        found.append("\n".join(lines) if fits else shortened(name, limit))
-    return found
-
-
 def _cells(content: SweepContent) -> Any:
     """Return the function that makes the cell of a method in a table."""
     if content.show == "change":
@@ -173,7 +170,7 @@ def _changed(content: SweepContent, table: ResultTable, row: ResultRow | None) -
         whole = is_per_cent(row.change)
         text = f"{number(row.change.value, 0, sign=True)} %" if whole else change_texts(row.change)[0]
     word = row.word or _direction(content, value)
-    colour = COLOURS.get(word)
+    colour = VERDICT_COLOURS.get(word)
     text = f"{text} {MARKS.get(word, '')}".strip()
     return Cell(text, colour or INK, colour or GROUND, TINT if colour else 0.0, f"method-{row.method}")
 
@@ -196,15 +193,13 @@ def _mean(table: ResultTable, method: str) -> Cell | None:
 
 
 def _with_heads(block: Block, limit: float) -> Block:
-    """Write the names of columns: on three lines at most where all fit, else turned."""
-    widest = max(width(line) for name in block.rows for line in name.split("\n"))
-    slot = (limit / NAME_SHARE - widest - 2 * FONT_SIZE) / len(block.columns) - PAD
-    heads = [wrapped(typeset(name), slot) for name in block.columns]
-    most = max(map(len, heads))
-    if most <= MOST_LINES and all(width(line) <= slot for head in heads for line in head):
-        return block._replace(columns=["\n".join(head) for head in heads], head=HEAD + LINE * most)
-    cut = [shortened(name, limit) for name in block.columns]
-    return block._replace(columns=cut, head=HEAD + max(map(width, cut)) / POINTS_PER_INCH, turned=True)
+    """Write the names of rows on two lines at most, and those of columns above them."""
+    rows = [on_two_lines(name, limit) for name in block.rows]
+    widest = max(width(line) for name in rows for line in name.split("\n"))
+    slot = (limit / NAME_SHARE - widest - 2 * FONT_SIZE) / len(block.columns)
+    columns, how, tall = names_of_columns(block.columns, slot)
+    how |= {"ha": "left"} if "ha" in how else {}
+    return block._replace(rows=rows, columns=columns, how=how, head=HEAD + tall / POINTS_PER_INCH)
 
 
 def _draw(axes: Axes, block: Block) -> None:
@@ -223,8 +218,7 @@ def _draw(axes: Axes, block: Block) -> None:
     for side in axes.spines.values():
         side.set_visible(False)
     axes.set_yticks([y + 0.5 for y in range(len(block.rows))], block.rows, linespacing=1.0)
-    how: dict[str, Any] = {"rotation": 60, "ha": "left", "rotation_mode": "anchor"} if block.turned else {}
-    axes.set_xticks([x + 0.5 for x in range(len(block.columns))], block.columns, **how)
+    axes.set_xticks([x + 0.5 for x in range(len(block.columns))], block.columns, **block.how)
     if block.title:
         axes.set_title(typeset(block.title), loc="left", fontweight="bold")
 

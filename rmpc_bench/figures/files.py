@@ -33,8 +33,9 @@ def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | N
     The directory is made if it does not exist.
     """
     rendering = rendering or Rendering()
-    directory.mkdir(parents=True, exist_ok=True)
     files = [directory / f"{stem}.{ending}" for ending in rendering.formats]
+    if files:
+        directory.mkdir(parents=True, exist_ok=True)
     with rendered(rendering):
         together = {"svg", "pdf"} <= set(rendering.formats) and can_be_drawn_once(figure)
         if together:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.figures.style import FONT_SIZE, font_family
 
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
     from rmpc_bench.types import MetricInfo
 
 POINTS_PER_INCH = 72
+MOST_LINES, COLUMN_PAD, LONGEST_TURNED = 3, 3.0, 90.0
+"""Lines of the name of a column, free space beside it, and width of a turned one [pt]."""
+LINE_HEIGHT = 1.25 * FONT_SIZE
+"""Height of a line of text [pt]."""
 GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
 ACCENTS = ("hat", "breve")
 DID_NOT_OCCUR = "did not occur"
@@ -135,6 +140,28 @@ def shortened(text: str, limit: float) -> str:
         end = "…" if middle < len(parts) else ""
         fits, ends = (middle, ends) if width("".join(parts[:middle]) + end) <= limit else (fits, middle - 1)
     return shown if fits == len(parts) else "".join(parts[: max(fits, 1)]) + "…"
+
+
+def on_two_lines(name: str, limit: float) -> str:
+    """Write the name of a row on two lines at most, where `limit` points are too few for one."""
+    lines = wrapped(typeset(name), limit)
+    fits = len(lines) <= 2 and all(width(line) <= limit for line in lines)
+    return "\n".join(lines) if fits else shortened(name, limit)
+
+
+def names_of_columns(names: Sequence[str], slot: float) -> tuple[list[str], dict[str, Any], float]:
+    """Write names below columns of `slot` points: on three lines at most where all fit, else turned.
+
+    Returns the texts, how the ticks have them, and their height in points.
+    """
+    heads = [wrapped(typeset(name), slot - COLUMN_PAD) for name in names]
+    most = max(map(len, heads))
+    if most <= MOST_LINES and all(width(line) <= slot - COLUMN_PAD for head in heads for line in head):
+        return ["\n".join(head) for head in heads], {"linespacing": 1.0}, LINE_HEIGHT * most
+    cut = [shortened(name, LONGEST_TURNED) for name in names]
+    if slot >= 1.2 * LINE_HEIGHT:
+        return cut, {"rotation": 60, "ha": "right", "rotation_mode": "anchor"}, max(map(width, cut))
+    return cut, {"rotation": 90, "fontsize": min(FONT_SIZE, 0.9 * slot)}, max(map(width, cut))
 
 
 def width(text: str) -> float:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types import MetricInfo
 
+MOST_POINTS = 6
+"""Points below each other that a reader can still compare."""
 _tables: WeakKeyDictionary[Trials, dict[tuple[MetricInfo, Levels], ResultTable]] = WeakKeyDictionary()
 """Table of trials -> metric and levels -> rows; an entry ends with its table."""
 
@@ -51,3 +53,22 @@ def shown_change(row: ResultRow, form: Form) -> Estimate:
 def row_of(table: ResultTable, method: str) -> ResultRow | None:
     """Return the row of a method; None where the point does not have it."""
     return next((row for row in table.rows if row.method == method), None)
+
+
+def first_points(points: Sequence[Trials]) -> tuple[Sequence[Trials], str]:
+    """Return as many points as a figure shows below each other, and say where there are more."""
+    more = len(points) > MOST_POINTS
+    return points[:MOST_POINTS], f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+
+
+def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:
+    """Return the rows of a point in the order of the figure, which is that of the first point."""
+    from rmpc_bench.analysis.result_rows import NOT_COMPUTED
+
+    found = []
+    for name in order or [row.method for row in first.ordered]:
+        row, named = row_of(table, name), row_of(first, name)
+        if row is None and named is not None:
+            row = named._replace(n=0, mean=Estimate(), quantiles=(), word=NOT_COMPUTED, compared={})
+        found += [] if row is None else [row]
+    return found

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.captions import sentences
-from rmpc_bench.figures.cell_panels import draw_cells
 from rmpc_bench.figures.labels import metric_of
-from rmpc_bench.figures.line_panels import draw_lines
 from rmpc_bench.figures.point_tables import common_form, tables_of
 from rmpc_bench.figures.sweep_axis import POINTS, SweepAxis, axis_of, main_paths, other_paths, panel_title
 from rmpc_bench.figures.sweep_content import Show, SweepContent
@@ -91,6 +89,9 @@ class Sweep(SweepFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw lines or cells; see `Figure.draw`."""
+        from rmpc_bench.figures.cell_panels import draw_cells
+        from rmpc_bench.figures.line_panels import draw_lines
+
         content = self._content(results)
         if content.is_lines:
             return draw_lines(content, self.size(FIRST + PANEL * (len(content.panels) - 1)))
@@ -168,6 +169,7 @@ def page_drawings(tables: Sequence[ResultTable]) -> dict[str, str]:
     tables : the rows of the primary metric at every point
     """
     from rmpc_bench.figures.files import page_svg
+    from rmpc_bench.figures.line_panels import draw_lines
 
     content = content_of(tables)
     if not content.is_lines or not content.methods:

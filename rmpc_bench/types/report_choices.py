@@ -11,6 +11,6 @@ Column = Literal[
     "mean", "lost", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "steps", "pairs"
 ]
 """Columns of the LaTeX table of a metric behind the label of the method; `other` is the change of the other average."""
-DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf", "png")
+DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf")
 LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
 """Narrowest and widest figure [in]."""

@@ -115,7 +115,7 @@ def test_kills_at_random_moments(tmp_path, n_kills):
 @pytest.mark.parametrize("n_seeds", [2, pytest.param(8, marks=pytest.mark.slow)])
 def test_hash_seeds(tmp_path, n_seeds):
     """No file of the results depends on the order of sets."""
-    path = write_keys(tmp_path, runs=12, figures="[boxplot, paired]")
+    path = write_keys(tmp_path, runs=12, figures="[boxplot, rows]")
     found = []
     for seed in range(1, 1 + n_seeds):
         out = tmp_path / str(seed) / "out"

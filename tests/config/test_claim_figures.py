@@ -24,15 +24,15 @@ def test_names_of_files_are_counted_by_kind() -> None:
 
 
 def test_a_claim_names_one_figure_or_several(tmp_path: Path) -> None:
-    claims = f"[{{says: a, {CHECK}, figure: boxplot}}, {{says: b, {CHECK}, figure: [boxplot-2, paired]}}]"
+    claims = f"[{{says: a, {CHECK}, figure: boxplot}}, {{says: b, {CHECK}, figure: [boxplot-2, rows]}}]"
     config = rmpc_bench.load_config(
-        write(tmp_path, figures="[boxplot, paired, {kind: boxplot, log: true}]", claims=claims)
+        write(tmp_path, figures="[boxplot, rows, {kind: boxplot, log: true}]", claims=claims)
     )
-    assert [claim.figures for claim in config.claims] == [("boxplot",), ("boxplot-2", "paired")]
+    assert [claim.figures for claim in config.claims] == [("boxplot",), ("boxplot-2", "rows")]
 
 
 def test_an_unknown_figure_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
-    path = write(tmp_path, figures="[boxplot, paired]", claims=f"[{{says: a, {CHECK}, figure: boxplot-2}}]")
+    path = write(tmp_path, figures="[boxplot, rows]", claims=f"[{{says: a, {CHECK}, figure: boxplot-2}}]")
     result = cli("check", path)
     assert result.exit_code == 2
     assert "claims.0.figure: 'boxplot-2' is not a known figure of this configuration; did you mean 'boxplot'?" in (

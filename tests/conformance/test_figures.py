@@ -21,12 +21,10 @@ PARAMETERS = {
     "estimation-error": [{}, {"component": 1, "runs": 2}],
     "means": [{}],
     "nees": [{}, {"of": "nis", "log": False}],
-    "paired": [{}],
     "pareto": [{"x": "mse", "y": "power"}],
     "plane": [{"components": (0, 1), "marks": 1.0}],
-    "ranking": [{}, {"metric": "power"}],
+    "rows": [{}, {"show": ["mean", "share"], "metric": "power", "above": 1.5, "order": ["B"]}],
     "series": [{"quantity": "P"}],
-    "shares": [{}, {"metric": "power", "above": 1.5, "order": ["B"]}],
     "sweep": [{}, {"metric": "power", "show": "value", "log": True}, {"path": ["controller.Hp", "controller.Hu"]}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
@@ -75,7 +73,7 @@ def test_every_registered_kind_is_tested():
 @pytest.mark.parametrize(("kind", "keys"), CASES)
 def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
-    if kind in ("sweep", "ranking"):
+    if kind == "sweep":
         results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
     if "path" in keys:
         grid = [{"controller.Hp": Hp, "controller.Hu": Hu} for Hp in ("5", "10") for Hu in ("1", "2")]

@@ -48,12 +48,44 @@ def test_nothing_recorded(tmp_path):
         load_config(write(tmp_path, figures="[trajectories]"))
 
 
-def test_more_points_than_panels(tmp_path):
-    """A boxplot of seven points has to choose, and may."""
-    sweep = "{grid: {controller.Hp: [4, 5, 6, 7, 8, 9, 10]}}"
-    with pytest.raises(ConfigError, match="7 points of the sweep do not fit"):
-        load_config(write(tmp_path, sweep=sweep, figures="[boxplot]"))
-    assert load_config(write(tmp_path, sweep=sweep, figures="[{kind: boxplot, at: [{controller.Hp: 4}]}]")).figures
+@pytest.mark.parametrize("figures", ["[sweep]", "[boxplot]", "[rows]", "[]"])
+@pytest.mark.parametrize("n_points", [1, 7, 12])
+def test_no_number_of_points_is_refused(tmp_path, figures, n_points):
+    """Whatever the figures ask for."""
+    sweep = f"{{grid: {{controller.Hp: {[*range(4, 4 + n_points)]}}}}}"
+    load_config(write(tmp_path, sweep=sweep, figures=figures))
+
+
+def test_the_default_figure_is_that_of_the_experiment(tmp_path):
+    """A boxplot at one point, the changes over a sweep."""
+    without = {"figures": None}
+    assert [figure.kind for figure in load_config(write(tmp_path, **without)).figures] == ["boxplot"]
+    swept = write(tmp_path, sweep="{grid: {controller.Hp: [4, 5]}}", **without)
+    assert [figure.kind for figure in load_config(swept).figures] == ["sweep"]
+
+
+@pytest.mark.parametrize(
+    ("figure", "message"),
+    [
+        ("{kind: paired}", "figures.0.kind: 'paired' is now 'rows' (rmpc-bench list figures)"),
+        ("paired", "figures.0: 'paired' is now 'rows' (rmpc-bench list figures)"),
+        ("{kind: shares}", "figures.0.kind: 'shares' is now 'rows' with show: share (rmpc-bench list figures)"),
+        ("{kind: sweep-lines}", "figures.0.kind: 'sweep-lines' is now 'sweep' (rmpc-bench list figures)"),
+        ("{kind: heat-map}", "figures.0.kind: 'heat-map' is now 'sweep' (rmpc-bench list figures)"),
+        ("{kind: ranking}", "figures.0.kind: 'ranking' is now 'sweep', or 'rows' with show: rank"),
+        (
+            "{kind: rows, show: median}",
+            "figures.0.show: 'median' is not known; known: values, change, mean, share, rank",
+        ),
+        ("{kind: sweep}", "figures.0.path: nothing is swept in this configuration"),
+    ],
+)
+def test_what_an_earlier_version_drew_is_named(tmp_path, figure, message):
+    """One line with the place in the file and what takes its place."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, figures=f"[{figure}]"))
+    (line,) = str(caught.value).splitlines()
+    assert message in line and not set(registry.RENAMED_FIGURES) & set(registry.names("figures"))
 
 
 @pytest.mark.parametrize(

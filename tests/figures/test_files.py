@@ -73,7 +73,7 @@ def test_pdf(make_trials, tmp_path, font):
         assert descendant["/Subtype"] == "/CIDFontType2" and "/FontFile2" in descendant["/FontDescriptor"].get_object()
     sizes = text_sizes(page)
     assert sizes and set(sizes) <= {8.0, 5.6} and sizes.count(8.0) > len(sizes) / 2
-    assert "S-MPC" in page.extract_text() and "n=4" in page.extract_text().replace(" ", "")
+    assert "S-MPC" in page.extract_text()
 
 
 def test_the_same_bytes_in_every_process(tmp_path):

@@ -13,8 +13,8 @@ from rmpc_bench.figures.ellipses import Ellipses
 from rmpc_bench.figures.estimation_error import EstimationError
 from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.means import Means
-from rmpc_bench.figures.paired import Paired
 from rmpc_bench.figures.pareto import Pareto
+from rmpc_bench.figures.rows import Rows
 from rmpc_bench.figures.sweep import Sweep
 from rmpc_bench.figures.trajectories import Trajectories
 from rmpc_bench.figures.tubes import Tubes
@@ -52,7 +52,7 @@ def sweep(make_sweep, point):
 
 FIGURES = {
     "boxplot": Boxplot(),
-    "paired": Paired(),
+    "rows": Rows(),
     "pareto": Pareto(x="length", y="power"),
     "ellipses": Ellipses(x="length", y="power"),
     "tubes over time": Tubes(),
@@ -82,7 +82,7 @@ def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
     save_as(figure, tmp_path / "figure.svg")
     left = without_method(tmp_path / "figure.svg", "B")
     assert "var(--m2)" not in left
-    if name not in ("paired", "changes of a sweep"):
+    if name not in ("rows", "boxplot", "changes of a sweep"):
         assert "var(--m1)" in left
     texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
     assert not [text for text in texts if text.strip() in ("B", "B (exact)")]

@@ -57,7 +57,7 @@ def compiled(place, source):
 
 def written(place, *options, **keys):
     """Tables and figures of a small experiment for a column of 252 pt."""
-    ran(write(place, figures="[boxplot, paired]", methods=METHODS, runs=30, **keys), place / "stored")
+    ran(write(place, figures="[boxplot, rows]", methods=METHODS, runs=30, **keys), place / "stored")
     result = cli("report", place / "stored", "--to", place, "--width", "252pt", "--style", "paper", *options)
     assert result.exit_code == 0, result.output
 
@@ -70,14 +70,14 @@ def test_paper(tmp_path, sweep):
     written(tmp_path, "--font", "times", sweep=sweep)
     body = "\n".join(
         [TABLE % (name, name) for name in ("mse", "input_power", "all-metrics")]
-        + [FIGURE % (name, name) for name in ("boxplot", "paired")]
+        + [FIGURE % (name, name) for name in ("boxplot", "rows")]
     )
     messages, reader = compiled(tmp_path, document(body))
     assert "columnwidth 252" in messages and "Overfull" not in messages
     sizes = []
     for page in reader.pages:
         assert all(embedded(font.get_object()) for font in fonts_of(page))
-    for name in ("boxplot", "paired"):
+    for name in ("boxplot", "rows"):
         (page,) = PdfReader(tmp_path / "figures" / f"{name}.pdf").pages
 
         def visit(text, cm, tm, font, size):

@@ -1,0 +1,248 @@
+"""Columns of a figure of rows: their axis, and what they draw of every row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import wilson
+from rmpc_bench.analysis.rank_rows import ranking
+from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
+from rmpc_bench.figures.boxes import VERDICT_COLOURS, box_axis, draw_box, set_axis
+from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, metric_label, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.palette import BAND, GROUND, INK
+from rmpc_bench.figures.point_tables import common_form, shown_change
+from rmpc_bench.figures.scales import Axis, Tick, difference_axis, ratio_axis, share_axis
+from rmpc_bench.types import DesignError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from rmpc_bench.analysis.trials import Trials
+
+LINE, DOT = 2.0, 4.5
+"""Width of an interval and size of its middle [pt]."""
+APART = 4.0
+"""Free width between the labels of two ticks [pt]."""
+LEFT, RIGHT = "◀", "▶"
+COMPARED = {"ratio": "change against {}", "difference": "difference from {}", "share": "share of runs better than {}"}
+NONE = {"ratio": 1.0, "share": 0.5}
+"""Form of a change -> where there is none, else 0."""
+
+
+class Options(NamedTuple):
+    """Keys of the figure that its columns need."""
+
+    log: bool | None
+    above: float
+    ranked: bool
+    """Whether the changes are those over all points."""
+
+
+class Column(NamedTuple):
+    """A column of a figure."""
+
+    axis: Axis
+    label: str
+    draw_row: Callable[[Axes, ResultTable, ResultRow, int], None]
+    reference: Callable[[Axes], None] = lambda axes: None
+    """Draws what stands behind the rows."""
+    order: Sequence[str] = ()
+    """Methods from top to bottom, where the column gives the order."""
+
+    def draw(self, axes: Axes, table: ResultTable, rows: Sequence[ResultRow]) -> None:
+        """Draw the rows of a point."""
+        set_axis(axes, self.axis)
+        self.reference(axes)
+        for place, row in enumerate(rows):
+            self.draw_row(axes, table, row, place)
+
+    def finish(self, axes: Axes) -> None:
+        """Label the axis below the last point, with as many ticks as have room."""
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        room = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH
+        back = math.exp if self.axis.log else float
+        ticks = with_room(self.axis, room)
+        axes.set_xticks([back(tick.at) for tick in ticks], [tick.label for tick in ticks])
+        axes.set_xlabel("\n".join(wrapped(self.label, room)))
+
+
+def with_room(axis: Axis, room: float) -> list[Tick]:
+    """Leave out ticks whose labels would touch, going away from that nearest to 0."""
+    scale = room / (axis.high - axis.low)
+    middle = min(range(len(axis.ticks)), key=lambda k: abs(axis.ticks[k].at), default=0)
+    kept = list(axis.ticks[middle : middle + 1])
+    for side in (axis.ticks[middle + 1 :], axis.ticks[:middle][::-1]):
+        last = axis.ticks[middle] if axis.ticks else None
+        for tick in side:
+            assert last is not None
+            if abs(tick.at - last.at) * scale >= (width(tick.label) + width(last.label)) / 2 + APART:
+                kept.append(tick)
+                last = tick
+    return sorted(kept)
+
+
+def column_of(
+    name: str, results: Trials, tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options
+) -> Column:
+    """Prepare a column for the rows of all points."""
+    made: Mapping[str, Callable[[], Column]] = {
+        "values": lambda: _values(tables, rows, keys),
+        "change": lambda: _ratios(results) if keys.ranked else _changes(tables, rows),
+        "mean": lambda: _means(tables, rows, keys),
+        "share": lambda: _shares(tables, rows, keys),
+        "rank": lambda: _ranks(results),
+    }
+    return made[name]()
+
+
+def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
+    """Boxes of the runs."""
+    axis = box_axis([end for shown in rows for row in shown for end in row.quantiles], keys.log)
+    remark = LINEAR if keys.log and not axis.log else ""
+    label = metric_label(tables[0].info) + remark
+    return Column(axis, label, lambda axes, table, row, place: draw_box(axes, row, place, axis))
+
+
+def _means(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
+    """Means of the runs that have a value, with their intervals."""
+    axis = box_axis([end for shown in rows for row in shown for end in row.mean], keys.log)
+    remark = LINEAR if keys.log and not axis.log else ""
+
+    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
+        _interval(axes, row.mean, place, INK, row.method)
+
+    return Column(axis, f"mean {metric_label(tables[0].info)}{remark}", draw)
+
+
+def _interval(axes: Axes, value: Estimate, place: float, colour: str, method: str) -> None:
+    """Draw a mark with its interval; the axis cuts what lies beyond it."""
+    look: dict[str, Any] = {"color": colour, "gid": f"method-{method}"}
+    if not math.isnan(value.half):
+        axes.plot([value.low, value.high], [place, place], lw=LINE, solid_capstyle="butt", zorder=2.3, **look)
+    if math.isfinite(value.value):
+        axes.plot([value.value], [place], ls="", marker="o", ms=DOT, zorder=2.4, **look)
+
+
+def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]]) -> Column:
+    """Changes against the baseline, in the form that all points have."""
+    form, first = common_form(tables), tables[0]
+    margin = max(table.margin for table in tables) if form != "share" else 0.0
+    shown = [(table, row) for table, there in zip(tables, rows, strict=True) for row in there]
+    shown = [(table, row) for table, row in shown if row.compared and row.quantiles]
+    found = [shown_change(row, form) for _, row in shown]
+    axis = _change_axis(form, [each for each in found if math.isfinite(each.value)], margin)
+    unit = first.info.unit if form == "difference" else ""
+    label = with_unit(typeset(COMPARED[form].format(label_of(first.trials, first.baseline))), unit)
+
+    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
+        if row.compared and row.quantiles:
+            value = shown_change(row, form)
+            colour = VERDICT_COLOURS.get(row.word, INK)
+            _change(axes, axis, value, _text(form, value, unit), place, colour, row.method)
+
+    return Column(axis, label, draw, lambda axes: _reference(axes, form, margin))
+
+
+def _change_axis(form: str, found: Sequence[Estimate], margin: float) -> Axis:
+    if form == "share":
+        return share_axis()
+    if form == "difference":
+        return difference_axis(found, margin)
+    return ratio_axis([Estimate(*(100 * (end - 1) for end in each)) for each in found], margin)
+
+
+def _text(form: str, value: Estimate, unit: str) -> str:
+    """Write a change beyond the axis."""
+    if form == "difference":
+        return difference_texts(value, unit)[0]
+    return change_texts(Estimate(*(100 * (end - 1) for end in value)))[0]
+
+
+def _change(axes: Axes, axis: Axis, value: Estimate, text: str, place: int, colour: str, method: str) -> None:
+    """Draw a change with its interval, or its size with an arrow where it lies beyond the axis."""
+    if not math.isfinite(value.value):
+        return
+    at = axis.place(value.value)
+    if 0 <= at <= 1:
+        _interval(axes, value, place, colour, method)
+        return
+    words, side, end = (f"{text} {RIGHT}", "right", 1.0) if at > 1 else (f"{LEFT} {text}", "left", 0.0)
+    look: dict[str, Any] = {"color": colour, "gid": f"method-{method}", "ha": side, "va": "center", "zorder": 3}
+    look |= {"bbox": {"facecolor": GROUND, "edgecolor": "none", "pad": 1.0}}
+    axes.annotate(words, (end, place), xycoords=axes.get_yaxis_transform(), **look)
+
+
+def _reference(axes: Axes, form: str, margin: float) -> None:
+    """Draw no change and the margin of relevance."""
+    if margin:
+        ends = (1 / (1 + margin), 1 + margin) if form == "ratio" else (-margin, margin)
+        axes.axvspan(*ends, color=BAND, lw=0, zorder=0.2)
+    axes.axvline(NONE.get(form, 0.0), color=INK, lw=0.8, zorder=2.1)
+
+
+def _shares(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
+    """Shares of the runs that exceed a number, or in which the event of the metric occurs, with the counts."""
+    info, counts = tables[0].info, {}
+    occurs = any(table.may_not_occur for table in tables)
+    binary = keys.above == 0.0
+    for table in tables:
+        for row in table.rows:
+            values = table.trials.column(info.name, row.method)
+            values = values[~np.isnan(values)]
+            binary = binary and bool(np.isin(values, (0.0, 1.0)).all())
+            k = int(np.count_nonzero(np.isfinite(values) if occurs else values > keys.above))
+            ends = [100 * end for end in wilson(k, len(values), table.trials.confidence)]
+            share = Estimate(100 * k / len(values), *ends) if len(values) else Estimate()
+            counts[id(table), row.method] = share, f"{k} of {len(values)}"
+    axis = box_axis([0.0, *(end for share, _ in counts.values() for end in share)], log=False)
+    words = info.words if occurs or binary else f"{info.words} above {keys.above:g} {info.unit}".rstrip()
+
+    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
+        share, text = counts.get((id(table), row.method), (Estimate(), "no run"))
+        _interval(axes, share, place, INK, row.method)
+        look: dict[str, Any] = {"va": "center", "annotation_clip": False, "gid": f"method-{row.method}"}
+        axes.annotate(text, (1.02, place), xycoords=axes.get_yaxis_transform(), **look)
+
+    return Column(axis, f"runs with {typeset(words)} [%]", draw)
+
+
+def _ranking(results: Trials) -> Any:
+    found = ranking(results)
+    if found is None:
+        raise DesignError("ranks need `statistics: {ranks: true}` and a positive primary metric of two methods", "show")
+    return found
+
+
+def _ranks(results: Trials) -> Column:
+    """Ranks over all points, as intervals."""
+    rows = {row.method: row for row in _ranking(results).rows}
+    ticks = tuple(Tick(float(place), f"{place}") for place in range(1, len(rows) + 1))
+
+    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
+        low, high = rows[row.method].rank_low, rows[row.method].rank_high
+        look: dict[str, Any] = {"color": INK, "gid": f"method-{row.method}", "zorder": 2.3}
+        axes.plot([low, high], [place, place], lw=LINE, marker="|", ms=DOT, **look)
+
+    return Column(Axis(0.5, len(rows) + 0.5, ticks, log=False), "rank", draw, order=tuple(rows))
+
+
+def _ratios(results: Trials) -> Column:
+    """Changes over all points, with the intervals of the ranks."""
+    ratios = {row.method: row.ratio for row in _ranking(results).rows if row.method != results.baseline}
+    found = {name: Estimate(each.ratio, each.low, each.high) for name, each in ratios.items()}
+    axis = _change_axis("ratio", [each for each in found.values() if math.isfinite(each.value)], results.relevant)
+
+    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
+        value = found.get(row.method, Estimate())
+        word = BETTER if value.high < 1 else WORSE if value.low > 1 else ""
+        _change(axes, axis, value, _text("ratio", value, ""), place, VERDICT_COLOURS.get(word, INK), row.method)
+
+    label = typeset(COMPARED["ratio"].format(label_of(results, results.baseline)))
+    return Column(axis, label, draw, lambda axes: _reference(axes, "ratio", results.relevant))
