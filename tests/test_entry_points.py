@@ -90,7 +90,7 @@ def test_run_and_report(call, installed):
     """The same bytes again from the stored trials; the figure of the package is drawn by `run`."""
     work = installed[1]
     call("run", "installed.yaml", "-o", "results", "--progress", "none")
-    assert (work / "results" / "figures" / "last-values.png").exists()
+    assert (work / "results" / "figures" / "last-values.svg").exists()
     before = (work / "results" / "summary.csv").read_bytes()
     text = before.decode()
     assert all(name in text for name in ("KF", "EXP", "NAMED", "overshoot"))

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 CONFIGS = sorted((ROOT / "configs").glob("*/*.yaml"))
 KEPT = {"summary.csv", "comparisons.csv", "tuning.csv", "tuning.json", "ranks.csv", "lost.csv"}
 KEPT |= {"claims.md", "claims.json"}
-OTHER = ("trials.csv", "series.csv", "trials.sqlite", "manifest.json", "figures/boxplot.png", "figures/boxplot-2.svg")
+OTHER = ("trials.csv", "series.csv", "trials.sqlite", "manifest.json", "figures/boxplot.pdf", "figures/boxplot-2.svg")
 
 
 def first_figure(path):
@@ -48,7 +48,7 @@ def test_git_keeps_these_files_and_no_others(tmp_path):
         shutil.copy(ROOT / file, tmp_path)
     subprocess.run(["git", "init", "--quiet", "."], cwd=tmp_path, check=True)
     place = "results/zenere2018/fig7"
-    figures = [f"figures/{kind}.svg" for kind in ("boxplot", "paired", "trajectories")]
+    figures = [f"figures/{kind}.svg" for kind in ("boxplot", "rows", "trajectories")]
     names = [f"{place}/{name}" for name in (*sorted(KEPT), *OTHER, *figures)]
     command = ["git", "check-ignore", "--no-index", *names]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

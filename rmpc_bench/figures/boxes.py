@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,10 +27,10 @@ THIN, MEDIAN = 0.8, 1.8
 """Widths of the lines of a box and of its median [pt]."""
 
 
-def box_axis(values: Sequence[float] | Array, log: bool | None, most: int = 5) -> Axis:
+def box_axis(values: Sequence[float] | Array, log: bool | Literal["auto"], most: int = 5) -> Axis:
     """Choose the axis of boxes: logarithmic as asked for, else where the largest value exceeds 20 smallest ones."""
     finite = [float(each) for each in values if math.isfinite(each)]
-    wide = {None: WIDE, True: 1.0, False: math.inf}[log]
+    wide = WIDE if log == "auto" else 1.0 if log else math.inf
     return value_axis([min(max(each, -FAR), FAR) for each in finite], most, wide=wide)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class Boxplot(SweepFigure):
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    log : logarithmic axis, linear with a remark if a value is not positive; if not given, where the largest value
-        exceeds 20 times the smallest
+    log : logarithmic axis, linear with a remark if a value is not positive; `auto` where the largest value exceeds 20
+        times the smallest
     height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, and more
         for long names
     order : methods to show, from left to right; all if not given
@@ -64,7 +64,7 @@ class Boxplot(SweepFigure):
     metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
 
     metric: str | None = None
-    log: bool | None = None
+    log: bool | Literal["auto"] = "auto"
 
     def caption(self, results: Trials) -> str:
         """Define the boxes and count the runs; see `Figure.caption`."""
@@ -114,7 +114,7 @@ def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
             axes.tick_params(axis="x", length=0)
         for label, row in zip(panels[-1].get_xticklabels(), rows[0], strict=True):
             label.set_gid(f"method-{row.method}")
-        remark = LINEAR if keys.log and not axis.log else ""
+        remark = LINEAR if keys.log is True and not axis.log else ""
         text = "\n".join(wrapped(metric_label(first.info) + remark, 0.8 * size[1] * POINTS_PER_INCH))
         (panels[0].set_ylabel if len(panels) == 1 else figure.supylabel)(text, fontsize=FONT_SIZE)
         lay_out(figure)

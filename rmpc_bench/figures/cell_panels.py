@@ -137,7 +137,7 @@ def _cells(content: SweepContent) -> Any:
     values = {(id(t), name): content.number(t, name) for t in content.tables for name in content.methods}
     finite = [each.value for each in values.values() if math.isfinite(each.value)] or [0.0]
     low, high = min(finite), max(finite)
-    log = (high > 20 * low > 0) if content.log is None else content.log and low > 0
+    log = (high > 20 * low > 0) if content.log == "auto" else content.log and low > 0
     scale = math.log if log else float
 
     def cell(table: ResultTable, name: str) -> Cell:

@@ -75,7 +75,7 @@ def _title(content: SweepContent, room: float, *, is_log: bool) -> list[str]:
     """Say what is drawn, and which side is better where that fits on the line."""
     text = typeset(content.words)
     unit = content.info.unit if content.show == "value" or content.form == "difference" else ""
-    text = with_unit(text, unit) + (LINEAR if content.log and not is_log else "")
+    text = with_unit(text, unit) + (LINEAR if content.log is True and not is_log else "")
     longer = text + content.better_if
     return [longer] if width(longer) <= room else wrapped(text, room)
 
@@ -87,7 +87,7 @@ def _axis(content: SweepContent) -> Axis:
     margin = max(table.margin for table in content.tables) if content.show == "change" else 0.0
     if content.show == "value":
         # A log scale that is asked for has every ratio on it, one that is not wanted none.
-        wide = {None: WIDE, True: 1.0, False: math.inf}[content.log]
+        wide = WIDE if content.log == "auto" else 1.0 if content.log else math.inf
         return value_axis([end for each in found for end in each if abs(end) < FAR], wide=wide)
     if content.form == "share":
         return share_axis()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ NONE = {"ratio": 1.0, "share": 0.5}
 class Options(NamedTuple):
     """Keys of the figure that its columns need."""
 
-    log: bool | None
+    log: bool | Literal["auto"]
     above: float
     ranked: bool
     """Whether the changes are those over all points."""
@@ -105,7 +105,7 @@ def column_of(
 def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Boxes of the runs."""
     axis = box_axis([end for shown in rows for row in shown for end in row.quantiles], keys.log)
-    remark = LINEAR if keys.log and not axis.log else ""
+    remark = LINEAR if keys.log is True and not axis.log else ""
     label = metric_label(tables[0].info) + remark
     return Column(axis, label, lambda axes, table, row, place: draw_box(axes, row, place, axis))
 
@@ -113,7 +113,7 @@ def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], 
 def _means(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Means of the runs that have a value, with their intervals."""
     axis = box_axis([end for shown in rows for row in shown for end in row.mean], keys.log)
-    remark = LINEAR if keys.log and not axis.log else ""
+    remark = LINEAR if keys.log is True and not axis.log else ""
 
     def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
         _interval(axes, row.mean, place, INK, row.method)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
@@ -30,6 +30,7 @@ POINT, REST = 0.3, 0.5
 """Heights of a point without its rows, and of the labels below [in]."""
 NAME_SHARE = 0.24
 """Share of the width that a name may take before it is broken."""
+USUAL = ("values", "change")
 WIDTHS: dict[str, float] = {"values": 1.0, "change": 1.25, "mean": 1.0, "share": 1.0, "rank": 0.7}
 """Columns with their relative widths."""
 CAPTIONS = {
@@ -57,8 +58,9 @@ class Rows(SweepFigure):
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    show : columns from left to right, one or several: values, change, mean, share, rank
-    log : logarithmic axis of values and means; if not given, where the largest exceeds 20 times the smallest
+    show : columns from left to right, one or several of values, change, mean, share and rank; values and change if not
+        given
+    log : logarithmic axis of values and means; `auto` where the largest exceeds 20 times the smallest
     above : for shares: a run counts if its value is larger than this number
     width : width of the whole picture [in]
     height : height of the whole picture [in]; if not given it follows from the number of rows
@@ -70,15 +72,15 @@ class Rows(SweepFigure):
     metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
 
     metric: str | None = None
-    show: str | list[str] = field(default_factory=lambda: ["values", "change"])
-    log: bool | None = None
+    show: str | list[str] | None = None
+    log: bool | Literal["auto"] = "auto"
     above: float = 0.0
     width: Inches = 6.6
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns."""
-        return (self.show,) if isinstance(self.show, str) else tuple(self.show)
+        return (self.show,) if isinstance(self.show, str) else USUAL if self.show is None else tuple(self.show)
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
         """Add to the common checks: columns that stand beside each other, and another method for changes."""

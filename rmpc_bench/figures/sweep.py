@@ -48,8 +48,8 @@ class Sweep(SweepFigure):
     show : `change` against the baseline with its interval, or `value`; if not given, the change where there is another
         method
     spread : for values: `interval` shows means with their intervals, `quartiles` medians with quartiles
-    log : whether the axis or the colours of values are logarithmic; if not given, where the largest value exceeds 20
-        times the smallest
+    log : whether the axis or the colours of values are logarithmic; `auto` where the largest value exceeds 20 times
+        the smallest
     label : text of the axis of the swept value; made from the path if not given
     height : height of the whole picture [in]; if not given it follows from the numbers of panels and cells
     order : methods to show; all if not given
@@ -63,7 +63,7 @@ class Sweep(SweepFigure):
     metric: str | None = None
     show: Literal["change", "value"] | None = None
     spread: Literal["interval", "quartiles"] = "interval"
-    log: bool | None = None
+    log: bool | Literal["auto"] = "auto"
     label: str | None = None
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
@@ -72,7 +72,7 @@ class Sweep(SweepFigure):
         changes = self._shows(layout.methods) == "change"
         if changes and len(layout.methods) < 2:
             yield Issue("show", "compares methods with the baseline: needs at least two methods, or `show: value`")
-        if changes and self.log is not None:
+        if changes and self.log != "auto":
             yield Issue("log", "is for values: leave log out, or show the value")
         if not layout.points:
             return

@@ -34,7 +34,7 @@ class SweepContent(NamedTuple):
     """The second path of a grid."""
     show: Show = "change"
     spread: str = "interval"
-    log: bool | None = None
+    log: bool | Literal["auto"] = "auto"
 
     @property
     def is_lines(self) -> bool:

@@ -13,7 +13,7 @@ from rmpc_bench.execution.engines import tasks
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}]"
 DERIVED = {
     *("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "claims.json", "claims.md"),
-    *("tables/summary.md", "figures/boxplot.svg", "figures/boxplot.png"),
+    *("tables/summary.md", "figures/boxplot.svg", "figures/boxplot.pdf"),
 }
 
 
@@ -118,11 +118,20 @@ def test_report_of_an_interrupted_first_run(here, monkeypatch):
     assert len((here / "out" / "trials.csv").read_bytes().splitlines()) == 7
 
 
+def test_no_figures_are_no_files(here):
+    """The page shows the boxes all the same; the default is one figure in two formats."""
+    ran(write(here, figures="[]"), here / "out")
+    assert not (here / "out" / "figures").exists()
+    ran(write(here, figures=None), here / "out")
+    names = {path.name for path in (here / "out" / "figures").iterdir()}
+    assert names == {"boxplot.svg", "boxplot.pdf", "boxplot.caption.tex"}
+
+
 def test_two_figures_of_a_kind_are_two_files(here):
     """The second does not replace the first."""
     figures = "[boxplot, {kind: boxplot, metric: input_power}]"
     ran(write(here, figures=figures), here / "out")
-    assert len([*(here / "out" / "figures").glob("*.png")]) == 2
+    assert len([*(here / "out" / "figures").glob("*.svg")]) == 2
 
 
 def test_reader_that_stops_reading(here):

@@ -23,7 +23,7 @@ def test_every_command_works(steps):
     for step in done:
         assert step.code == 0, f"{step.line}\n{step.out}{step.err}"
         assert "Traceback" not in step.err
-    assert (place / "results" / "limited" / "figures" / "shares.png").exists()
+    assert (place / "results" / "limited" / "figures" / "rows.svg").exists()
 
 
 def test_the_ranks_of_the_page(steps):

@@ -59,7 +59,7 @@ def test_ten_commands_lead_to_a_comparison(steps):
     assert verbs[0] == "init" and {"check", "run", "report", "show"} < {*verbs}
     summary = (place / "results" / "theirs" / "summary.csv").read_text("utf-8")
     assert all(f"\n{name}," in summary for name in ("Kalman", "do-mpc", "filterpy"))
-    assert (place / "results" / "theirs" / "figures" / "boxplot.png").is_file()
+    assert (place / "results" / "theirs" / "figures" / "boxplot.svg").is_file()
 
 
 def test_the_table_of_the_page(steps):

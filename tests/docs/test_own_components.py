@@ -34,7 +34,7 @@ def test_every_command_works(followed):
         assert each.returncode == 0, f"{line}\n{each.stdout}{each.stderr}"
         assert "Traceback" not in each.stderr
     for name in ("smoke/tanks", "filters", "parts", "water"):
-        assert (place / "results" / name / "figures" / "boxplot.png").exists()
+        assert (place / "results" / name / "figures" / "boxplot.svg").exists()
 
 
 def test_at_most_ten_commands_lead_to_an_own_estimator_on_an_own_plant(followed):

@@ -148,7 +148,7 @@ def test_declared_failures_of_checks_are_printed(own, tmp_path):
 def test_a_figure_of_a_user_is_drawn_by_run_only(own, tmp_path):
     """A line says so; a mistake in one costs this figure alone and names the user's line."""
     directory, written = own
-    assert [path.name for path in written.paths if path.suffix == ".png"] == ["boxplot.png", "Dots.png"]
+    assert [path.name for path in written.paths if path.suffix == ".svg"] == ["boxplot.svg", "Dots.svg"]
     [torn] = written.left_out
     assert torn.startswith("parts.py:Torn: ") and "parts.py:" in torn[15:] and "ZeroDivisionError" in torn
     lines = cli("report", moved(directory, tmp_path / "there")).stderr.splitlines()
@@ -186,7 +186,7 @@ def test_what_needs_no_new_trial_is_renewed_by_the_next_run(tmp_path, monkeypatc
     claims = "[{says: small, source: here, check: 'mean(mse[S-MPC]) < 1e9'}]"
     methods = "{S-MPC: {label: plain, estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
     statistics = "{confidence: 0.9, baseline: R-MPC, relevant: 0.05}"
-    path.write_text(text(claims=claims, methods=methods, statistics=statistics, figures="[paired]"), encoding="utf-8")
+    path.write_text(text(claims=claims, methods=methods, statistics=statistics, figures="[rows]"), encoding="utf-8")
     assert load_results(out).experiment == before.experiment
     blocks = spied(monkeypatch)
     ran(path, out)
@@ -194,7 +194,7 @@ def test_what_needs_no_new_trial_is_renewed_by_the_next_run(tmp_path, monkeypatc
     assert blocks == [] and after.trials.frame.equals(before.trials.frame)
     assert after.trials.labels["S-MPC"] == "plain" and [claim.says for claim in after.experiment.claims] == ["small"]
     assert (after.trials.confidence, after.trials.baseline, after.trials.relevant) == (0.9, "R-MPC", 0.05)
-    assert [dict(figure)["kind"] for figure in after.experiment.figures] == ["paired"]
+    assert [dict(figure)["kind"] for figure in after.experiment.figures] == ["rows"]
 
 
 def test_a_method_with_new_keys_gets_new_series(tmp_path):

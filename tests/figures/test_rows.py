@@ -100,9 +100,9 @@ def test_a_change_beyond_the_axis_is_an_arrow_with_its_size(trials_of):
 def test_values_are_logarithmic_where_the_spread_asks_for_it(trials_of):
     """Where the largest end exceeds 20 times the smallest; linear with a remark where a value is not positive."""
     narrow, wide = trials_of(["A", "B"]), trials_of(["A", "B"], factors=[1, 100])
-    assert [Rows(log=log).draw(narrow).axes[0].get_xscale() for log in (None, True)] == ["linear", "log"]
-    assert [Rows(log=log).draw(wide).axes[0].get_xscale() for log in (None, False)] == ["log", "linear"]
-    assert [Boxplot(log=log).draw(wide).axes[0].get_yscale() for log in (None, False)] == ["log", "linear"]
+    assert [Rows(log=log).draw(narrow).axes[0].get_xscale() for log in ("auto", True)] == ["linear", "log"]
+    assert [Rows(log=log).draw(wide).axes[0].get_xscale() for log in ("auto", False)] == ["log", "linear"]
+    assert [Boxplot(log=log).draw(wide).axes[0].get_yscale() for log in ("auto", False)] == ["log", "linear"]
     signed = trials_of(["A", "B"], factors=[-1, 1])
     for keys in (Rows(log=True), Boxplot(log=True)):
         axes = keys.draw(signed).axes[0]
