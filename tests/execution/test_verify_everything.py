@@ -353,7 +353,7 @@ def test_the_report_is_made_with_the_options_that_made_it(tmp_path):
     found, outcome = words(tmp_path / "x.zip")
     assert found.reproduced, found
     # Files of the first report, which the second one does not make.
-    assert outcome["figures/boxplot.png"] == "not looked at" and outcome["figures/boxplot.svg"] == COMPARED[0]
+    assert outcome["figures/boxplot.pdf"] == "not looked at" and outcome["figures/boxplot.svg"] == COMPARED[0]
 
 
 @pytest.mark.parametrize("keys", [{"format": ["pgf", "svg"]}, {"order": 5}, ["x"]])
