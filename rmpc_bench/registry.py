@@ -150,6 +150,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "plane": "rmpc_bench.figures.plane:Plane",
         "rows": "rmpc_bench.figures.rows:Rows",
         "series": "rmpc_bench.figures.series:Series",
+        "signals": "rmpc_bench.figures.signals:Signals",
         "sweep": "rmpc_bench.figures.sweep:Sweep",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",

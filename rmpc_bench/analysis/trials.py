@@ -70,6 +70,7 @@ class Trials:
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
     parameters : method -> where its parameters come from, such as ``default``; nothing is said of methods without one
+    limits : method -> component of a signal, such as u.0, or u of all -> its limits in the controller
     tuning : how the parameters of tuned methods were chosen, at all points; None where it is not known
     """
 
@@ -112,6 +113,7 @@ class Trials:
     requirements: tuple[Requirement, ...] = ()
     declared: tuple[str, ...] = ()
     parameters: Mapping[str, str] = field(default_factory=dict)
+    limits: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
     tuning: Tuning | None = None
 
     def with_tuning(self, tuning: Tuning | None) -> Trials:

@@ -22,6 +22,8 @@ from rmpc_bench.figures.style import rendered
 from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.types import DesignError, Figure
 
+PRINTED = ("pdf", "pgf")
+"""Formats for papers."""
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
 
 
@@ -108,14 +110,28 @@ def _written(results: Results, number: int, stem: Path, rendering: Rendering) ->
 
 
 def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> Written:
-    """Draw a figure and write its files."""
-    picture = made.draw(results.plotted)
-    if not hasattr(picture, "savefig"):
-        raise DesignError(f"draw returned {type(picture).__name__}, not a figure of matplotlib")
-    if rendering.style == "paper":
-        thin_lines(picture)
-    caption = str(made.caption(results.plotted))
-    paths = save(picture, stem.parent, stem.name, rendering)
-    if {"pdf", "pgf"} & set(rendering.formats):
-        paths.append(write_caption(caption, stem))
-    return caption, tuple(paths), _svg(picture, stem.name, paths)
+    """Draw a figure and write its files; those for papers have the labels of methods in place of their keys."""
+    trials = results.plotted
+    printed = tuple(each for each in rendering.formats if each in PRINTED)
+    with_labels = bool(printed) and any(trials.labels.get(name, name) != name for name in trials.methods)
+    own = tuple(each for each in rendering.formats if not (with_labels and each in printed))
+    picture, caption, paths = _drawn(made, results, stem, replace(rendering, formats=own))
+    svg = _svg(picture, stem.name, paths)
+    printed_caption = caption
+    if with_labels:
+        _, printed_caption, more = _drawn(made, results, stem, replace(rendering, formats=printed, labels=True))
+        paths = [path for ending in rendering.formats for path in (*paths, *more) if path.suffix == f".{ending}"]
+    if printed:
+        paths.append(write_caption(printed_caption, stem))
+    return caption, tuple(paths), svg
+
+
+def _drawn(made: Figure, results: Results, stem: Path, rendering: Rendering) -> tuple[Any, str, list[Path]]:
+    """Draw a figure, and write it in the formats of a rendering; return picture, caption and files."""
+    with rendered(rendering):
+        picture = made.draw(results.plotted)
+        if not hasattr(picture, "savefig"):
+            raise DesignError(f"draw returned {type(picture).__name__}, not a figure of matplotlib")
+        if rendering.style == "paper":
+            thin_lines(picture)
+        return picture, str(made.caption(results.plotted)), save(picture, stem.parent, stem.name, rendering)

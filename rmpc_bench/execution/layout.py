@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
@@ -133,6 +135,7 @@ class _Layout:
             moments=moments,
             holds=method.estimator.holds or method.controller.holds,
             optimises=method.controller.optimises,
+            limits=_limits(point.methods[name].get("controller") or {}),
         )
 
     def _series_of(
@@ -160,6 +163,27 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
+
+
+def _limits(controller: Mapping[str, Any]) -> dict[str, tuple[float | None, float | None]]:
+    """Return the limits of signals, hard and soft ones, that the keys of a controller name."""
+    soft = controller.get("soft") or {}
+    named = {**(controller.get("limits") or {}), **{name: keys.get("limits") for name, keys in soft.items()}}
+    found: dict[str, tuple[float | None, float | None]] = {}
+    for name, ends in named.items():
+        if name.startswith("du") or not isinstance(ends, list) or len(ends) != 2:
+            continue
+        sides = [end if isinstance(end, list) else [end] for end in ends]
+        n = max(map(len, sides))
+        for i in range(n):
+            low, high = (_number(side[i] if len(side) > i else side[0]) for side in sides)
+            found[f"{name}.{i}" if n > 1 else name] = low, high
+    return found
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number; anything else is no limit."""
+    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
 
 
 def _tuning(config: ExperimentConfig) -> StoredTuning | None:

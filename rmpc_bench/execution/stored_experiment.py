@@ -49,6 +49,7 @@ class PointMethod:
     moments : names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
     holds : whether a component of the method holds a failed step
     optimises : whether its controller goes on after a step whose optimisation failed
+    limits : component of a signal -> its limits in the controller, such as ``u.0``; ``u`` for all components
     """
 
     definition: str
@@ -61,6 +62,7 @@ class PointMethod:
     moments: tuple[str, str] | None = None
     holds: bool = False
     optimises: bool = False
+    limits: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
 
     @property
     def stored(self) -> StoredMethod:

@@ -108,6 +108,7 @@ def _table(
         limitations=point.limitations,
         requirements=experiment.requirements,
         parameters=experiment.origins,
+        limits={name: method.limits for name, method in point.methods.items()},
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rmpc_bench.figures.palette import BAND
 from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from rmpc_bench.figures.legend import Handle
 
 SIGNAL = "bursts"
-PALE = "#ebebeb"
-"""Paler than the grid, which stays visible on it."""
 
 
 def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
@@ -54,5 +53,5 @@ def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[
 
     for axes in panels:
         for start, end in bands:
-            axes.axvspan(start, end, color=PALE, lw=0, zorder=0.2)
-    return [("burst", Patch(color=PALE, lw=0))] if bands else []
+            axes.axvspan(start, end, color=BAND, lw=0, zorder=0.2)
+    return [("burst", Patch(color=BAND, lw=0))] if bands else []

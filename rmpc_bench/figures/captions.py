@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from rmpc_bench.figures.labels import name_of
 from rmpc_bench.figures.sweep_points import short_title
 
 if TYPE_CHECKING:
@@ -37,8 +38,8 @@ def quantity(info: MetricInfo) -> str:
 
 
 def label_of(trials: Trials, method: str) -> str:
-    """Return the text that stands for a method in figures."""
-    return trials.labels.get(method, method)
+    """Return the text that stands for a method in this picture and its caption."""
+    return name_of(trials, method)
 
 
 def place(trials: Trials, title: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.figures.style import FONT_SIZE, font_family
+from rmpc_bench.figures.style import FONT_SIZE, font_family, has_labels
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -51,6 +51,11 @@ def component_label(trials: Trials, signal: str, component: int, place: str, *, 
     key = f"{signal}.{component}"
     name = f"{literal(trials.names[key])}{ESTIMATE * (signal == 'x_hat')}" if key in trials.names else ""
     return with_unit(f"{prefix} {name or symbol(signal, place)}".lstrip(), unit_of(trials, key))
+
+
+def name_of(trials: Trials, method: str) -> str:
+    """Name a method as this picture does: by its key, and in a file for a paper by its label."""
+    return trials.labels.get(method, method) if has_labels() else method
 
 
 def typeset(text: str) -> str:

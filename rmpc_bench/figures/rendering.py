@@ -17,9 +17,11 @@ class Rendering:
     font : family of the texts and formulas
     style : ``bench`` for the screen, ``paper`` for a printed column
     formats : endings of the files to write
+    labels : whether methods have their labels in place of their keys, as in files for papers
     """
 
     width: float | None = None
     font: Font = "dejavu"
     style: Style = "bench"
     formats: tuple[Format, ...] = DEFAULT_FORMATS
+    labels: bool = False

@@ -36,10 +36,13 @@ STYLE: dict[Any, Any] = {
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "lines.solid_capstyle": "butt",
     "axes.titlepad": 3.0,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "ytick.minor.width": 0.4,
+    "path.simplify_threshold": 0.3,  # distance of points that lines leave out [pt]
     "svg.fonttype": "none",  # text stays text, which can be searched and edited
     "pdf.fonttype": 42,  # TrueType: the same in PDF
     "pgf.rcfonts": False,  # the fonts are those of the document
@@ -104,6 +107,11 @@ def font_family() -> str:
 def is_for_paper() -> bool:
     """Whether figures are drawn for a paper, whose caption says what a note above the panels says on the screen."""
     return _CURRENT.get().style == "paper"
+
+
+def has_labels() -> bool:
+    """Whether methods have their labels, as in a file for a paper, and not their keys."""
+    return _CURRENT.get().labels
 
 
 @contextmanager

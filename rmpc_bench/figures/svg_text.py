@@ -36,6 +36,10 @@ _METHOD = re.compile(r"""\bid=(["'])method-""")
 _ID = re.compile(r' id="([^"]*)"')
 _GROUP = re.compile(r"<(/?)g\b([^>]*)>\s*")
 _REFERENCE = re.compile(r'(href="#|url\(#)([^")]+)')
+_STYLE = re.compile(r'(?<= style=")[^"]*')
+_USUAL = re.compile(r"(?<=[:;]) |; stroke-dashoffset: 0\b|; stroke-linejoin: miter\b")
+_NOTHING = re.compile(r'<path [^>]*style="fill:none"/>\n')
+_DEFINED = re.compile(r'<path id="([^"]+)"[^>]*?(style="[^"]*")/>')
 _PATH = re.compile(r'(?<= d=")[^"]*(?=")')
 
 
@@ -51,7 +55,8 @@ def themed(text: str) -> str:
     text = _without_empty_groups(re.sub(r"\n\s+", "\n", text))
     view = _VIEW.search(text)
     head = f'<svg {view[0] if view else ""} fill="currentColor" stroke-linejoin="round">'
-    return _with_usual_font(_ROOT.sub(lambda _: head, text, count=1))
+    text = _with_usual_font(_ROOT.sub(lambda _: head, text, count=1))
+    return _without_repetition(_STYLE.sub(lambda found: _USUAL.sub("", found[0]), text))
 
 
 def as_file(text: str, families: Sequence[str]) -> str:
@@ -72,6 +77,13 @@ def for_page(text: str, css_class: str) -> str:
     text = _REFERENCE.sub(rf"\g<1>{css_class}-\2", _ID.sub(rf' id="{css_class}-\1"', text))
     text = text.replace("xlink:href=", "href=").rstrip()
     return text.replace("<svg", f'<svg class="{css_class}" aria-hidden="true"', 1)
+
+
+def _without_repetition(text: str) -> str:
+    """Leave out what draws nothing, and the style of a mark that is the same as in its definition."""
+    for name, style in dict(_DEFINED.findall(text)).items():
+        text = re.sub(rf'(href="#{re.escape(name)}"[^>]*?) {re.escape(style)}', r"\1", text)
+    return _NOTHING.sub("", text)
 
 
 def _without_empty_groups(text: str) -> str:

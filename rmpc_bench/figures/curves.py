@@ -1,0 +1,256 @@
+"""What a panel over time shows of one method: runs, the thick one among them, and what they are compared with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.estimation_errors import ErrorMoments, ensemble_errors, recorded_errors, reported_covariance
+from rmpc_bench.analysis.nees import chi_square_band
+from rmpc_bench.analysis.pairs import distance_from_best
+from rmpc_bench.figures.axes import drawable
+from rmpc_bench.figures.nees_lines import nees_of, nis_of
+from rmpc_bench.figures.quantities import Quantity
+from rmpc_bench.figures.recorded_runs import ERROR, OUTPUT, PanelSignal, RunSelection, find_run
+from rmpc_bench.figures.reported_sets import EDGE, tube_of
+from rmpc_bench.figures.samples import Curve, component_of, components, cut
+from rmpc_bench.figures.window import TimeWindow
+from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rmpc_bench.analysis.trials import Trials
+
+BAND = (0.05, 0.95)
+"""Quantiles over the runs at the ends of a band."""
+FEW = 10
+"""Recorded runs below which no mean and standard deviation over them is shown."""
+
+
+class Line(NamedTuple):
+    """Values over time, NaN where there are none."""
+
+    kind: str
+    t: Array
+    values: Array
+    held: bool = False
+
+
+class Area(NamedTuple):
+    """The values between two curves."""
+
+    kind: str
+    t: Array
+    low: Array
+    high: Array
+
+
+class Cell(NamedTuple):
+    """The content of a panel, from below to above."""
+
+    lines: tuple[Line, ...] = ()
+    areas: tuple[Area, ...] = ()
+    levels: tuple[tuple[str, float], ...] = ()
+    """Kinds and values of horizontal lines."""
+
+
+class Choice(NamedTuple):
+    """Which runs of a method are shown, and how."""
+
+    show: str
+    selection: RunSelection | None
+    """None where no run of the method is recorded."""
+    middle: int
+    """Position of the thick run in the traces."""
+    n_thin: int | None
+    level: float
+    log: bool
+
+
+def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
+    """Find the recorded run to draw thick: the given one, else the one with the middle value of the primary metric."""
+    runs = point.traces[method].runs
+    if run is not None:
+        return find_run(point, method, run)[0]
+    info = point.primary_info or point.metrics[0]
+    table = point.frame[point.frame["method"] == method].set_index("run")[info.name]
+    values = distance_from_best(table.reindex(runs[rows]).to_numpy(dtype=float), info.direction)
+    return int(rows[np.argsort(values, kind="stable")[len(rows) // 2]])
+
+
+def cell_of(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
+    """Read what a panel shows; None where the method does not have the quantity."""
+    made = _CELLS[quantity.kind](point, method, quantity, window, choice)
+    return made if made is not None and (made.lines or made.areas) else None
+
+
+def times(window: TimeWindow) -> Array:
+    """Times of the samples of a window."""
+    return window.sample * np.arange(window.first, window.last + 1)
+
+
+def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
+    """Single runs, or what they have in common, of a recorded signal."""
+    traces = point.traces.get(method)
+    signal = PanelSignal(quantity.name, quantity.number, "")
+    if traces is None or choice.selection is None or not signal.is_in(traces):
+        return None
+    held, shown = signal.is_held(traces), choice.selection.rows
+    t, values = signal.curves(traces, window, shown)
+    if choice.show == "width":
+        low, high = np.nanquantile(values, BAND, axis=0)
+        return Cell((Line("main", t, high - low),), levels=(("average", float(np.nanmean(high - low))),))
+    levels: tuple[tuple[str, float], ...] = ()
+    lines: list[Line] = []
+    areas: list[Area] = []
+    if choice.show == "difference":
+        levels = (("zero", 0.0),)
+    elif quantity.name == OUTPUT:
+        lines.append(Line("reference", t, traces.r[window.slice, quantity.number], held=True))
+    elif quantity.name == ERROR:
+        levels = (("zero", 0.0),)
+    if choice.show != "difference":
+        levels += tuple(("limit", limit) for limit in limits_of(point, method, quantity))
+    if choice.show == "band":
+        low, middle, high = np.nanquantile(values, [BAND[0], 0.5, BAND[1]], axis=0)
+        areas.append(Area("band", t, low, high))
+        return Cell((*lines, Line("main", t, middle, held)), tuple(areas), levels)
+    thin = values if choice.n_thin is None else values[: choice.n_thin]
+    lines += [Line("run", t, run) for run in thin] if len(values) > 1 else []
+    main = signal.curves(traces, window, np.array([choice.middle]))[1][0]
+    return Cell((*lines, Line("main", t, main, held)), levels=levels)
+
+
+def limits_of(point: Trials, method: str, quantity: Quantity) -> list[float]:
+    """Limits of a component in the method's controller."""
+    known: Mapping[str, tuple[float | None, float | None]] = point.limits.get(method, {})
+    ends = known.get(f"{quantity.name}.{quantity.number}", known.get(quantity.name, (None, None)))
+    return [end for end in ends if end is not None]
+
+
+def _error(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
+    """Errors of the estimate with three reported standard deviations on both sides of 0, and their actual spread."""
+    i, t = quantity.number, times(window)
+    recorded = recorded_errors(point, method)
+    exact, sampled = (ensemble_errors(point, method, exact=each) for each in (True, False))
+    moments = exact or sampled
+    lines: list[Line] = []
+    P = None
+    if recorded is not None and len(recorded.runs):
+        e = drawable(recorded.e[:, window.slice, i])
+        thin = e if choice.n_thin is None else e[: choice.n_thin]
+        lines += [Line("run", t, run) for run in thin] if len(e) > 1 else []
+        middle = np.flatnonzero(recorded.runs == point.traces[method].runs[choice.middle])
+        lines += [Line("main", t, e[place]) for place in middle]
+        if moments is None and len(e) >= FEW:
+            gap = recorded.e - recorded.e.mean(axis=0)
+            cov = np.einsum("rki,rkj->kij", gap, gap) / (len(e) - 1)
+            moments = ErrorMoments(recorded.e.mean(axis=0), cov, len(e))
+        if recorded.P is not None:
+            P = np.median(recorded.variances(), axis=0)
+    if P is None and moments is not None:
+        covariance = reported_covariance(point, method, len(moments.mean))
+        P = None if covariance is None else np.diagonal(covariance, axis1=1, axis2=2)
+    areas: list[Area] = []
+    if P is not None:
+        band = drawable(3 * np.sqrt(np.maximum(P[window.slice, i], 0.0)))
+        areas.append(Area("reported", t, -band, band))
+    if moments is not None:
+        mean, std = moments.mean[window.slice, i], moments.std[window.slice, i]
+        lines += [Line("spread", t, drawable(edge)) for edge in (mean - 3 * std, mean + 3 * std)]
+        lines += [] if any(line.kind == "main" for line in lines) else [Line("main", t, drawable(mean))]
+    return Cell(tuple(lines), tuple(areas), (("zero", 0.0),)) if lines else None
+
+
+def _variance(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
+    """Variance of the error over the ensemble, and the reported one as its bound."""
+    entry = f"{quantity.number},{quantity.number}"
+    actual = components(point.series, "cov(e)", [method]).get(method, {}).get(entry)
+    if actual is None:
+        return None
+    lines = [_cut("from runs", actual.runs, window)] if actual.exact is not None and actual.runs is not None else []
+    lines.append(_cut("main", actual.best, window))
+    reported = components(point.series, "P", [method]).get(method, {}).get(entry)
+    lines += [_cut("bound", reported.best, window)] if reported is not None else []
+    return Cell(tuple(line for line in lines if line is not None))
+
+
+def _mean(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
+    """Mean of the estimate over the ensemble, and that of the true state."""
+    state, estimate = (
+        components(point.series, name, [method]).get(method, {}).get(str(quantity.number))
+        for name in ("mean(x)", "mean(x_hat)")
+    )
+    if state is None or estimate is None:
+        return None
+    behind = estimate.runs if estimate.exact is not None else None
+    lines = [
+        _cut("state", state.best, window),
+        _cut("from runs", behind, window),
+        _cut("main", estimate.best, window),
+    ]
+    return Cell(tuple(line for line in lines if line is not None))
+
+
+def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
+    """A series of the design or of the ensemble."""
+    table = point.series
+    chosen = (table["quantity"] == quantity.name) & (table["method"] == method)
+    rows = table[chosen & (table["component"] == quantity.component)]
+    if not len(rows) and not quantity.component:
+        rows = table[chosen]
+    line = _cut("main", component_of(rows).best, window) if len(rows) else None
+    return Cell((line,)) if line is not None else None
+
+
+def _nees(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
+    """Average normalised square of errors or innovations, with the band of a consistent estimator."""
+    found = nees_of(point, method) if quantity.kind == "nees" else nis_of(point, method)
+    if found is None:
+        return None
+    t, lines, areas = times(window), [], []
+
+    def gaps(values: Array) -> Array:
+        return np.where(np.isfinite(values) & ((values > 0) | (not choice.log)), values, np.nan)[window.slice]
+
+    if found.average is not None:
+        low, high = chi_square_band(found.freedom[window.slice], choice.level)
+        areas.append(Area("consistent", t, low, high))
+        lines += [Line("from runs", t, gaps(found.average))] if found.exact is not None else []
+    lines.append(Line("main", t, drawable(gaps(found.main))))
+    return Cell(tuple(lines), tuple(areas), (("one", 1.0),))
+
+
+def _tube(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
+    """One run among the sets that the method reports for its state."""
+    if choice.selection is None:
+        return None
+    run = int(point.traces[method].runs[choice.middle])
+    tube = tube_of(point, method, run, [quantity.number], window, choice.level)
+    x, x_hat = tube.x[:, 0], tube.x_hat[:, 0]
+    half, t = np.sqrt(np.maximum(tube.S[:, 0, 0], 0.0)), times(window)
+    beyond = np.where(np.abs(x - x_hat) > half * (1.0 + EDGE), x, np.nan)
+    lines = [Line("main", t, drawable(x_hat)), Line("state", t, drawable(x))]
+    lines += [Line("outside", t, drawable(beyond))] if np.isfinite(beyond).any() else []
+    kind = "set P" if tube.gaussian else "set M"
+    return Cell(tuple(lines), (Area(kind, t, drawable(x_hat - half), drawable(x_hat + half)),))
+
+
+def _cut(kind: str, curve: Curve | None, window: TimeWindow) -> Line | None:
+    """Make a line of a stored curve inside a window; None where it has no values there."""
+    piece = None if curve is None else cut(curve, window)
+    return None if piece is None else Line(kind, window.sample * piece.k, drawable(piece.values))
+
+
+_CELLS = {
+    "recorded": _recorded,
+    "error": _error,
+    "variance": _variance,
+    "mean": _mean,
+    "series": _series,
+    "nees": _nees,
+    "nis": _nees,
+    "tube": _tube,
+}

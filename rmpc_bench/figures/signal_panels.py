@@ -1,0 +1,349 @@
+"""The panels of quantities over time, their common axes, and lines with as few points as a reader sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.figures import burst_bands
+from rmpc_bench.figures.axes import STEPS, make_logarithmic
+from rmpc_bench.figures.curves import Area, Cell
+from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, name_of, typeset, wrapped
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
+from rmpc_bench.figures.method_groups import grouped
+from rmpc_bench.figures.palette import DIM, GROUND, INK, LINE, PRINT
+from rmpc_bench.figures.quantities import Quantity
+from rmpc_bench.figures.recorded_runs import RunSelection
+from rmpc_bench.figures.style import style
+from rmpc_bench.figures.thinning import needed_points, thinned
+from rmpc_bench.figures.window import TimeWindow
+from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+
+COLUMN, MOST_COLUMNS = 1.5, 4
+"""Least width of a column [in], and columns up to which their panels are wide enough."""
+FAR = 1.0
+"""A limit further away than this times the reach of the curves is not shown."""
+WILD = 6.0
+"""Reach of all runs, as a multiple of that of thick lines, up to which a panel shows them whole."""
+MANY = 30.0
+"""Ratio of the ends of a logarithmic axis up to which it has more ticks than powers of ten."""
+ALONE = 1.1
+"""Width of a thick line without thin ones [pt]."""
+CIRCLE: Mapping[str, Any] = {"ls": "", "marker": "o", "ms": 3.0, "mew": 0.7, "mfc": GROUND}
+OWN = ""
+"""Stands for the colour of the method."""
+
+
+class Look(NamedTuple):
+    """How a kind of line or area looks, and what it means."""
+
+    look: str
+    meaning: str
+    style: Mapping[str, Any]
+
+
+WORDS: Mapping[str, Look] = {
+    "main": Look("thick", "", {"color": OWN, "lw": 1.5, "zorder": 3.0}),
+    "run": Look("thin", "single runs", {"color": paler(INK, 0.7), "lw": 0.5, "zorder": 2.2}),
+    "band": Look("area", "from 5 to 95 % of the runs", {"color": OWN, "zorder": 1.5}),
+    "average": Look("thin dashes", "average over time", {"color": OWN, "lw": 0.7, "ls": (0, (3, 2)), "zorder": 2.4}),
+    "spread": Look("thin coloured", r"mean $\pm 3$ standard deviations", {"color": OWN, "lw": 0.7, "zorder": 2.6}),
+    "from runs": Look("pale", "from runs", {"color": OWN, "lw": 0.7, "alpha": 0.5, "zorder": 2.3}),
+    "state": Look("black", "true state", {"color": INK, "lw": 0.8, "zorder": 2.8}),
+    "outside": Look("circles", "outside", {**CIRCLE, "color": INK, "zorder": 3.2}),
+    "reference": Look("dashed", "reference", {"color": INK, "lw": 0.9, "ls": (0, (4, 2)), "zorder": 2.5}),
+    "limit": Look("dotted", "limit", {"color": PRINT["worse"], "lw": 1.0, "ls": (0, (1.2, 1.6)), "zorder": 2.5}),
+    "bound": Look("dashed", "reported variance", {"color": INK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 2.9}),
+    "reported": Look("grey", r"reported $\pm 3\sigma$", {"color": paler(DIM, 0.75), "zorder": 0.5}),
+    "consistent": Look("grey", "band of a consistent estimator", {"color": paler(DIM, 0.75), "zorder": 0.5}),
+    "set M": Look("area", "set $M$", {"color": OWN, "zorder": 1.5}),
+    "set P": Look("area", "of $P$", {"color": OWN, "zorder": 1.5}),
+}
+"""Kinds of lines and areas in the order of the legend."""
+QUIET: Mapping[str, Mapping[str, Any]] = {
+    "zero": {"color": DIM, "lw": 0.6, "zorder": 2.1},
+    "one": {"color": INK, "lw": 0.7, "zorder": 2.1},
+}
+"""Levels that need no entry in a legend."""
+EDGES = {"reported": (0, (4, 2)), "set P": (0, (3, 1.5)), "set M": "-"}
+"""Dashes of the lines around areas that have some."""
+
+
+class Content(NamedTuple):
+    """What a figure of quantities over time shows."""
+
+    point: Trials
+    title: str
+    rows: Sequence[Quantity]
+    cells: Mapping[str, Sequence[Cell | None]]
+    """Method -> the content of its panels."""
+    window: TimeWindow
+    selections: Mapping[str, RunSelection]
+    log: bool | None
+    level: float
+    run: int | None
+    left_out: bool
+
+    def columns(self, width: float) -> int:
+        """Columns of panels in a picture of some width [in]; methods that do not fit stand below the others."""
+        most = max(1, min(MOST_COLUMNS, int(width / COLUMN)))
+        return -(-len(self.cells) // -(-len(self.cells) // most))
+
+    def kinds(self) -> set[str]:
+        """Kinds of lines, areas and levels that are shown."""
+        shown = [cell for cells in self.cells.values() for cell in cells if cell is not None]
+        return {each[0] for cell in shown for group in cell for each in group}
+
+    def words(self, kind: str) -> str:
+        """Say what a kind of line means here."""
+        if kind == "set P":
+            return f"{100 * self.level:g} % of $P$"
+        if kind == "consistent":
+            return f"{100 * self.level:g} % {WORDS[kind].meaning}"
+        if kind != "main":
+            return WORDS[kind].meaning
+        kinds = {each.kind for each in self.rows}
+        found = []
+        if kinds & {"recorded", "error", "tube"}:
+            found.append(self._of_runs())
+        found += ["average over the runs"] if kinds & {"nees", "nis"} else []
+        found += ["variance of the error"] if "variance" in kinds else []
+        found += ["mean of the estimate"] if "mean" in kinds else []
+        found += ["value of the design"] if "series" in kinds else []
+        return ", ".join(found)
+
+    def _of_runs(self) -> str:
+        """Say which run is thick, or what of all runs."""
+        shown = self.kinds()
+        if "band" in shown or "average" in shown:
+            return "median" if "band" in shown else "width from 5 to 95 % of the runs"
+        if self.run is not None:
+            return f"run {self.run}"
+        if all(len(each.rows) < 2 for each in self.selections.values()):
+            found = {int(run) for name in self.selections for run in self.point.traces[name].runs[:1]}
+            return f"run {found.pop()}" if len(found) == 1 else "the recorded run"
+        info = self.point.primary_info or self.point.metrics[0]
+        return f"run with the middle {info.words}"
+
+
+def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> MplFigure:
+    """Draw a block of rows for as many methods as there are columns, and further blocks below it."""
+    from matplotlib.figure import Figure as MplFigure
+
+    methods, n = list(made.cells), len(made.rows)
+    styles = line_styles(made.point.all_methods, methods)
+    n_blocks = -(-len(methods) // n_columns)
+    with style():
+        figure = MplFigure(figsize=size, layout="constrained")
+        grid: Any = figure.subplots(n * n_blocks, n_columns, sharex=True, squeeze=False)
+        shown = [[cell for cells in made.cells.values() if (cell := cells[row]) is not None] for row in range(n)]
+        heights = [float(np.ptp(_reach(cells)[0])) if cells else 0.0 for cells in shown]
+        thin = thinned([*zip(heights, shown, strict=True)])
+        for place in range(n_columns * n_blocks):
+            block, column = divmod(place, n_columns)
+            for row in range(n):
+                axes = grid[block * n + row, column]
+                cell = made.cells[methods[place]][row] if place < len(methods) else None
+                if cell is None:
+                    axes.set_visible(False)
+                    continue
+                with grouped(axes, styles[methods[place]].gid):
+                    _draw_cell(axes, cell, thin, styles[methods[place]], heights[row])
+                _dress(axes)
+            if place < len(methods):
+                _name(_top(grid, block * n, column, n), made.point, methods[place], size[0] / n_columns, styles)
+        _align(made, grid, n, n_columns)
+        _label_edges(made, grid, n)
+        grid[0, 0].set_xlim(*made.window.limits)
+        keys = _keys(made)
+        bursts = _bursts(made, [axes for axes in grid.flat if axes.get_visible()])
+        finish(figure, [*keys, *bursts], literal(made.title), columns=True)
+    return figure
+
+
+def _draw_cell(axes: Axes, cell: Cell, thin: Mapping[int, Array], look: LineStyle, height: float) -> None:
+    """Draw areas, levels and lines; `height` is that of the panel in the unit of the quantity."""
+    for area in cell.areas:
+        how = dict(WORDS[area.kind].style)
+        colour = how.pop("color") or paler(look.color, 0.75)
+        _fill(axes, area, height, color=colour, lw=0, **how)
+        ink = INK if area.kind == "reported" else look.color
+        for edge in (area.low, area.high) if area.kind in EDGES else ():
+            axes.plot(area.t, edge, color=ink, lw=0.7, ls=EDGES[area.kind], zorder=2.4)
+    for kind, value in cell.levels:
+        if kind != "limit":
+            axes.axhline(value, **_coloured(QUIET[kind] if kind in QUIET else WORDS[kind].style, look))
+    runs = [line for line in cell.lines if line.kind == "run" and len(thin[id(line)])]
+    for line in cell.lines:
+        if line.kind != "run":
+            kept = thin.get(id(line))
+            # Steps between points that are left out would be wrong.
+            drawn = "steps-post" if line.held and kept is None else "default"
+            t, values = (line.t, line.values) if kept is None else (line.t[kept], line.values[kept])
+            (artist,) = axes.plot(t, values, drawstyle=drawn, **_coloured(WORDS[line.kind].style, look))
+            if line.kind == "main" and not runs:
+                artist.set_linewidth(ALONE)
+    if runs:
+        # One line with gaps has a fifth of the bytes of many lines.
+        shown = [(line, thin[id(line)]) for line in runs]
+        t = np.concatenate([np.append(line.t[own], np.nan) for line, own in shown])
+        values = np.concatenate([np.append(line.values[own], np.nan) for line, own in shown])
+        axes.plot(t, values, **WORDS["run"].style)
+
+
+def _fill(axes: Axes, area: Area, height: float, **how: Any) -> None:
+    """Fill an area, with few points where it has no gaps."""
+    if not (np.isfinite(area.low).all() and np.isfinite(area.high).all()):
+        axes.fill_between(area.t, area.low, area.high, **how)
+        return
+    below, above = (needed_points(area.t, edge, height) for edge in (area.low, area.high))
+    outline = np.append(area.t[below], area.t[above][::-1]), np.append(area.low[below], area.high[above][::-1])
+    axes.fill(*outline, **how)
+
+
+def _coloured(how: Mapping[str, Any], look: LineStyle) -> dict[str, Any]:
+    return {**how, "color": how["color"] or look.color}
+
+
+def _dress(axes: Axes) -> None:
+    """Give a panel its grid and few ticks."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.grid(color=LINE, linewidth=0.4, clip_on=False)
+    axes.set_axisbelow(True)
+    axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+    axes.tick_params(labelbottom=False, labelleft=False)
+
+
+def _label_edges(made: Content, grid: Any, n: int) -> None:
+    """Label the outermost panels of every block: the first one of a row, the last one of a column."""
+    for start in range(0, len(grid), n):
+        for row, quantity in enumerate(made.rows):
+            for axes in [axes for axes in grid[start + row] if axes.get_visible()][:1]:
+                axes.tick_params(labelleft=True)
+                linear = made.log and axes.get_yscale() == "linear"
+                axes.set_ylabel(quantity.label(made.point) + (LINEAR if linear else ""))
+        for column in range(grid.shape[1]):
+            for axes in [axes for axes in grid[start : start + n, column] if axes.get_visible()][-1:]:
+                axes.tick_params(labelbottom=True)
+                axes.set_xlabel(made.window.label)
+
+
+def _top(grid: Any, start: int, column: int, n: int) -> Axes:
+    """The uppermost panel of a method that has a quantity."""
+    panels: list[Axes] = [grid[start + row, column] for row in range(n)]
+    return next((axes for axes in panels if axes.get_visible()), panels[0])
+
+
+def _name(axes: Axes, point: Trials, method: str, width: float, styles: Mapping[str, LineStyle]) -> None:
+    """Write the name of a method above its column."""
+    lines = wrapped(typeset(name_of(point, method)), 0.8 * width * POINTS_PER_INCH)
+    axes.set_title("\n".join(lines), loc="left", weight="bold").set_gid(styles[method].gid)
+
+
+def _align(made: Content, grid: Any, n: int, n_columns: int) -> None:
+    """Give the panels of a quantity the same vertical axis, and draw the limits that lie in its reach."""
+    for row, quantity in enumerate(made.rows):
+        shown = {
+            name: (grid[place // n_columns * n + row, place % n_columns], cell)
+            for place, (name, cells) in enumerate(made.cells.items())
+            if (cell := cells[row]) is not None
+        }
+        if not shown:
+            continue
+        good = [cell for name, (_, cell) in shown.items() if not _failed(made, name)]
+        ends, limits = _reach(good or [cell for _, cell in shown.values()])
+        log = quantity.kind in ("nees", "nis") if made.log is None else made.log
+        log = log and ends[0] > 0
+        for axes, cell in shown.values():
+            if log:
+                _make_logarithmic(axes, *ends)
+            for level in limits:
+                if ("limit", level) in cell.levels:
+                    axes.axhline(level, **WORDS["limit"].style)
+            axes.set_ylim(*_padded(*ends, log=log))
+
+
+def _make_logarithmic(axes: Axes, low: float, high: float) -> None:
+    """Make the vertical axis logarithmic; a low panel has room for powers of ten where it spans several."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.set_ylim(low, high)
+    make_logarithmic(axes)
+    if high > MANY * low:
+        axes.yaxis.set_major_locator(LogLocator(numticks=5))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _failed(made: Content, name: str) -> bool:
+    return name in made.selections and made.selections[name].failed
+
+
+def _reach(cells: Sequence[Cell]) -> tuple[tuple[float, float], list[float]]:
+    """Ends of what all panels of a quantity show, and the limits that are not far away from it."""
+    thick = _ends([line.values for cell in cells for line in cell.lines if line.kind != "run"])
+    whole = _ends([line.values for cell in cells for line in cell.lines])
+    areas = _ends([end for cell in cells for area in cell.areas for end in (area.low, area.high)])
+    room = WILD * ((thick[1] - thick[0]) or abs(thick[0]) or 1.0)
+    low = min(max(whole[0], thick[0] - room), max(areas[0], thick[0] - room))
+    high = max(min(whole[1], thick[1] + room), min(areas[1], thick[1] + room))
+    reach = (high - low) or abs(high) or 1.0
+    levels = {value for cell in cells for kind, value in cell.levels if kind == "limit"}
+    limits = sorted(each for each in levels if low - FAR * reach <= each <= high + FAR * reach)
+    return (min([low, *limits]), max([high, *limits])), limits
+
+
+def _ends(values: Sequence[Array]) -> tuple[float, float]:
+    """The smallest and the largest finite value; infinities in the wrong order without any."""
+    every = np.concatenate([np.zeros(0), *map(np.ravel, values)])
+    every = every[np.isfinite(every)]
+    return (float(every.min()), float(every.max())) if len(every) else (np.inf, -np.inf)
+
+
+def _padded(low: float, high: float, *, log: bool) -> tuple[float, float]:
+    """Limits of an axis with some room at both ends."""
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return 0.0, 1.0
+    if log:
+        pad = (high / low) ** 0.05 if high > low else 2.0
+        return low / pad, high * pad
+    pad = 0.05 * (high - low) or 0.5 * abs(low) or 1.0
+    return low - pad, high + pad
+
+
+def _keys(made: Content) -> list[Handle]:
+    """Explain the kinds of lines and areas, in grey what has the colour of its method."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    found: list[Handle] = []
+    areas = {area.kind for cells in made.cells.values() for cell in cells if cell for area in cell.areas}
+    kinds = made.kinds()
+    for kind in WORDS:
+        if kind not in kinds:
+            continue
+        how = dict(WORDS[kind].style)
+        colour = how.pop("color") or DIM
+        if kind in areas:
+            found.append((made.words(kind), Patch(color=paler(DIM, 0.75), lw=0)))
+        else:
+            found.append((made.words(kind), Line2D([], [], color=colour, **how)))
+    return found
+
+
+def _bursts(made: Content, panels: Sequence[Axes]) -> list[Handle]:
+    """Shade the bursts of the noise that all shown runs share."""
+    rows = {name: each.rows for name, each in made.selections.items() if name in made.cells}
+    if not rows:
+        return []
+    return burst_bands.shade(panels, burst_bands.spans(burst_bands.bursts_of(made.point, rows), made.window))

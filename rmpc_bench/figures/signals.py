@@ -1,0 +1,193 @@
+"""Signals and other quantities over time: a column of panels per method, a row per quantity, the same axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from annotated_types import Ge, Gt, Le, Lt
+
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
+from rmpc_bench.figures.curves import Cell, Choice, cell_of, middle_run
+from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
+from rmpc_bench.figures.recorded_runs import RunSelection, differences, select_runs
+from rmpc_bench.figures.shared_content import shared_content
+from rmpc_bench.figures.signal_panels import WORDS, Content, draw_panels
+from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.types import DesignError, NonNegative
+from rmpc_bench.types.figure import Inches, Index, OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+
+USUAL = ("y", "u")
+"""Signals that are shown by default."""
+MOST_ROWS = 8
+"""Rows of panels, which may be low: four inputs and three errors are usual."""
+MOST_METHODS = 9
+"""Methods that are shown where none are named."""
+MOST_PANELS = 28
+"""Panels of all methods, about 3 kB each in an SVG."""
+NEED_RUNS = ("recorded", "tube")
+"""Kinds of quantities of single runs, which an experiment of exact moments does not have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signals(OnePointFigure):
+    """Signals and other quantities over time, a column per method and a row per quantity on the same axes.
+
+    Recorded runs are thin lines, and the one with the middle value of the primary metric is thick.  The reference is
+    dashed, the limits of the controller are dotted unless they are far away, bursts of the noise are grey if they are
+    the same in all runs that are shown.  Failed runs are left out unless all of them failed.  A method without a
+    quantity has no panel.
+
+    Quantities, besides recorded signals (``y``, ``u``, ``x``, what a method reports, and the control error
+    ``e`` = r - y) and the series of series.csv (``L``, ``theta``, ``P.1,1``):
+
+    - ``error``: x_hat - x with +-3 sqrt(P_ii) that the estimator reports and mean +-3 standard deviations over the
+      ensemble, or over at least 10 recorded runs
+    - ``variance``: variance of x - x_hat over the ensemble, and the reported one, which it should not exceed
+    - ``mean``: mean of x and of x_hat over the ensemble
+    - ``nees``, ``nis``: normalised square of error or innovation, averaged over the runs and divided by the degrees of
+      freedom, with the chi-square band of a consistent estimator (Bar-Shalom, Li, Kirubarajan: Estimation with
+      Applications to Tracking and Navigation, 2001, Section 5.4)
+    - ``tube``: the true state and the estimate of the thick run, with the set M that the method reports about the
+      estimate, else the ellipsoid of P at `level`; states outside of it are hollow circles
+
+    Parameters
+    ----------
+    signals : quantities, from top to bottom; a single component, counted from 0, follows a dot (x_hat.2, error.0);
+        y and u if not given
+    show : of recorded signals the `runs`, their median with the `band` from 5 to 95 %, the `width` of this band, or the
+        `difference` of every run from the same run of the baseline
+    run : index of the recorded run to draw thick; the one with the middle value of the primary metric if not given
+    runs : number of thin runs, from the first one on; as many as fit if not given
+    level : probability of the band of `nees` and `nis` and of the ellipsoid of P, such as 95%
+    log : logarithmic axes, linear where a value is not positive; those of `nees` and `nis` only if not given
+    from_ : first time to show [s]
+    to : last time to show [s]
+    height : height of the whole picture [in]; if not given 0.6 and 1.2 for every row of panels; the legend adds to it
+    order : methods to show, from left to right; the first that have a quantity, 9 at most, if not given
+    """
+
+    width: Inches = 7.2
+    signals: list[str] | None = None
+    show: Literal["runs", "band", "width", "difference"] = "runs"
+    run: Index | None = None
+    runs: Annotated[int, Ge(0), Le(1000)] | None = None
+    level: Annotated[float, Gt(0), Lt(1)] = 0.95
+    log: bool | None = None
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: quantities of the methods, as many as panels fit, in a window with samples."""
+        yield from super().check(layout)
+        if not layout.is_complete:
+            return
+        names = self._names(layout)
+        issues = list(dict.fromkeys(issue for text in names if (issue := issue_of(layout, text)) is not None))
+        yield from issues
+        if not names:
+            yield Issue("signals", "must name at least one signal")
+        having = {name for text in names for name in methods_with(layout, text)}
+        if not issues:
+            advice = "choose components such as x.0"
+            n = n_rows(layout, names)
+            yield from layout.require_at_most(MOST_ROWS, n, "rows of panels", "signals", advice)
+            named = n * len(self.order or ())
+            yield from layout.require_at_most(MOST_PANELS, named, "panels", "order", "name fewer methods or signals")
+            lacking = [name for name in self.order or () if name in layout.methods and name not in having]
+            for name in lacking if len(layout.points) <= 1 else ():
+                yield Issue("order", f"'{name}' has none of {', '.join(names)} (those that have: {_listed(having)})")
+        if self.run is not None:
+            yield from layout.require_recorded(self.run)
+        if self.show == "difference" and len(layout.methods) < 2:
+            yield Issue("show", "compares methods with the baseline: needs at least two methods")
+        yield from layout.require_window(self.from_, self.to)
+
+    def caption(self, results: Trials) -> str:
+        """Say what the rows, the thin and the thick lines are; see `Figure.caption`."""
+        made = self._content(results)
+        names = joined(dict.fromkeys(quantity.label(made.point) for quantity in made.rows))
+        failed = [label_of(made.point, name) for name, each in made.selections.items() if each.failed]
+        left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
+        kinds = made.kinds()
+        return sentences(
+            f"{names} over time, {span_of(made.window)}, of {joined(label_of(made.point, n) for n in made.cells)} on "
+            f"the same axes{left_out}",
+            place(made.point, made.title),
+            _first_upper("; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)),
+            f"All recorded runs of {joined(failed)} failed" if failed else "",
+        )
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw the panels of one point; see `Figure.draw`."""
+        made = self._content(results)
+        columns = made.columns(self.width)
+        return draw_panels(made, self.size(0.6 + 1.2 * len(made.rows) * -(-len(made.cells) // columns)), columns)
+
+    def _content(self, results: Trials) -> Content:
+        return shared_content(results, self, lambda: self._compute(results))
+
+    def _compute(self, results: Trials) -> Content:
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        self.require(layout)
+        names = self._names(layout)
+        having = {name for text in names for name in methods_with(layout, text)}
+        methods = [name for name in self.order or layout.methods if name in having]
+        if self.show == "difference":
+            methods = [name for name in methods if name != point.baseline]
+            if not methods:
+                raise DesignError(f"no run of a method besides the baseline '{point.baseline}' is recorded", "show")
+            point = differences(point, methods)
+        rows = tuple(quantities(layout, names))
+        most = min(MOST_METHODS, MOST_PANELS // len(rows))
+        left_out = () if self.order else methods[most:]
+        methods = methods if self.order else methods[:most]
+        selections = {name: select_runs(point, name) for name in methods if name in point.traces}
+        if any(each.failed for each in selections.values()):
+            point = replace(point, traces=point.exported_traces())
+        window = window_of(point, _last(point, methods), self.from_, self.to)
+        cells = {name: [self._cell(point, name, row, window, selections) for row in rows] for name in methods}
+        cells = {name: found for name, found in cells.items() if any(each is not None for each in found)}
+        if not cells:
+            raise DesignError(f"no method has a finished run with {joined(names)}", "signals")
+        return Content(point, title, rows, cells, window, selections, self.log, self.level, self.run, bool(left_out))
+
+    def _cell(
+        self, point: Trials, name: str, row: Quantity, window: TimeWindow, selections: dict[str, RunSelection]
+    ) -> Cell | None:
+        selection = selections.get(name)
+        middle = 0 if selection is None else middle_run(point, name, selection.rows, self.run)
+        log = row.kind in ("nees", "nis") if self.log is None else self.log
+        return cell_of(point, name, row, window, Choice(self.show, selection, middle, self.runs, self.level, log))
+
+    def _names(self, layout: ResultLayout) -> Sequence[str]:
+        """Quantities to show; by default the usual signals that are recorded."""
+        if self.signals is not None:
+            return self.signals
+        return tuple(name for name in USUAL if name in layout.signal_names) or USUAL
+
+
+def _last(point: Trials, methods: Sequence[str]) -> int:
+    """Find the last sample that any of the methods has."""
+    recorded = [len(point.traces[name].r) - 1 for name in methods if name in point.traces]
+    series = point.series.loc[point.series["method"].isin(methods), "k"]
+    return max([*recorded, int(series.max()) if len(series) else 0])
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(names)) or "none"
+
+
+def _first_upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
