@@ -140,25 +140,22 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "figures": {
         "boxplot": "rmpc_bench.figures.boxplot:Boxplot",
-        "drivers": "rmpc_bench.figures.drivers:Drivers",
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
-        "estimation-error": "rmpc_bench.figures.estimation_error:EstimationError",
         "means": "rmpc_bench.figures.means:Means",
-        "nees": "rmpc_bench.figures.nees:NeesOverTime",
-        "pareto": "rmpc_bench.figures.pareto:Pareto",
-        "plane": "rmpc_bench.figures.plane:Plane",
         "rows": "rmpc_bench.figures.rows:Rows",
-        "series": "rmpc_bench.figures.series:Series",
+        "scatter": "rmpc_bench.figures.scatter:Scatter",
         "signals": "rmpc_bench.figures.signals:Signals",
         "sweep": "rmpc_bench.figures.sweep:Sweep",
-        "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
-        "tubes": "rmpc_bench.figures.tubes:Tubes",
         "tuning": "rmpc_bench.figures.tuning:TuningOverParameter",
-        "variance-with-bound": "rmpc_bench.figures.variance_with_bound:VarianceWithBound",
     },
 }
 RENAMED_FIGURES = {
+    **dict.fromkeys(
+        ("trajectories", "estimation-error", "tubes", "series", "variance-with-bound", "nees"), "is now 'signals'"
+    ),
+    **dict.fromkeys(("plane", "pareto"), "is now 'scatter'"),
+    "drivers": "is a table of the page now; leave it out, the page has it",
     "heat-map": "is now 'sweep'",
     "paired": "is now 'rows'",
     "ranking": "is now 'sweep', or 'rows' with show: rank",
@@ -172,12 +169,17 @@ _REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUIL
 
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
     """Say that a name is unknown; see `rmpc_bench.types.issue.unknown`."""
-    if noun == "figure" and name in RENAMED_FIGURES:
-        return f"{name!r} {RENAMED_FIGURES[name]} ({way_out})"
     # Imported here because `types` needs NumPy, and the names of components are listed without it.
     from rmpc_bench.types import issue
 
     return issue.unknown(name, known, noun, way_out)
+
+
+def unknown_kind(name: str, group: str) -> str:
+    """Say that no component of a group has a name, and what has taken the place of an earlier kind of figure."""
+    if group == "figures" and name in RENAMED_FIGURES:
+        return f"{name!r} {RENAMED_FIGURES[name]} (rmpc-bench list {group})"
+    return unknown(name, names(group), singular(group), f"rmpc-bench list {group}")
 
 
 def singular(group: str) -> str:
@@ -247,7 +249,7 @@ def get(group: str, name: str) -> DesignFunction:
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
     if name in _entry_points(group):
         return _entry_points(group)[name].load()  # type: ignore[no-any-return]
-    raise KeyError(unknown(name, names(group), singular(group), f"rmpc-bench list {group}"))
+    raise KeyError(unknown_kind(name, group))
 
 
 def installed_component(group: str, name: str) -> InstalledComponent | None:

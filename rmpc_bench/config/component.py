@@ -315,7 +315,7 @@ def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Probl
     if isinstance(kind, str) and (is_reference(kind) or registry.is_known(group, kind)):
         return kind
     written = FILE if isinstance(kind, str) and ".py" in kind else "kind"
-    message = registry.unknown(str(kind), registry.names(group), noun, f"rmpc-bench list {group}")
+    message = registry.unknown_kind(str(kind), group)
     if written == FILE:
         message = f"must name something in a Python file, PATH.py:NAME (got {kind!r})"
     problems.append(Problem(*locate(tree, ["kind"]), join([*path, written]), message))

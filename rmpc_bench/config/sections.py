@@ -208,7 +208,7 @@ class ClaimKeys:
     stated : numbers of the paper with which the computed ones are compared, or its words
     assumptions : what the paper leaves open and what we assume, one sentence each
     elsewhere : configuration -> its recorded finding of the statement with the same `id`
-    figure : name of the figure in which a reader sees whether the statement holds, such as boxplot or trajectories-2
+    figure : name of the figure in which a reader sees whether the statement holds, such as boxplot or signals-2
         for the second figure of this kind, or a list of names
     """
 

@@ -80,9 +80,7 @@ def write_page(
     index: Path | None = None,
 ) -> list[Path]:
     """Write report.html and report.md beside files that are written already, and return all files of the page."""
-    more = write_more(
-        results, _wanted(results, drawn.figures, evaluated.drivers), directory / "figures", drawn.rendering
-    )
+    more = write_more(results, _wanted(results, drawn.figures), directory / "figures", drawn.rendering)
     figures = [*drawn.figures, *more]
     written = [path for figure in more for path in figure.paths]
     text, configuration = _configuration(results.directory)
@@ -114,17 +112,15 @@ def write_page(
     return [*written, *pages]
 
 
-def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversTable) -> list[Mapping[str, Any]]:
-    """Name figures that a page has even where the configuration does not: boxes, trajectories, drivers, tuning."""
+def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[str, Any]]:
+    """Name figures that a page has even where the configuration does not: boxes of one point, signals, tuning."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
     wanted: list[Mapping[str, Any]] = []
     if len(results.trials.each) == 1 and len(trials.runs) > 1:
         wanted.append({"kind": "boxplot"})
-    if trials.traces and not there & {"tubes", "plane"}:
-        wanted.append({"kind": "trajectories"})
-    if driven.tables:
-        wanted.append({"kind": "drivers"})
+    if trials.traces:
+        wanted.append({"kind": "signals"})
     if results.tuning is not None and results.tuning.searches:
         tuned = [*dict.fromkeys(each.method for each in results.tuning.searches)]
         wanted.append({"kind": "tuning", "order": tuned[:MOST_METHODS]})

@@ -38,8 +38,8 @@ def quantity(info: MetricInfo) -> str:
 
 
 def label_of(trials: Trials, method: str) -> str:
-    """Return the text that stands for a method in this picture and its caption."""
-    return name_of(trials, method)
+    """Return the text that stands for a method in figures."""
+    return trials.labels.get(method, method)
 
 
 def place(trials: Trials, title: str) -> str:

@@ -81,7 +81,7 @@ class Elements(OnePointFigure):
         for shape in sorted(shown, key=str):
             if shape is None or len(shape) != 2 or shape[0] != shape[1]:
                 sizes = f" ({' x '.join(map(str, shape))})" if shape else ""
-                yield Issue("signal", f"{self.signal} is not a square matrix{sizes}: show it with trajectories")
+                yield Issue("signal", f"{self.signal} is not a square matrix{sizes}: show it with signals")
                 return
         if len(shown) > 1:
             yield Issue("order", f"{self.signal} has different sizes in the methods: select some with `order`")

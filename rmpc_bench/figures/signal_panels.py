@@ -267,7 +267,7 @@ def _align(made: Content, grid: Any, n: int, n_columns: int) -> None:
         log = log and ends[0] > 0
         for axes, cell in shown.values():
             if log:
-                _make_logarithmic(axes, *ends)
+                _make_logarithmic(axes, *_padded(*ends, log=True))
             for level in limits:
                 if ("limit", level) in cell.levels:
                     axes.axhline(level, **WORDS["limit"].style)

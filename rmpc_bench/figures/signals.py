@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
+from rmpc_bench.figures.captions import joined, place, sentences, span_of
 from rmpc_bench.figures.curves import Cell, Choice, cell_of, middle_run
+from rmpc_bench.figures.labels import name_of
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
 from rmpc_bench.figures.recorded_runs import RunSelection, differences, select_runs
 from rmpc_bench.figures.shared_content import shared_content
@@ -35,8 +36,6 @@ MOST_METHODS = 9
 """Methods that are shown where none are named."""
 MOST_PANELS = 28
 """Panels of all methods, about 3 kB each in an SVG."""
-NEED_RUNS = ("recorded", "tube")
-"""Kinds of quantities of single runs, which an experiment of exact moments does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +92,9 @@ class Signals(OnePointFigure):
         if not layout.is_complete:
             return
         names = self._names(layout)
+        if not layout.has_runs and any(not methods_with(layout, text) for text in names if text in USUAL):
+            yield from layout.require_runs()
+            return
         issues = list(dict.fromkeys(issue for text in names if (issue := issue_of(layout, text)) is not None))
         yield from issues
         if not names:
@@ -117,11 +119,11 @@ class Signals(OnePointFigure):
         """Say what the rows, the thin and the thick lines are; see `Figure.caption`."""
         made = self._content(results)
         names = joined(dict.fromkeys(quantity.label(made.point) for quantity in made.rows))
-        failed = [label_of(made.point, name) for name, each in made.selections.items() if each.failed]
+        failed = [name_of(made.point, name) for name, each in made.selections.items() if each.failed]
         left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
         kinds = made.kinds()
         return sentences(
-            f"{names} over time, {span_of(made.window)}, of {joined(label_of(made.point, n) for n in made.cells)} on "
+            f"{names} over time, {span_of(made.window)}, of {joined(name_of(made.point, n) for n in made.cells)} on "
             f"the same axes{left_out}",
             place(made.point, made.title),
             _first_upper("; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)),

@@ -23,6 +23,8 @@ except SystemExit as done:
 print(*{name.split(".")[0] for name in sys.modules}, file=sys.stderr)
 """
 
+VARIANCE = "{kind: signals, signals: [variance]}"
+
 
 @pytest.mark.parametrize("name", ["souto2011/fig4.yaml", "souto2011/guarantee.yaml", "benchmarks/souto2011.yaml"])
 def test_check_stays_light(name):
@@ -50,7 +52,9 @@ def test_deep(path):
 
 def test_moments_alone(tmp_path):
     """Nothing runs, the screen says so, claims are judged, and the same command does it again."""
-    path = write_estimation(tmp_path, evaluate="moments", claims=CLAIMS, figures="[variance-with-bound]")
+    path = write_estimation(
+        tmp_path, evaluate="moments", claims=CLAIMS, figures="[{kind: signals, signals: [variance]}]"
+    )
     for _ in range(2):
         result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--strict")
         assert result.exit_code == 0, result.output
@@ -58,7 +62,7 @@ def test_moments_alone(tmp_path):
         assert "claims      claims.md: 1 statement of the paper" in result.stdout
         assert "error at the end" in result.stdout and "exact" in result.stdout
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8") == "method,run,status,estimation_mse\n"
-    assert (tmp_path / "out" / "figures" / "variance-with-bound.svg").exists()
+    assert (tmp_path / "out" / "figures" / "signals.svg").exists()
     (verdict,) = json.loads((tmp_path / "out" / "claims.json").read_text(encoding="utf-8"))["claims"]
     assert verdict["finding"] == "confirmed"
 
@@ -72,9 +76,9 @@ def test_a_dry_run_of_moments(tmp_path):
 
 def test_report_of_what_is_stored(tmp_path, monkeypatch):
     """From the directory alone, without a simulation: tables, series and figures of runs and moments, by bytes."""
-    path = write_estimation(tmp_path, **BOTH, figures="[variance-with-bound, boxplot, means]")
+    path = write_estimation(tmp_path, **BOTH, figures="[{kind: signals, signals: [variance]}, boxplot, means]")
     ran(path, tmp_path / "out")
-    names = ("trials.csv", "series.csv", "summary.csv", "tables/summary.md", "figures/variance-with-bound.svg")
+    names = ("trials.csv", "series.csv", "summary.csv", "tables/summary.md", "figures/signals.svg")
     before = {name: (tmp_path / "out" / name).read_bytes() for name in names}
     path.unlink()
     shutil.rmtree(tmp_path / "out" / "figures")
@@ -94,7 +98,7 @@ def test_report_of_moments_alone(tmp_path):
 
 def test_only_one_method(tmp_path):
     """Its ensemble stands alone until the other one is computed; then it is the whole experiment."""
-    path = write_estimation(tmp_path, **BOTH, figures="[variance-with-bound]")
+    path = write_estimation(tmp_path, **BOTH, figures="[{kind: signals, signals: [variance]}]")
     first = ran(path, tmp_path / "whole")
     ran(path, tmp_path / "out", "--only", "ERP")
     assert "KF" not in (tmp_path / "out" / "series.csv").read_text(encoding="utf-8")
@@ -104,7 +108,7 @@ def test_only_one_method(tmp_path):
 
 def test_a_single_run(tmp_path):
     """It has no covariance over runs, and the exact moments stand alone."""
-    path = write_estimation(tmp_path, **BOTH, figures="[variance-with-bound, boxplot]")
+    path = write_estimation(tmp_path, **BOTH, figures=f"[{VARIANCE}, boxplot]")
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--runs", 1)
     assert result.exit_code == 0, result.output
     assert "exact" in result.stdout
@@ -116,7 +120,7 @@ def test_every_run_fails(tmp_path):
     model = "{kind: uncertain-linear, A: 0.5, C: [[1, 0]], W: 1, V: 1}"
     keys = {"plant": plant, "model": model, "methods": "{KF: {estimator: {kind: kalman-predictor}}}"}
     noise = "{process: {gaussian: {std: 1}}}"
-    path = write_estimation(tmp_path, **BOTH, **keys, noise=noise, figures="[variance-with-bound, boxplot]")
+    path = write_estimation(tmp_path, **BOTH, **keys, noise=noise, figures=f"[{VARIANCE}, boxplot]")
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
     assert result.exit_code == 3 and "Traceback" not in result.output
     assert "6 failed" in result.stdout

@@ -144,7 +144,7 @@ def test_report_writes_the_same_bytes(here, monkeypatch, options):
 
 def test_a_report_of_an_interrupted_sweep(here, monkeypatch):
     """What is there is shown, with what is missing: a point without trials, and one where a method has none."""
-    keys = {"sweep": f"{{grid: {{{HP}: [10, 12, 8]}}}}", "record": "{runs: 2}", "figures": "[boxplot, trajectories]"}
+    keys = {"sweep": f"{{grid: {{{HP}: [10, 12, 8]}}}}", "record": "{runs: 2}", "figures": "[boxplot, signals]"}
     path, simulate, done = write(here, **keys, claims=f"[{', '.join(CLAIMS)}]"), tasks.simulate_block, []
 
     def interrupted(*args):

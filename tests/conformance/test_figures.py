@@ -15,21 +15,22 @@ from rmpc_bench.types import MetricInfo
 KINDS = registry.names("figures")
 PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
-    "drivers": [{}, {"metric": "power", "panels": 1, "order": ["A"]}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
-    "estimation-error": [{}, {"component": 1, "runs": 2}],
     "means": [{}],
-    "nees": [{}, {"of": "nis", "log": False}],
-    "pareto": [{"x": "mse", "y": "power"}],
-    "plane": [{"components": (0, 1), "marks": 1.0}],
     "rows": [{}, {"show": ["mean", "share"], "metric": "power", "above": 1.5, "order": ["B"]}],
-    "series": [{"quantity": "P"}],
+    "scatter": [
+        {"x": "mse", "y": "power"},
+        {"x": "y.0", "y": "y.1", "marks": 1.0},
+        {"x": "x.0", "y": "x.1", "sets": True},
+    ],
+    "signals": [
+        {},
+        {"signals": ["x.0", "error", "nees"], "order": ["B"]},
+        {"signals": ["tube", "variance.1", "mean", "P.0,0"]},
+    ],
     "sweep": [{}, {"metric": "power", "show": "value", "log": True}, {"path": ["controller.Hp", "controller.Hu"]}],
-    "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
-    "tubes": [{}, {"over": "time"}],
     "tuning": [{}, {"order": ["B"], "width": 5.0}],
-    "variance-with-bound": [{}],
 }
 """Keys that make a figure of each kind; a new kind gets a line here."""
 CASES = [(kind, keys) for kind in KINDS for keys in PARAMETERS.get(kind, [])]

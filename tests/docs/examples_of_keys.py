@@ -49,7 +49,7 @@ EXAMPLES: dict[str, str] = {
     source: Section 4.3, Fig. 7
     check: mean(mse[R-MPC]) < mean(mse[S-MPC])
     finding: confirmed""",
-    "figures": "figures: [boxplot, {kind: trajectories, signals: [y, u], runs: 3}]",
+    "figures": "figures: [boxplot, {kind: signals, signals: [y, u], runs: 3}]",
     "report": "report: {order: [R-MPC, S-MPC], metrics: [mse], width: 252pt, style: paper}",
     "execution": "execution: {workers: 2, timeout: {run: 60 s}, max_failures: 0}",
     "smoke": "smoke: {runs: 4, steps: 20}",

@@ -167,7 +167,10 @@ def test_moments_where_there_are_none_beside_runs(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"figures": "[variance-with-bound]"}, "12:11: figures.0: needs ensemble moments: evaluate: [runs, moments]"),
+        (
+            {"figures": "[{kind: signals, signals: [variance]}]"},
+            "figures.0.signals: 'variance' needs ensemble moments: evaluate: [runs, moments]",
+        ),
         ({"figures": "[means]"}, "figures.0: needs ensemble moments"),
         ({"claims": "[{says: a, check: 'last(trace(cov(e[KF]))) < 3'}]"}, "claims.0.check: cov(e[KF]) is not there"),
     ],
@@ -216,7 +219,7 @@ def test_smoke(tmp_path):
     assert quantities(tmp_path / "out")["cov(e)"] == [0, 4]
 
 
-@pytest.mark.parametrize("kind", ["boxplot", "trajectories"])
+@pytest.mark.parametrize("kind", ["boxplot", "signals"])
 def test_a_figure_of_runs_without_runs(tmp_path, kind):
     """It is a mistake of the file; without a list of figures there is none."""
     path = write_estimation(tmp_path, evaluate="moments", figures=f"[{kind}]")

@@ -14,7 +14,7 @@ SMALL = [
     "metrics=[mse, {kind: largest, of: shaft_torque, between: 2}]",
     "statistics={primary: mse, baseline: S-MPC}",
     "claims=[]",
-    "figures=[{kind: trajectories, signals: [shaft_torque]}]",
+    "figures=[{kind: signals, signals: [shaft_torque]}]",
 ]
 
 
@@ -41,7 +41,7 @@ def test_recorded_torque(results):
 
 def test_figure_of_the_torque(results):
     """Oracle: the name with a blank, and the unit."""
-    figure = rmpc_bench.figure(results, "trajectories", signals=["shaft_torque"])
+    figure = rmpc_bench.figure(results, "signals", signals=["shaft_torque"])
     assert figure.axes[0].get_ylabel() == "shaft torque [N m]"
 
 

@@ -18,7 +18,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.types import DesignError
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}, {says: not testable here}]"
-FIGURES = "[boxplot, {kind: trajectories, signals: [y]}, {kind: boxplot, metric: input_power}]"
+FIGURES = "[boxplot, {kind: signals, signals: [y]}, {kind: boxplot, metric: input_power}]"
 KEYS = {
     "claims": CLAIMS.replace("[S-MPC]", "[S-MPC, seed=7]"),
     "figures": FIGURES,
@@ -227,7 +227,7 @@ def test_figure_is_the_published_one(results, directory, tmp_path):
     file = picture.save(tmp_path / "mine.svg")
     assert file.read_bytes() == (directory / "figures" / "boxplot-2.svg").read_bytes()
     assert len(picture.axes) == 2
-    window = figure(results, "trajectories", signals=["y"], from_=0.2, to="1/2")
+    window = figure(results, "signals", signals=["y"], from_=0.2, to="1/2")
     assert window.axes[0].get_xlim()[0] >= 0.1
 
 
@@ -238,7 +238,7 @@ def test_figure_is_the_published_one(results, directory, tmp_path):
         ("boxplot", {"widht": 3}, "did you mean 'width'"),
         ("boxplot", {"width": 0.1}, "width: must be >= 1"),
         ("boxplot", {"metric": "mes"}, "mes"),
-        ("trajectories", {"signals": ["x"]}, "x"),
+        ("signals", {"signals": ["x"]}, "x"),
     ],
 )
 def test_figure_refuses_what_the_yaml_refuses(results, kind, keys, message):

@@ -9,26 +9,31 @@ from small_experiment import write
 from rmpc_bench import load_config, registry
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.types import ConfigError, OnePointFigure, ResultLayout
+from rmpc_bench.execution.evaluation import figure_component
+from rmpc_bench.types import ConfigError, DesignError, OnePointFigure, ResultLayout
 
 
 @pytest.mark.parametrize(
     ("figure", "key", "message"),
     [
-        ("{kind: trajectories, signals: [x]}", "signals", "'x' is not recorded (recorded: y, u)"),
-        ("{kind: trajectories, signals: [y.1]}", "signals", "'y.1' is not a component (they count from y.0 to y.0)"),
+        ("{kind: signals, signals: [x]}", "signals", "'x' is not recorded (recorded: y, u; series: K, L"),
+        ("{kind: signals, signals: [y.1]}", "signals", "'y.1' is not a component (they count from y.0 to y.0)"),
         (
-            "{kind: trajectories, from: 0.5, to: 0.2}",
+            "{kind: signals, from: 0.5, to: 0.2}",
             "from",
             "fewer than two samples lie between `from` and `to` (there are 0 to 1)",
         ),
-        ("{kind: trajectories, from: 7}", "from", "lie between `from` and `to` (there are 0 to 1)"),
-        ("{kind: trajectories, to: 0}", "to", "fewer than two samples"),
-        ("{kind: series, quantity: gain}", "quantity", "'gain' is not a series of these methods (available: K, L, P"),
-        ("{kind: series, quantity: P}", "quantity", "16 components do not fit into one figure (at most 6): choose one"),
-        ("{kind: series, quantity: L, component: '4,0'}", "component", "the components are 0,0 to 3,0"),
-        ("{kind: series, quantity: L, component: 2}", "component", "the components are 0,0 to 3,0"),
-        ("{kind: series, quantity: theta, component: 0}", "component", "it is a number and has none"),
+        ("{kind: signals, from: 7}", "from", "lie between `from` and `to` (there are 0 to 1)"),
+        ("{kind: signals, to: 0}", "to", "fewer than two samples"),
+        ("{kind: signals, signals: [gain]}", "signals", "'gain' is not recorded (recorded: y, u; series: "),
+        (
+            "{kind: signals, signals: [P]}",
+            "signals",
+            "16 rows of panels do not fit into one figure (at most 8)",
+        ),
+        ("{kind: signals, signals: ['L.4,0']}", "signals", "(they count from L.0,0 to L.3,0)"),
+        ("{kind: signals, signals: [L.2]}", "signals", "(they count from L.0,0 to L.3,0)"),
+        ("{kind: signals, signals: [theta.0]}", "signals", "it is a number and has none"),
         ("{kind: boxplot, metric: mes}", "metric", "did you mean 'mse'?"),
         ("{kind: boxplot, order: [S-MPC, S-MPC]}", "order", "must name at least one method, and each one once"),
         ("{kind: boxplot, at: [{controller.Hp: 3}]}", "at", "nothing is swept"),
@@ -45,7 +50,7 @@ def test_what_is_asked_in_vain(tmp_path, figure, key, message):
 def test_nothing_recorded(tmp_path):
     """The way out is in the message."""
     with pytest.raises(ConfigError, match="no run is recorded; record some with `record: {runs: 1}`"):
-        load_config(write(tmp_path, figures="[trajectories]"))
+        load_config(write(tmp_path, figures="[signals]"))
 
 
 @pytest.mark.parametrize("figures", ["[sweep]", "[boxplot]", "[rows]", "[]"])
@@ -91,11 +96,11 @@ def test_what_an_earlier_version_drew_is_named(tmp_path, figure, message):
 @pytest.mark.parametrize(
     "figure",
     [
-        "trajectories",
-        "{kind: trajectories, signals: [x_hat.3, x.0]}",
-        "{kind: series, quantity: L}",
-        "{kind: series, quantity: P, component: '3,3'}",
-        "{kind: series, quantity: theta}",
+        "signals",
+        "{kind: signals, signals: [x_hat.3, x.0]}",
+        "{kind: signals, signals: [L]}",
+        "{kind: signals, signals: ['P.3,3']}",
+        "{kind: signals, signals: [theta, y]}",
     ],
 )
 def test_what_there_is(tmp_path, figure):
@@ -107,14 +112,14 @@ def test_what_there_is(tmp_path, figure):
 def test_the_usual_signals_are_shown_whatever_else_is_recorded(tmp_path):
     """All components of the states would be too many panels, and nobody has asked for them."""
     record = "{runs: 2, signals: [y, u, x, x_hat]}"
-    assert load_config(write(tmp_path, record=record, figures="[trajectories]")).figures
-    with pytest.raises(ConfigError, match="'y' is not recorded"):
-        load_config(write(tmp_path, record="{runs: 2, signals: [x]}", figures="[trajectories]"))
+    assert load_config(write(tmp_path, record=record, figures="[signals]")).figures
+    with pytest.raises(ConfigError, match="'[yu]' is not recorded|no run is recorded"):
+        load_config(write(tmp_path, record="{runs: 2, signals: [x]}", figures="[signals]"))
 
 
 def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
     """A window beyond its end is no mistake of the file."""
-    path = write(tmp_path, record="{runs: 2}", figures="[{kind: trajectories, from: 0.7}]", smoke="{runs: 1, steps: 2}")
+    path = write(tmp_path, record="{runs: 2}", figures="[{kind: signals, from: 0.7}]", smoke="{runs: 1, steps: 2}")
     assert load_config(path, smoke=True).figures
 
 
@@ -142,17 +147,9 @@ def issues(kind, text, **layout):
         ("means", "{}", P, [NEEDS]),
         ("means", "{component: 2}", MOMENTS, [("component", "there is no state 2 (they count from 0 to 1)")]),
         ("means", "{from: 5, to: 2}", MOMENTS, [("from", EMPTY)]),
-        ("variance-with-bound", "{log: true, component: 1}", MOMENTS | P, []),
-        ("variance-with-bound", "{}", {}, [NEEDS]),
-        ("variance-with-bound", "{}", P, [NEEDS]),
-        ("variance-with-bound", "{}", MOMENTS, [NO_P]),
-        (
-            "variance-with-bound",
-            "{}",
-            {"cov(e)": (7, 7), "P": (7, 7)},
-            [("component", "7 states do not fit into one figure (at most 6): choose one of 0 to 6")],
-        ),
-        ("variance-with-bound", "{component: 6}", {"cov(e)": (7, 7), "P": (7, 7)}, []),
+        ("signals", "{signals: [variance.1, mean], log: true}", MOMENTS | P, []),
+        ("signals", "{signals: [variance]}", P, [("signals", f"'variance' {NEEDS[1]}")]),
+        ("signals", "{signals: [variance]}", MOMENTS, []),
         ("ellipses", "{x: a, y: b}", MOMENTS | P, []),
         ("ellipses", "{x: a, y: b}", P, [NEEDS]),
         ("ellipses", "{x: a, y: b}", MOMENTS, [NO_P]),
@@ -176,7 +173,7 @@ def test_what_figures_of_an_ensemble_require(kind, text, series, found):
     assert issues(kind, text, series=series, arrays=arrays) == found
 
 
-@pytest.mark.parametrize("figure", ["means", "variance-with-bound", "{kind: ellipses, x: mse, y: input_power}"])
+@pytest.mark.parametrize("figure", ["means", "{kind: ellipses, x: mse, y: input_power}"])
 def test_an_experiment_without_moments(tmp_path, figure):
     """The way out is in the message, at the figure."""
     with pytest.raises(ConfigError) as caught:
@@ -186,29 +183,27 @@ def test_an_experiment_without_moments(tmp_path, figure):
 
 
 SETS = {"KF": {"P": (1, 2, 2)}, "MIX": {"P": (101, 2, 2), "M": (101, 2, 2)}, "LP": {"L": (1, 2, 1)}}
-NEITHER = "reports neither a set M nor a covariance P"
-NEEDS_STATES = ("", "needs recorded x and x_hat: record: {runs: 1, signals: [x, x_hat]}")
+NO_TUBE = "'tube' needs recorded x and x_hat of a method that reports a set M or a covariance P: "
+NO_TUBE += "record: {runs: 1, signals: [x, x_hat]}"
 
 
-def of_tubes(text, arrays, signals=("y", "x", "x_hat"), n_recorded=2):
+def of_tubes(text, arrays, signals=("y", "x", "x_hat"), kind="signals"):
     """What tubes find in a layout whose methods have the same signals, of a plant with two states."""
     shapes = {"y": (1,), "u": (1,), "x": (2,), "x_hat": None}
     kept = {name: {signal: shapes[signal] for signal in signals} for name in arrays}
     series = {name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()}
-    return issues("tubes", text, arrays=arrays, signals=kept, series=series, recorded=range(n_recorded))
+    return issues(kind, text, arrays=arrays, signals=kept, series=series, recorded=range(2))
 
 
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("{}", []),
-        ("{run: 1, over: time, components: [1], order: [MIX], level: 99%}", []),
-        ("{run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
-        ("{order: [LP, MIX]}", [("order", f"'LP' {NEITHER}")]),
-        ("{components: [0, 2]}", [("components", "there is no state 2 (they count from 0 to 1)")]),
-        ("{components: [1]}", [("components", "must be two different states")]),
-        ("{components: [0, 0], over: time}", [("components", "must be two different states")]),
-        ("{from: 5, to: 2}", [("from", EMPTY)]),
+        ("{signals: [tube]}", []),
+        ("{signals: [tube.1], run: 1, order: [MIX], level: 99%}", []),
+        ("{signals: [tube], run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
+        ("{signals: [tube], order: [LP, MIX]}", [("order", "'LP' has none of tube (those that have: KF, MIX)")]),
+        ("{signals: [tube.2]}", [("signals", "'tube.2' is not a component (they count from tube.0 to tube.1)")]),
+        ("{signals: [tube], from: 5, to: 2}", [("from", EMPTY)]),
     ],
 )
 def test_what_tubes_require(text, found):
@@ -216,40 +211,18 @@ def test_what_tubes_require(text, found):
     assert of_tubes(text, SETS) == found
 
 
-@pytest.mark.parametrize("signals", [(), ("y", "u"), ("x",), ("x_hat",)])
+@pytest.mark.parametrize("signals", [("y", "u"), ("x",), ("x_hat",)])
 def test_tubes_need_states_and_estimates(signals):
-    """Both; the way out is in the message."""
-    assert of_tubes("{}", SETS, signals=signals) == [NEEDS_STATES]
-
-
-def test_tubes_of_methods_that_cannot_be_shown():
-    """None reports a set; or a filter has other states than the plant."""
-    assert of_tubes("{}", {"LP": {}}) == [("", "no method reports a set M or a covariance P")]
+    """Both, and a set of the plant's states; the way out is in the message."""
+    assert of_tubes("{signals: [tube]}", SETS, signals=signals) == [("signals", NO_TUBE)]
+    assert of_tubes("{x: x.0, y: x.1, sets: true}", {"LP": {}}, kind="scatter") == [("sets", NO_TUBE)]
     other = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
-    message = "x_hat of 'S' has 4 components and x of the plant 2: leave the method out with `order`"
-    for text, key in (("{}", ""), ("{order: [S, KF]}", "order")):
-        assert of_tubes(text, other) == [(key, message)]
-    assert of_tubes("{order: [KF]}", other) == []
+    assert [key for key, _ in of_tubes("{signals: [tube], order: [S]}", other)] == ["order"]
+    assert of_tubes("{signals: [tube], order: [KF]}", other) == []
 
 
-def test_more_tubes_than_panels():
-    """Four methods and two states over time; in a plane there is one panel for each method."""
-    arrays = {name: {"P": (1, 2, 2)} for name in "ABCD"}
-    message = "8 panels do not fit into one figure (at most 6): name fewer methods or states"
-    for text, found in (("{over: time}", [("order", message)]), ("{}", []), ("{over: time, components: [0]}", [])):
-        assert of_tubes(text, arrays) == found
-
-
-def test_tubes_of_an_experiment(tmp_path):
-    """Refused at load where nothing is recorded, and for the run that is not."""
-    record = "{runs: 2, signals: [x, x_hat]}"
-    assert load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 1, components: [0, 3]}]")).figures
-    with pytest.raises(ConfigError, match=r"figures\.0\.run: run 2 is not recorded"):
-        load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 2}]"))
-    with pytest.raises(ConfigError, match=r"figures\.0: needs recorded x and x_hat"):
-        load_config(write(tmp_path, figures="[tubes]"))
-
-
+TOO_CLOSE = "more than 50 time marks overlap: choose a longer time between two marks"
+SETS_OF_STATES = "are sets of the state: x and y must be two of its components, such as x.0 and x.1"
 COMMON = {"y": (3,), "bursts": (1,)}
 RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
 LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
@@ -264,25 +237,25 @@ LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
         ("{signals: [e, r, u]}", [("signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)")]),
         (
             "{signals: [Q_yw]}",
-            [("signals", "9 panels do not fit into one figure (at most 8): choose components such as x.0")],
+            [("signals", "9 rows of panels do not fit into one figure (at most 8): choose components such as x.0")],
         ),
         ("{signals: []}", [("signals", "must name at least one signal")]),
     ],
 )
-def test_trajectories_of_what_is_reported(text, found):
+def test_signals_of_what_is_reported(text, found):
     """Components of a matrix count row by row; the control error is there where y is."""
-    assert issues("trajectories", text, **LAYOUT) == found
+    assert issues("signals", text, **LAYOUT) == found
 
 
 def test_components_of_a_signal_of_unknown_size():
     """Any may exist, and it takes one panel."""
     layout = {"methods": ("A",), "signals": {"A": {"x_hat": None}}, "recorded": range(1)}
-    assert issues("trajectories", "{signals: [x_hat, x_hat.7]}", **layout) == []
+    assert issues("signals", "{signals: [x_hat, x_hat.7]}", **layout) == []
 
 
 def test_the_control_error_needs_the_output():
     """It is made of it."""
-    found = issues("trajectories", "{signals: [e]}", methods=("A",), signals={"A": {"u": (1,)}}, recorded=range(1))
+    found = issues("signals", "{signals: [e]}", methods=("A",), signals={"A": {"u": (1,)}}, recorded=range(1))
     assert found == [("signals", "'e' is not recorded (recorded: u)")]
 
 
@@ -291,8 +264,8 @@ def test_the_control_error_needs_the_output():
     [
         ("{signal: Q_yw, run: 1, order: [B]}", []),
         ("{signal: S}", [("signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)")]),
-        ("{signal: r}", [("signal", "r is not a square matrix (3): show it with trajectories")]),
-        ("{signal: y}", [("signal", "y is not a square matrix (3): show it with trajectories")]),
+        ("{signal: r}", [("signal", "r is not a square matrix (3): show it with signals")]),
+        ("{signal: y}", [("signal", "y is not a square matrix (3): show it with signals")]),
         ("{signal: Q_yw, run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
         ("{signal: Q_yw, order: [A, C]}", [("order", "'C' does not report Q_yw")]),
         ("{signal: Q_yw, width: 3}", [("width", "3 columns need a width of 3.2 inches (got 3)")]),
@@ -307,56 +280,60 @@ def test_what_elements_require(text, found):
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("{}", []),
-        ("{components: [2, 0], run: 1, marks: 0, magnify: 20}", []),
-        ("{run: 5}", [("run", "run 5 is not recorded (recorded: 0, 1)")]),
-        ("{components: [0, 3]}", [("components", "there is no output 3 (they count from 0 to 2)")]),
-        ("{components: [1, 1]}", [("components", "must be two different outputs")]),
-        ("{marks: 0.1}", [("marks", "more than 50 time marks overlap: choose a longer time between two marks")]),
-        ("{marks: 0.1, from: 2, to: 4}", []),
-        ("{from: 5, to: 2}", [("from", EMPTY)]),
+        ("{x: y.0, y: y.1}", []),
+        ("{x: y.2, y: y.0, run: 1, marks: 1, magnify: 20}", []),
+        ("{x: y.0, y: y.1, run: 5}", [("run", "run 5 is not recorded (recorded: 0, 1)")]),
+        ("{x: y.0, y: y.3}", [("y", "'y.3' is not a component (they count from y.0 to y.2)")]),
+        ("{x: y.1, y: y.1}", [("y", "must be another metric or signal than x")]),
+        ("{x: y.0, y: y}", [("y", "must be one component of a recorded signal, such as y.0")]),
+        ("{x: y.0, y: y.1, sets: true}", [("sets", SETS_OF_STATES)]),
+        (
+            "{x: y.0, y: y.1, marks: 0.1}",
+            [("marks", TOO_CLOSE)],
+        ),
+        ("{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", []),
+        ("{x: y.0, y: y.1, from: 5, to: 2}", [("from", EMPTY)]),
     ],
 )
-def test_what_a_plane_requires(text, found):
-    """A recorded run, two outputs, marks that do not overlap."""
-    assert issues("plane", text, **LAYOUT) == found
+def test_what_a_path_requires(text, found):
+    """A recorded run, two components, marks that do not overlap."""
+    assert issues("scatter", text, **LAYOUT) == found
 
 
 def test_pictures_of_a_run_need_one():
     """The way out is in the message."""
     message = "no run is recorded; record some with `record: {runs: 1}`"
     assert issues("elements", "{signal: Q_yw}") == [("", message)]
-    message = "needs recorded y: record: {runs: 1, signals: [y]}"
-    assert issues("plane", "{}") == [("", message)]
-    assert issues("plane", "{}", methods=("A",), signals={"A": {"x": (2,)}}, recorded=range(1)) == [("", message)]
+    assert issues("scatter", "{x: y.0, y: y.1}")[0] == ("", message)
 
 
 def test_runs_that_are_recorded_are_listed():
     """Many by their ends."""
     layout = LAYOUT | {"recorded": range(200)}
-    assert issues("plane", "{run: 200}", **layout) == [("run", "run 200 is not recorded (recorded: 0 to 199)")]
+    found = issues("scatter", "{x: y.0, y: y.1, run: 200}", **layout)
+    assert found == [("run", "run 200 is not recorded (recorded: 0 to 199)")]
 
 
-def test_what_a_pareto_figure_requires(tmp_path):
+def test_what_a_scatter_figure_of_metrics_requires(tmp_path):
     """Two metrics that exist, and no more points than can be distinguished."""
     methods, points = tuple("ABCD"), tuple({"k": str(number)} for number in range(16))
-    assert issues("pareto", "{x: a, y: b}", methods=methods) == []
-    assert issues("pareto", "{x: a, y: a}", methods=methods) == [("y", "must be another metric than x")]
+    assert issues("scatter", "{x: a, y: b}", methods=methods) == []
+    assert issues("scatter", "{x: a, y: a}", methods=methods) == [("y", "must be another metric or signal than x")]
     many = "64 points of methods do not fit into one figure (at most 60): "
     many += "choose some points of the sweep, or fewer methods"
-    assert issues("pareto", "{x: a, y: b}", methods=methods, points=points) == [("at", many)]
-    assert issues("pareto", "{x: a, y: b, order: [A]}", methods=methods, points=points) == []
-    assert issues("pareto", "{x: a, y: b, at: [{k: 1}]}", methods=methods, points=points) == []
+    assert issues("scatter", "{x: a, y: b}", methods=methods, points=points) == [("at", many)]
+    assert issues("scatter", "{x: a, y: b, order: [A]}", methods=methods, points=points) == []
+    assert issues("scatter", "{x: a, y: b, at: [{k: 1}]}", methods=methods, points=points) == []
     with pytest.raises(ConfigError, match=r"figures\.0\.y: 'mes' is not a known metric .*did you mean 'mse'"):
-        load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mes}]"))
-    assert load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mse}]")).figures
+        load_config(write(tmp_path, figures="[{kind: scatter, x: input_power, y: mes}]"))
+    assert load_config(write(tmp_path, figures="[{kind: scatter, x: input_power, y: mse}]")).figures
 
 
 @pytest.mark.parametrize("kind", registry.names("figures"))
 def test_names_are_checked_in_the_same_way_by_every_figure(kind):
     """Methods, metrics and points of the sweep; of an experiment of which nothing else is known."""
     figure = registry.get("figures", kind)
-    keys = {key: "mes" for key in figure.metric_keys} | ({"quantity": "P"} if kind == "series" else {})
+    keys = {key: "mes" for key in figure.metric_keys} | ({"x": "mes", "y": "mse"} if kind == "scatter" else {})
     keys |= {"signal": "Q"} if kind == "elements" else {}
     at = {"controller.Hp": 3}
     single = issubclass(figure, OnePointFigure)
@@ -365,10 +342,11 @@ def test_names_are_checked_in_the_same_way_by_every_figure(kind):
     found = [(key, message) for key, message in wrong.check_names(layout) if message]
     expected = [("", "shows runs, but no runs are evaluated: add `runs` to `evaluate`")] if figure.needs_runs else []
     expected += [
-        (key, "'mes' is not a known metric of this configuration; did you mean 'mse'?") for key in figure.metric_keys
+        (key, "'mes' is not a known metric of this configuration; did you mean 'mse'?")
+        for key in (*figure.metric_keys, *(["x"] if kind == "scatter" else []))
     ]
     expected += [("order", "'S-MCP' is not a known method; did you mean 'S-MPC'?")]
-    assert found == [*expected, ("at", "nothing is swept in this configuration")]
+    assert sorted(found) == sorted([*expected, ("at", "nothing is swept in this configuration")])
 
 
 def test_matplotlib_is_imported_when_a_figure_is_drawn_and_not_before():
@@ -377,3 +355,16 @@ def test_matplotlib_is_imported_when_a_figure_is_drawn_and_not_before():
     code = f"import sys, importlib; [importlib.import_module(name) for name in {modules}]; "
     code += "print([name for name in ('matplotlib', 'pandas', 'numba') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("kind", registry.RENAMED_FIGURES)
+def test_earlier_kinds_say_what_has_become_of_them(tmp_path, kind):
+    """In a file at its place, and as an error of the Python interface."""
+    words = registry.RENAMED_FIGURES[kind]
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, figures=f"[{{kind: {kind}}}]"))
+    (problem,) = caught.value.problems
+    assert problem.path == "figures.0.kind" and problem.message.startswith(f"{kind!r} is ")
+    assert words in problem.message and problem.message.endswith("(rmpc-bench list figures)")
+    with pytest.raises(DesignError, match=words):
+        figure_component({"kind": kind})

@@ -134,8 +134,8 @@ def test_a_method_that_failed_does_not_shrink_the_others(trials, matrices):
     ("given", "parameter", "message"),
     [
         ({"signal": "Q"}, "signal", "'Q' is not recorded (recorded: y, bursts, Q_yw, r)"),
-        ({"signal": "r"}, "signal", "r is not a square matrix (4): show it with trajectories"),
-        ({"signal": "y"}, "signal", "y is not a square matrix (3): show it with trajectories"),
+        ({"signal": "r"}, "signal", "r is not a square matrix (4): show it with signals"),
+        ({"signal": "y"}, "signal", "y is not a square matrix (3): show it with signals"),
         ({"signal": "Q_yw", "run": 2}, "run", "run 2 is not recorded (recorded: 0, 1)"),
         ({"signal": "Q_yw", "order": ["KF"]}, "order", "'KF' does not report Q_yw"),
         (

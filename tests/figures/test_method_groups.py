@@ -10,14 +10,12 @@ import pytest
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.ellipses import Ellipses
-from rmpc_bench.figures.estimation_error import EstimationError
 from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.means import Means
-from rmpc_bench.figures.pareto import Pareto
 from rmpc_bench.figures.rows import Rows
+from rmpc_bench.figures.scatter import Scatter
+from rmpc_bench.figures.signals import Signals
 from rmpc_bench.figures.sweep import Sweep
-from rmpc_bench.figures.trajectories import Trajectories
-from rmpc_bench.figures.tubes import Tubes
 from rmpc_bench.types import MetricInfo
 
 METHODS = ("A", "B")
@@ -53,12 +51,11 @@ def sweep(make_sweep, point):
 FIGURES = {
     "boxplot": Boxplot(),
     "rows": Rows(),
-    "pareto": Pareto(x="length", y="power"),
+    "scatter": Scatter(x="length", y="power"),
+    "paths": Scatter(x="x.0", y="x.1"),
+    "sets": Scatter(x="x.0", y="x.1", sets=True),
     "ellipses": Ellipses(x="length", y="power"),
-    "tubes over time": Tubes(),
-    "tubes in the plane": Tubes(over="plane"),
-    "trajectories": Trajectories(signals=["x.0"]),
-    "estimation error": EstimationError(),
+    "signals": Signals(signals=["x.0", "tube", "error", "nees"]),
     "means": Means(),
     "changes of a sweep": Sweep(),
     "values of a sweep": Sweep(show="value"),

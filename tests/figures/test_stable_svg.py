@@ -30,7 +30,7 @@ def test_rounding_errors_change_nothing():
     assert stable_svg(drawn(0.0)) == stable_svg(drawn(3e-13)) == stable_svg(drawn(-3e-13))
 
 
-def test_no_coordinate_moves_by_more_than_half_a_hundredth():
+def test_no_coordinate_moves_by_more_than_half_a_tenth():
     """Every number stays in its place; factors and comments keep all their digits."""
     before, after = drawn(0.0), stable_svg(drawn(0.0))
     number = re.compile(r"-?\d+\.\d+|-?\d+")
@@ -38,7 +38,7 @@ def test_no_coordinate_moves_by_more_than_half_a_hundredth():
     before, after = names.sub("", before), names.sub("", after)
     assert number.sub("#", before) == number.sub("#", after)
     numbers = [np.array([float(text) for text in number.findall(svg)]) for svg in (before, after)]
-    assert np.abs(numbers[0] - numbers[1]).max() <= 5e-3 + 1e-9
+    assert np.abs(numbers[0] - numbers[1]).max() <= 5e-2 + 1e-9
     assert "0.1234567" in after
 
 

@@ -173,7 +173,7 @@ def test_check_names_laws_without_limits(file):
 
 def test_commands_reach_files_figures_and_show(file, tmp_path):
     """Oracle: the trace of the store; the figure draws both signals with the unit and the name of the input."""
-    keys = {"inputs: [f]": "inputs: {f: N}", "figures: []": "figures: [{kind: trajectories, signals: [u, u_command]}]"}
+    keys = {"inputs: [f]": "inputs: {f: N}", "figures: []": "figures: [{kind: signals, signals: [u, u_command]}]"}
     given = file.read_text(encoding="utf-8").replace(methods(), f"{{none: {{controller: {{{LAWS['none']}}}}}}}")
     for old, new in keys.items():
         given = given.replace(old, new)

@@ -118,8 +118,8 @@ def test_recorded_bursts(load, tmp_path):
 
 def test_figures_of_what_is_recorded(load, tmp_path):
     """From the configuration to the pictures; the method that reports nothing is left out of its matrix."""
-    figures = "[{kind: trajectories, signals: [e, Q_yw.1, bursts]}, {kind: elements, signal: Q_yw, run: 1}]"
+    figures = "[{kind: signals, signals: [e, Q_yw.1, bursts]}, {kind: elements, signal: Q_yw, run: 1}]"
     load(noise=BURSTS, record="{runs: 2, signals: [y, Q_yw]}", figures=figures)
     ran(tmp_path / "tiny.yaml", tmp_path / "out")
     names = {path.name for path in (tmp_path / "out" / "figures").iterdir()}
-    assert names >= {f"{kind}.{ending}" for kind in ("trajectories", "elements") for ending in ("svg", "pdf", "png")}
+    assert names >= {f"{kind}.{ending}" for kind in ("signals", "elements") for ending in ("svg", "pdf", "png")}

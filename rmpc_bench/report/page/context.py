@@ -39,7 +39,7 @@ from rmpc_bench.report.page.tuning_tables import tuning_blocks
 from rmpc_bench.report.run_notes import show_command
 from rmpc_bench.report.worst_runs import worst_runs
 
-OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "nis", "series")
+OVER_TIME = ("signals",)
 """Kinds of figures that stand among the trajectories."""
 MOST_TURNS = 4
 """Sentences on where the ranking turns that are not folded."""
@@ -47,7 +47,7 @@ MOST_FAILURES = 5
 """Files of failed runs that the page links."""
 TUNING = ("tuning",)
 """Kinds of figures that stand with the tuned values."""
-DRIVERS = ("drivers", "ranking")
+DRIVERS = ("ranking",)
 """Kinds of figures that stand with what drives the result."""
 
 

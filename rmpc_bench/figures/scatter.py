@@ -1,27 +1,29 @@
-"""Pareto plot: methods in the plane of two metrics, with their spread over the runs and the Pareto front."""
+"""Methods in the plane of two metrics with their Pareto front, or one run in the plane of two signals."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Gt, Lt
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import joined, label_of, quantity, runs_sentence, sentences
+from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences
 from rmpc_bench.figures.direct_labels import Label, write
-from rmpc_bench.figures.labels import LINEAR, literal, metric_of, typeset, with_unit
+from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
 from rmpc_bench.figures.pareto_front import Dot, dots_of, not_dominated
-from rmpc_bench.figures.style import REFERENCE, style
+from rmpc_bench.figures.scatter_paths import SignalPlane, draw_paths, paths_caption, paths_content
+from rmpc_bench.figures.style import REFERENCE, WHITE, style
 from rmpc_bench.figures.sweep_points import points_at, short_title
-from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.figure import SweepFigure
-from rmpc_bench.types.issue import Issue
+from rmpc_bench.types import Array, MetricInfo, NonNegative, Positive
+from rmpc_bench.types.figure import Index, SweepFigure
+from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
@@ -35,81 +37,120 @@ MOST_DOTS = 60
 MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
 FRONT: dict[str, Any] = {"color": REFERENCE, "lw": 0.9, "zorder": 2.1}
 
-Polyline: TypeAlias = tuple[Array, Array]
-"""Coordinates of a broken line."""
-
 
 @dataclass(frozen=True, kw_only=True)
-class Pareto(SweepFigure):
-    """One point per method in the plane of two metrics, with its spread over the runs and the Pareto front.
+class Scatter(SweepFigure):
+    """Two metrics, one point per method with its spread and the Pareto front, or two signals of a run as a path.
 
-    A point is not dominated if no other point is better in one metric and at least as good in the other.  Such points
-    are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is compared, for a
-    ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as are methods
-    whose median or mean is infinite.  In a sweep over numbers a line connects the points of one method in their order.
+    Two metrics: a point is not dominated if no other point is better in one metric and at least as good in the other.
+    Such points are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is
+    compared, for a ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as
+    are methods whose median or mean is infinite.  In a sweep over numbers a line connects the points of one method.
     All points are compared with each other, so the sweep should not change the plant, its noises or the reference.
+
+    Two signals, each a component such as y.0 or x.1: the path of one recorded run, a line for every method.  Both axes
+    have one scale if both have one unit.  The reference of two outputs is dashed, with a broad grey band in bursts of
+    the noise; limits of the controller are dotted.
 
     Parameters
     ----------
-    x : name of the metric of the horizontal axis
-    y : name of the metric of the vertical axis
+    x : metric, or component of a recorded signal, of the horizontal axis
+    y : the same of the vertical axis
     bars : `quartiles` shows medians with interquartile ranges, `se` means with standard errors
     front : whether to show the Pareto front
-    log : logarithmic axes; linear, with a remark, if a value is not positive
-    height : height of the whole picture [in]; if not given 0.8 of the width, plus the height of a legend or title of
-        several lines
+    log : logarithmic axes of metrics; linear, with a remark, if a value is not positive
+    run : index of the recorded run of a path
+    marks : time between two marks on the paths [s], with numbers next to the reference; 0 for none
+    magnify : factor by which the distances of outputs from the reference are enlarged, r + magnify (y - r)
+    sets : show two states with the sets that the methods report about their estimates, one panel per method
+    level : probability of the ellipsoid of P, where a method reports no set M
+    from_ : first time of a path to show [s]
+    to : last time of a path to show [s]
+    height : height of the whole picture [in]; if not given 0.8 of the width, or that of the paths within limits
     order : methods to show, later ones above earlier ones; all if not given
-    at : points of the sweep to show, each by values of its paths; all if not given
+    at : points of the sweep to show, each by values of its paths; all if not given, and the first one of a path
     """
 
     needs_runs: ClassVar[bool] = True
-    metric_keys: ClassVar[tuple[str, ...]] = ("x", "y")
 
     x: str
     y: str
     bars: Literal["quartiles", "se"] = "quartiles"
     front: bool = True
     log: bool = False
+    run: Index = 0
+    marks: NonNegative = 0.0
+    magnify: Positive = 1.0
+    sets: bool = False
+    level: Annotated[float, Gt(0), Lt(1)] = 0.95
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+
+    @property
+    def plane(self) -> SignalPlane:
+        """The keys of a path."""
+        keys = (self.x, self.y, self.run, self.marks, self.magnify, self.sets, self.level, self.from_, self.to)
+        return SignalPlane(*keys, tuple(self.order) if self.order else None)
+
+    def check_names(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add two metrics, or two signals where neither is a metric."""
+        yield from super().check_names(layout)
+        if self.x == self.y:
+            yield Issue("y", "must be another metric or signal than x")
+        elif not self._of_signals(layout):
+            for key, name in (("x", self.x), ("y", self.y)):
+                if name not in layout.metrics:
+                    signals = f"; recorded signals: {', '.join(layout.signal_names)}" if layout.signal_names else ""
+                    yield Issue(key, unknown(name, layout.metrics, "metric of this configuration") + signals)
+
+    def _of_signals(self, layout: ResultLayout) -> bool:
+        """Whether a path is asked for: neither name is a metric, and one of them is that of a recorded signal."""
+        stems = {name.partition(".")[0] for name in (self.x, self.y)}
+        return not {self.x, self.y} & {*layout.metrics} and bool(stems & {*layout.signal_names, "y", "x", "u"})
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
-        """Add to the common checks: two metrics, and no more points than can be distinguished."""
+        """Add to the common checks: a recorded run of a path, and no more points than can be distinguished."""
         yield from super().check(layout)
-        if self.x == self.y:
-            yield Issue("y", "must be another metric than x")
+        if self._of_signals(layout):
+            yield from self.plane.check(layout)
+            return
         n = len(self.order or layout.methods) * max(1, layout.n_points_at(self.at))
         advice = "choose some points of the sweep, or fewer methods"
         yield from layout.require_at_most(MOST_DOTS, n, "points of methods", "at", advice)
 
     def caption(self, results: Trials) -> str:
-        """Define points, bars and front, and name the methods that are not dominated; see `Figure.caption`."""
+        """Define what is drawn; see `Figure.caption`."""
+        if self._of_signals(layout_of(points_at(results, self.at)[0])):
+            return paths_caption(paths_content(self.plane, points_at(results, self.at)))
         infos = metric_of(results, self.x), metric_of(results, self.y)
         points, methods = points_at(results, self.at), self.order or list(results.methods)
         dots = dots_of(points, methods, infos, self.bars)
-        shown = [dot for dot in dots if dot.is_finite]
-        best = [
-            ", ".join(filter(None, [label_of(results, dot.method), short_title(dot.point)]))
-            for dot in not_dominated(shown, infos)
-        ]
-        left_out = dict.fromkeys(label_of(results, dot.method) for dot in dots if not dot.is_finite)
+        left_out = dict.fromkeys(name_of(results, dot.method) for dot in dots if not dot.is_finite)
         return sentences(
             f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every method"
-            + (" and point of the sweep" if len(points) > 1 else ""),
-            f"Points are {MEANING[self.bars]}",
+            + (" and point of the sweep" if len(points) > 1 else "")
+            + f": {MEANING[self.bars]}",
             runs_sentence(points, methods),
-            f"Filled points, connected by the step line, are not dominated: {'; '.join(best)}" if self.front else "",
+            "Filled points, connected by the step line, are not dominated" if self.front else "",
             f"Left out, as a value is infinite: {joined(left_out)}" if left_out else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:
-        """Draw the points of all methods; see `Figure.draw`."""
+        """Draw points or paths; see `Figure.draw`."""
+        points = points_at(results, self.at)
+        layout = layout_of(points[0])
+        if self._of_signals(layout):
+            self.require(layout)
+            made = paths_content(self.plane, points)
+            return draw_paths(made, self.size(made.height(self.width)))
         self.require(layout_of(results))
         infos = metric_of(results, self.x), metric_of(results, self.y)
-        dots = dots_of(points_at(results, self.at), self.order or results.methods, infos, self.bars)
+        dots = dots_of(points, self.order or results.methods, infos, self.bars)
         return _draw(self, results, dots, infos, self.size(0.8 * self.width))
 
 
 def _draw(
-    keys: Pareto,
+    keys: Scatter,
     trials: Trials,
     dots: Sequence[Dot],
     infos: tuple[MetricInfo, MetricInfo],
@@ -131,8 +172,7 @@ def _draw(
                 axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
             _set_limits(axes, shown, infos, log=keys.log)
             lines = _draw_lines(axes, shown, best, styles)
-            handles = _handles(trials, shown, listed, styles, front=keys.front)
-            finish(figure, handles, _note(dots, MEANING[keys.bars]))
+            finish(figure, _handles(trials, shown, listed, styles, front=keys.front), _note(dots, MEANING[keys.bars]))
             # If labels beside the dots overlap, all methods go into the legend.
             if write(axes, _labels(trials, shown, listed, several, styles), lines):
                 break
@@ -141,7 +181,7 @@ def _draw(
 
 def _marker(look: LineStyle, *, filled: bool) -> dict[str, Any]:
     """Return the marker of a method; that of a dominated dot is hollow."""
-    inside = look.color if filled else "white"
+    inside = look.color if filled else WHITE
     return {"ls": "", "marker": look.marker, "ms": 4.2, "mew": 1.0, "mec": look.color, "mfc": inside, "gid": look.gid}
 
 
@@ -161,17 +201,14 @@ def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, Metri
             make_logarithmic(axes, horizontal=place == 0)
         remark = LINEAR if log and not positive else ""
         label = with_unit(typeset(name_of_distance(info, info.words)), unit) + remark
-        if place:
-            axes.set_ylabel(label)
-        else:
-            axes.set_xlabel(label)
+        (axes.set_ylabel if place else axes.set_xlabel)(label)
     axes.autoscale_view()
     axes.autoscale(False)
 
 
 def _draw_lines(
     axes: Axes, shown: Sequence[Dot], best: Sequence[Dot], styles: Mapping[str, LineStyle]
-) -> list[Polyline]:
+) -> list[tuple[Array, Array]]:
     """Draw bars, the lines through the dots of a method and the steps from one of the best dots to the next."""
     lines: list[tuple[Array, Array, dict[str, Any]]] = []
     for dot in shown:
@@ -179,22 +216,19 @@ def _draw_lines(
         bar: dict[str, Any] = {"color": paler(look.color, 0.35), "lw": 1.0, "zorder": 2.4, "gid": look.gid}
         x, y = (drawable(np.array([each.low, each.high])) for each in (dot.x, dot.y))
         lines += [(x, np.full(2, dot.y.middle), bar), (np.full(2, dot.x.middle), y, bar)]
-    connected = _in_order(shown)
-    for name, look in styles.items() if connected else ():
-        mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
-        lines.append((*np.array(mine).T, {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3, "gid": look.gid}))
+    values = {value for dot in shown for value in dot.point.point.values()}
+    # Points with names are in no order that a line could show.
+    if all(re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", value) for value in values):
+        for name, look in styles.items():
+            mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
+            line = {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3, "gid": look.gid}
+            lines.append((*np.array(mine).T, line))
     if best:
         corners = np.array([(dot.x.middle, dot.y.middle) for dot in best])
         lines.append((np.repeat(corners[:, 0], 2)[1:], np.repeat(corners[:, 1], 2)[:-1], FRONT))
     for x, y, how in lines:
         axes.plot(x, y, **how)
     return [(x, y) for x, y, _ in lines if np.isfinite(np.stack([x, y])).all()]
-
-
-def _in_order(shown: Sequence[Dot]) -> bool:
-    """Whether all swept values are numbers: points with names are in no order that a line could show."""
-    values = {value for dot in shown for value in dot.point.point.values()}
-    return all(re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", value) for value in values)
 
 
 def _handles(
@@ -206,7 +240,7 @@ def _handles(
     found: list[Handle] = []
     for name in (name for name in styles if name in listed):
         mine = [dot for dot in shown if dot.method == name]
-        text = trials.labels.get(name, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
+        text = name_of(trials, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
         found.append((text, Line2D([], [], **_marker(styles[name], filled=True))))
     if front:
         filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": REFERENCE, "mfc": REFERENCE}
@@ -224,13 +258,9 @@ def _labels(
     """Label a dot with its method, or with its point of the sweep if the method has several."""
     found = []
     for dot in shown:
-        if dot.method in several:
-            text = literal(short_title(dot.point))
-        elif dot.method not in listed:
-            text = trials.labels.get(dot.method, dot.method)
-        else:
-            continue
-        found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown), styles[dot.method].gid))
+        if dot.method in several or dot.method not in listed:
+            text = literal(short_title(dot.point)) if dot.method in several else name_of(trials, dot.method)
+            found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown), styles[dot.method].gid))
     return found
 
 
