@@ -54,7 +54,7 @@ def make_source(make_trials):
         figures = [
             PageFigure("boxplot", "boxplot", f"Boxes of $c_1$ {HOSTILE}", SVG, ["figures/boxplot.svg"]),
             PageFigure("paired", "paired", "Changes.", SVG, ["figures/paired.svg"]),
-            PageFigure("trajectories", "trajectories", "Over time.", SVG, ["figures/trajectories.svg"]),
+            PageFigure("signals", "signals", "Over time.", SVG, ["figures/signals.svg"]),
         ]
         usual = {
             "record": {

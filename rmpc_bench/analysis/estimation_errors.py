@@ -18,8 +18,6 @@ MEAN, SCATTER = "mean(e)", "cov(e)"
 """Series of the ensemble; the error is x - x_hat there."""
 INNOVATION, INNOVATION_COVARIANCE = "e", "S"
 """Recorded signals of methods that report them."""
-GAUSSIAN_SHARE = 0.0026997960632601866
-"""Probability that a Gaussian variable is more than three standard deviations from its mean."""
 
 
 class ErrorRuns(NamedTuple):
@@ -46,11 +44,6 @@ class ErrorRuns(NamedTuple):
         """Return the reported variances of every run, (runs, samples, n)."""
         assert self.P is not None, "asked of methods with a covariance only"
         return np.broadcast_to(np.diagonal(self.P, axis1=-2, axis2=-1), self.e.shape)
-
-    def outside(self) -> Array:
-        """Whether an error is beyond three reported standard deviations, (runs, samples, n); rounding is not."""
-        beyond: Array = np.abs(self.e) > 3 * np.sqrt(np.maximum(self.variances(), 0.0))
-        return beyond & (np.abs(self.e) > 1e-9 * self.size)
 
 
 class ErrorMoments(NamedTuple):

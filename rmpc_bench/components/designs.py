@@ -16,6 +16,11 @@ from rmpc_bench.types.errors import DesignError
 DesignFunction = Callable[..., Any]
 
 
+def replacement_of(group: str, kind: str) -> str:
+    """Say what has become of a component that has another name now; empty for any other one."""
+    return registry.unknown_kind(kind, group) if kind in registry.OLD_NAMES.get(group, {}) else ""
+
+
 def is_built_in(group: str, kind: str) -> bool:
     """Whether a kind is one of this package; a component from a file is not."""
     return kind in registry.BUILT_IN[group]

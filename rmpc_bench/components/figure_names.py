@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable
 
 from rmpc_bench.components.code import split_reference
-from rmpc_bench.registry import RENAMED_FIGURES
 
 
 def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
@@ -25,8 +24,3 @@ def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
         counts[name] += 1
         names.append(name if counts[name] == 1 else f"{name}-{counts[name]}")
     return tuple(names)
-
-
-def renamed(kind: str) -> str:
-    """Say what takes the place of an earlier kind of figure, as results of an earlier version name it; else nothing."""
-    return RENAMED_FIGURES.get(kind, "")

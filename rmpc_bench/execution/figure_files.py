@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from rmpc_bench.components.code import CodeError
-from rmpc_bench.components.designs import is_built_in
-from rmpc_bench.components.figure_names import figure_names, renamed
+from rmpc_bench.components.designs import is_built_in, replacement_of
+from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
@@ -104,8 +104,10 @@ def _written(results: Results, number: int, stem: Path, rendering: Rendering) ->
         with user_code(None if own.code is None else own.code.path):
             made = figure_of(results, own, rendering)
             return _saved(made, results, stem, rendering)
+    if FILE not in keys and (old := replacement_of("figures", keys["kind"])):
+        raise DesignError(old)
     if FILE in keys or not is_built_in("figures", keys["kind"]):
-        raise DesignError(renamed(str(keys.get("kind"))) or OWN)
+        raise DesignError(OWN)
     return _saved(figure_of(results, figure_component(keys), rendering), results, stem, rendering)
 
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.estimation_errors import (
-    INNOVATION,
-    INNOVATION_COVARIANCE,
     ErrorRuns,
     ensemble_errors,
     recorded_errors,
@@ -16,7 +14,6 @@ from rmpc_bench.analysis.estimation_errors import (
     reported_covariance,
 )
 from rmpc_bench.types import Array
-from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -31,14 +28,6 @@ class NeesLines(NamedTuple):
     """(samples,) average over runs; None without runs."""
     freedom: Array
     """(samples,) degrees of freedom of all runs together."""
-    n: int
-    """Number of runs of the average."""
-    n_failed: int
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples."""
-        return len(self.freedom)
 
     @property
     def main(self) -> Array:
@@ -46,12 +35,6 @@ class NeesLines(NamedTuple):
         found = self.average if self.exact is None else self.exact
         assert found is not None, "a method has one of both"
         return found
-
-
-def methods_with_innovations(layout: ResultLayout) -> list[str]:
-    """Methods whose innovation and its covariance are recorded."""
-    needed = {INNOVATION, INNOVATION_COVARIANCE}
-    return [name for name in layout.methods if needed <= set(layout.signals.get(name, {}))]
 
 
 def nees_of(point: Trials, method: str) -> NeesLines | None:
@@ -68,10 +51,10 @@ def nees_of(point: Trials, method: str) -> NeesLines | None:
     if sampled is not None and P is not None and not own:
         squares = sampled.squares(P)
         average = _divided(squares.values, squares.freedom)
-        return NeesLines(expected, average, sampled.n * squares.freedom, sampled.n, point.n_failed(method))
+        return NeesLines(expected, average, sampled.n * squares.freedom)
     if recorded is not None and recorded.P is not None and len(recorded.runs):
         return _of_runs(recorded, expected)
-    return None if expected is None else NeesLines(expected, None, np.zeros(len(expected)), 0, 0)
+    return None if expected is None else NeesLines(expected, None, np.zeros(len(expected)))
 
 
 def nis_of(point: Trials, method: str) -> NeesLines | None:
@@ -88,7 +71,7 @@ def _of_runs(recorded: ErrorRuns, expected: Array | None) -> NeesLines | None:
         return None
     total = np.where(missing, 0, freedom).sum(axis=0)
     average = _divided(np.where(missing, 0.0, values).sum(axis=0), total)
-    return NeesLines(expected, average, total, len(recorded.runs), recorded.n_failed)
+    return NeesLines(expected, average, total)
 
 
 def _divided(values: Array, freedom: Array) -> Array:

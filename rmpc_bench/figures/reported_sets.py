@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from rmpc_bench.analysis.ellipsoids import distances, symmetrised
 from rmpc_bench.figures.recorded_runs import find_run
 from rmpc_bench.figures.window import TimeWindow
-from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -33,16 +32,6 @@ class Tube(NamedTuple):
     gaussian: bool
     """Whether S is the shape of a confidence ellipsoid."""
     status: str
-
-    def outside(self) -> Array:
-        """Whether x lies outside, sample by sample; raises a DesignError when S is no shape of an ellipsoid."""
-        # A diverged state and its estimate may both be infinite; their distance is 0 then.
-        with np.errstate(invalid="ignore"):
-            gap = np.where(self.x == self.x_hat, 0.0, self.x - self.x_hat)
-        try:
-            return np.asarray(distances(gap, symmetrised(self.S)) > 1.0 + EDGE)
-        except ValueError as error:
-            raise DesignError(f"a reported set is not an ellipsoid: its matrix {error}", "") from None
 
 
 def reported_set(values: Mapping[str, _Value]) -> _Value | None:

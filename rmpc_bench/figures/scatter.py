@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Gt, Lt
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
@@ -62,8 +61,6 @@ class Scatter(SweepFigure):
     run : index of the recorded run of a path
     marks : time between two marks on the paths [s], with numbers next to the reference; 0 for none
     magnify : factor by which the distances of outputs from the reference are enlarged, r + magnify (y - r)
-    sets : show two states with the sets that the methods report about their estimates, one panel per method
-    level : probability of the ellipsoid of P, where a method reports no set M
     from_ : first time of a path to show [s]
     to : last time of a path to show [s]
     height : height of the whole picture [in]; if not given 0.8 of the width, or that of the paths within limits
@@ -81,15 +78,13 @@ class Scatter(SweepFigure):
     run: Index = 0
     marks: NonNegative = 0.0
     magnify: Positive = 1.0
-    sets: bool = False
-    level: Annotated[float, Gt(0), Lt(1)] = 0.95
     from_: NonNegative | None = None
     to: NonNegative | None = None
 
     @property
     def plane(self) -> SignalPlane:
         """The keys of a path."""
-        keys = (self.x, self.y, self.run, self.marks, self.magnify, self.sets, self.level, self.from_, self.to)
+        keys = (self.x, self.y, self.run, self.marks, self.magnify, self.from_, self.to)
         return SignalPlane(*keys, tuple(self.order) if self.order else None)
 
     def check_names(self, layout: ResultLayout) -> Iterator[Issue]:

@@ -1,4 +1,4 @@
-"""Paths of one run in the plane of two signals, with time marks, limits, and sets that the methods report."""
+"""Paths of one run in the plane of two signals, with time marks and limits."""
 
 from __future__ import annotations
 
@@ -9,20 +9,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import STEPS, drawable, few_ticks
+from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.burst_bands import bursts_of
 from rmpc_bench.figures.captions import joined, place, sentences, span_of
 from rmpc_bench.figures.curves import limits_of
 from rmpc_bench.figures.direct_labels import Label, write
-from rmpc_bench.figures.ellipse_outline import Ellipse, outline
-from rmpc_bench.figures.labels import literal, name_of, typeset, unit_of
+from rmpc_bench.figures.labels import name_of, unit_of
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.line_styles import line_styles
 from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.palette import BAND, DIM, GROUND, INK, LINE, PRINT
+from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
 from rmpc_bench.figures.recorded_runs import OUTPUT, PanelSignal, find_run, last_sample
-from rmpc_bench.figures.reported_sets import Tube, tube_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep_points import short_title
 from rmpc_bench.figures.window import TimeWindow, window_of
@@ -38,11 +36,8 @@ if TYPE_CHECKING:
 
 MOST_MARKS = 50
 """Time marks along a path."""
-MOST_ELLIPSES = 12
 TOO_CLOSE = f"more than {MOST_MARKS} time marks overlap: choose a longer time between two marks"
 MARK: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.2, "mew": 0.7, "mfc": GROUND, "mec": DIM, "zorder": 2.1}
-TRUE: dict[str, Any] = {"color": INK, "lw": 0.7, "zorder": 2.6}
-STATE: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.0, "mew": 0.6, "mec": INK, "zorder": 2.8}
 
 
 class SignalPlane(NamedTuple):
@@ -53,16 +48,13 @@ class SignalPlane(NamedTuple):
     run: int
     marks: float
     magnify: float
-    sets: bool
-    level: float
     start: float | None
     stop: float | None
     order: tuple[str, ...] | None
 
     def methods(self, layout: ResultLayout) -> list[str]:
         """Methods to show: the named ones, or all that have both signals."""
-        texts = (self.x, self.y, "tube") if self.sets else (self.x, self.y)
-        having = set.intersection(*(set(methods_with(layout, text)) for text in texts))
+        having = set(methods_with(layout, self.x)) & set(methods_with(layout, self.y))
         return [name for name in self.order or layout.methods if name in having]
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
@@ -73,10 +65,6 @@ class SignalPlane(NamedTuple):
                 yield Issue(key if issue.key else "", issue.message)
             elif n_rows(layout, [text]) > 1 or text.partition(".")[0] not in layout.signal_names:
                 yield Issue(key, f"must be one component of a recorded signal, such as {text.partition('.')[0]}.0")
-        if self.sets and {self.x.partition(".")[0], self.y.partition(".")[0]} != {"x"}:
-            yield Issue("sets", "are sets of the state: x and y must be two of its components, such as x.0 and x.1")
-        elif self.sets and (issue := issue_of(layout, "tube")) is not None:
-            yield Issue("sets", issue.message)
         yield from layout.require_traces(self.order)
         yield from layout.require_recorded(self.run)
         first, last = self.start or 0.0, layout.end if self.stop is None else min(self.stop, layout.end)
@@ -93,7 +81,6 @@ class Path(NamedTuple):
     reference: Array | None
     """(samples, 2) of two outputs."""
     status: str
-    tube: Tube | None
 
     @property
     def failed(self) -> bool:
@@ -123,8 +110,7 @@ class PathContent(NamedTuple):
         points = points[np.isfinite(points).all(axis=1)]
         across, up = np.ptp(points, axis=0) if len(points) else (1.0, 1.0)
         ratio = up / across if self.one_unit and across > 0 else 0.8
-        columns = len(self.paths) if self.keys.sets else 1
-        return 0.7 + (width - 0.8) / columns * min(1.3, max(0.5, float(ratio)))
+        return 0.7 + (width - 0.8) * min(1.3, max(0.5, float(ratio)))
 
 
 def paths_content(keys: SignalPlane, points: Sequence[Trials]) -> PathContent:
@@ -156,9 +142,7 @@ def _path(
         reference = traces.r[window.slice][:, [each.number for each in quantities]]
         with np.errstate(over="ignore", invalid="ignore"):
             values = values if keys.magnify == 1.0 else reference + keys.magnify * (values - reference)
-    components = [each.number for each in quantities]
-    tube = tube_of(point, name, keys.run, components, window, keys.level) if keys.sets else None
-    return Path(drawable(values), reference, status, tube)
+    return Path(drawable(values), reference, status)
 
 
 def paths_caption(made: PathContent) -> str:
@@ -173,82 +157,47 @@ def paths_caption(made: PathContent) -> str:
         place(made.point, made.title),
         f"Lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
         f"Marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
-        f"Black: true state; ellipses: sets about the estimate, M or {100 * keys.level:g} % of P; hollow: outside"
-        if keys.sets
-        else "",
         f"Failed: {joined(failed)}" if failed else "",
     )
 
 
 def draw_paths(made: PathContent, size: tuple[float, float]) -> MplFigure:
-    """Draw all paths in a panel, or with their sets in a panel per method."""
+    """Draw all paths in a panel."""
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.lines import Line2D
-    from matplotlib.ticker import MaxNLocator
 
     styles = line_styles(made.point.all_methods, list(made.paths))
-    groups = [[name] for name in made.paths] if made.keys.sets else [list(made.paths)]
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
-        panels: list[Axes] = list(figure.subplots(1, len(groups), sharex=True, sharey=True, squeeze=False)[0])
-        handles: list[Handle] = []
-        for axes, names in zip(panels, groups, strict=True):
-            axes.grid(color=LINE, linewidth=0.4)
-            axes.set_axisbelow(True)
-            axes.xaxis.set_major_locator(MaxNLocator(5, steps=STEPS))
-            few_ticks(axes)
-            handles = _draw_reference(axes, made)
-            for name in sorted(names, key=lambda name: made.paths[name].failed):
-                limits = axes.get_xlim(), axes.get_ylim()
-                with grouped(axes, styles[name].gid):
-                    _draw_path(axes, made, name, styles[name].line())
-                if made.paths[name].failed and not all(path.failed for path in made.paths.values()):
-                    # The values of a failed run may be huge and must not shrink the other paths.
-                    axes.set_xlim(limits[0])
-                    axes.set_ylim(limits[1])
-            if made.keys.sets:
-                axes.set_title(typeset(name_of(made.point, names[0])), loc="left", weight="bold").set_gid(
-                    styles[names[0]].gid
-                )
-            axes.margins(0.1)
-            handles += _draw_limits(axes, made, names)
-            axes.set_xlabel(_label(made, 0))
-            if made.one_unit:
-                axes.set_aspect("equal", adjustable="box" if made.keys.sets else "datalim")
-        panels[0].set_ylabel(_label(made, 1))
-        own = [(name_of(made.point, name), Line2D([], [], **styles[name].line())) for name in made.paths]
-        note = ", ".join(filter(None, [made.title, f"run {made.keys.run}"]))
-        finish(
-            figure,
-            [*([] if made.keys.sets else own), *handles, *_set_keys(made)],
-            literal(note),
-            columns=made.keys.sets,
-        )
-        _write_times(panels[0], made)
+        (axes,) = stacked_panels(figure, 1)
+        few_ticks(axes)
+        handles: list[Handle] = [(name_of(made.point, n), Line2D([], [], **styles[n].line())) for n in made.paths]
+        handles += _draw_reference(axes, made)
+        for name in sorted(made.paths, key=lambda name: made.paths[name].failed):
+            limits = axes.get_xlim(), axes.get_ylim()
+            with grouped(axes, styles[name].gid):
+                _draw_path(axes, made, name, styles[name].line())
+            if made.paths[name].failed and not all(path.failed for path in made.paths.values()):
+                # The values of a failed run may be huge and must not shrink the other paths.
+                axes.set_xlim(limits[0])
+                axes.set_ylim(limits[1])
+        axes.margins(0.1)
+        handles += _draw_limits(axes, made)
+        axes.set_xlabel(_label(made, 0))
+        axes.set_ylabel(_label(made, 1))
+        if made.one_unit:
+            axes.set_aspect("equal", adjustable="datalim")
+        finish(figure, handles, ", ".join(filter(None, [made.title, f"run {made.keys.run}"])))
+        _write_times(axes, made)
     return figure
 
 
 def _draw_path(axes: Axes, made: PathContent, name: str, look: dict[str, Any]) -> None:
-    """Draw a path with its marks, or an estimate with the sets about it."""
-    path = made.paths[name]
-    if path.tube is None:
-        axes.plot(*path.values.T, **look)
-        dots = path.values[marks_of(made.window, made.keys.marks)]
-        axes.plot(*dots.T, ls="", marker="o", ms=2.2, mew=0.0, color=look["color"], zorder=look["zorder"])
-        return
-    axes.plot(*path.values.T, **TRUE)
-    axes.plot(*drawable(path.tube.x_hat).T, color=look["color"], lw=0.9, zorder=2.7)
-    every = -(-len(path.tube.x) // MOST_ELLIPSES)
-    some = path.tube._replace(x=path.tube.x[::every], x_hat=path.tube.x_hat[::every], S=path.tube.S[::every])
-    for centre, S in zip(some.x_hat, some.S, strict=True):
-        points = outline(Ellipse(centre, S), 1.0)
-        if points is not None:
-            x, y = drawable(points[::4]).T
-            axes.fill(x, y, facecolor=paler(look["color"], 0.8), edgecolor=look["color"], lw=0.8, zorder=2.1)
-    outside = some.outside()
-    axes.plot(*drawable(some.x[~outside]).T, mfc=INK, **STATE)
-    axes.plot(*drawable(some.x[outside]).T, mfc=GROUND, **STATE)
-    axes.plot(*drawable(some.x_hat).T, ls="", marker="+", ms=4, mew=0.9, color=look["color"], zorder=2.75)
+    """Draw a path with its marks."""
+    values = made.paths[name].values
+    axes.plot(*values.T, **look)
+    dots = values[marks_of(made.window, made.keys.marks)]
+    axes.plot(*dots.T, ls="", marker="o", ms=2.2, mew=0.0, color=look["color"], zorder=look["zorder"])
 
 
 def _draw_reference(axes: Axes, made: PathContent) -> list[Handle]:
@@ -267,11 +216,11 @@ def _draw_reference(axes: Axes, made: PathContent) -> list[Handle]:
     return [("reference", line), ("burst", band)]
 
 
-def _draw_limits(axes: Axes, made: PathContent, names: Sequence[str]) -> list[Handle]:
-    """Draw the limits of both signals in the controllers of a panel, if they are near."""
+def _draw_limits(axes: Axes, made: PathContent) -> list[Handle]:
+    """Draw the limits of both signals in the controllers, if they are near."""
     found: list[Handle] = []
     for place_of, each in enumerate(made.quantities):
-        levels = set.union(*({*limits_of(made.point, name, each)} for name in names))
+        levels = set.union(*({*limits_of(made.point, name, each)} for name in made.paths))
         low, high = axes.get_ylim() if place_of else axes.get_xlim()
         for level in sorted(levels):
             if 2 * low - high <= level <= 2 * high - low:
@@ -279,24 +228,6 @@ def _draw_limits(axes: Axes, made: PathContent, names: Sequence[str]) -> list[Ha
                 line = draw(level, color=PRINT["worse"], lw=1.0, ls=(0, (1.2, 1.6)), zorder=2.5)
                 found = [("limit", line)]
     return found
-
-
-def _set_keys(made: PathContent) -> list[Handle]:
-    """Explain states and sets."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    if not made.keys.sets:
-        return []
-    kinds = {path.tube.gaussian for path in made.paths.values() if path.tube is not None}
-    texts = {False: "set $M$", True: f"{100 * made.keys.level:g} % of $P$"}
-    areas = [texts[kind] for kind in sorted(kinds)]
-    return [
-        ("true state", Line2D([], [], **{**STATE, "ls": "-"}, mfc=INK, color=INK, lw=0.7)),
-        ("estimate", Line2D([], [], color=DIM, lw=0.9, marker="+", ms=4)),
-        (" or ".join(areas), Patch(facecolor=paler(DIM, 0.8), edgecolor=DIM)),
-        ("outside", Line2D([], [], mfc=GROUND, **STATE)),
-    ]
 
 
 def _label(made: PathContent, which: int) -> str:

@@ -5,7 +5,7 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.estimation_errors import GAUSSIAN_SHARE, ErrorMoments
+from rmpc_bench.analysis.estimation_errors import ErrorMoments
 from rmpc_bench.analysis.nees import average_of_moments, chi_square_band, normalised_squares
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.types import Record
@@ -84,8 +84,3 @@ def test_band_by_simulation(runs, n, level, rng):
     wanted = stats.chi2.ppf([(1 - level) / 2, (1 + level) / 2], runs * n) / (runs * n)
     np.testing.assert_allclose([low[0], high[0]], wanted, rtol=1e-9)
     assert np.isnan(chi_square_band(np.array([0]), level)).all()
-
-
-def test_share_of_a_gaussian():
-    """Oracle: scipy.stats."""
-    assert pytest.approx(2 * stats.norm.sf(3.0), rel=1e-12) == GAUSSIAN_SHARE

@@ -23,7 +23,7 @@ controller: {kind: mpc, Hp: 6, Hu: 2, Q: 0.1, R: 0.1, scale: {u: 440, y: 2*pi}, 
 methods: METHODS
 metrics: [mse, estimation_mse, nees]
 record: {runs: 2, signals: [y, u, x, x_hat, P, d_hat]}
-figures: [{kind: trajectories, signals: [y, d_hat]}, estimation-error]
+figures: [{kind: signals, signals: [y, d_hat, error]}]
 """
 BOTH = "{S: {}, D: {model: {disturbance: {at: input, drift: 1e5}}}}"
 

@@ -37,7 +37,7 @@ initial: {{x: {x}, x_hat: [0.0647, 0.0822], P: 1.0e-4}}
 reference: {{kind: constant, value: {r}}}
 methods: {{KF: {{estimator: {{kind: kalman}}, controller: {{kind: mpc, Hp: 10, Hu: 3, Q: 1.0e+4, R: 0.001}}}}}}
 metrics: [estimation_mse]
-figures: [{{kind: trajectories, signals: [y, u, x.0]}}]
+figures: [{{kind: signals, signals: [y, u, x.0]}}]
 record: {{runs: 2, signals: [y, u, x]}}
 """
 METHODS = next(

@@ -22,7 +22,6 @@ PARAMETERS = {
     "scatter": [
         {"x": "mse", "y": "power"},
         {"x": "y.0", "y": "y.1", "marks": 1.0},
-        {"x": "x.0", "y": "x.1", "sets": True},
     ],
     "signals": [
         {},

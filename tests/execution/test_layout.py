@@ -14,6 +14,7 @@ from uncertain_experiment import write_estimation
 
 from rmpc_bench import compare, load_config, load_results, load_trials, publish, registry, run
 from rmpc_bench.execution.database import MissingError
+from rmpc_bench.execution.layout import _limits as limits_of_controller
 from rmpc_bench.types import ConfigError
 
 KEPT = ("trials.sqlite", "manifest.json")
@@ -300,3 +301,28 @@ def test_the_layout_is_plain_data(own):
     [(layout,)] = query(directory, "SELECT value FROM meta WHERE key = 'layout'")
     assert json.loads(layout)["name"] == "tiny"
     assert str(directory.parent) not in layout and str(Path.cwd()) not in layout
+
+
+@pytest.mark.parametrize(
+    ("controller", "limits"),
+    [
+        ({"limits": {"u": [-220.0, 220.0], "enforce": "clip", "du": [-1, 1]}}, {"u": (-220.0, 220.0)}),
+        (
+            {"limits": {"x.1": [None, 2.0]}, "soft": {"y.0": {"limits": [-1, 1], "linear": 2}}},
+            {"x.1": (None, 2.0), "y.0": (-1.0, 1.0)},
+        ),
+        ({"limits": {"u": [[-1, float("-inf")], [1, 2]]}}, {"u.0": (-1.0, 1.0), "u.1": (None, 2.0)}),
+        ({"kind": "lqr", "limits": None}, {}),
+    ],
+)
+def test_limits_of_a_controller(controller, limits):
+    """Hard and soft ones of signals, of every component; increments have no panel."""
+    assert limits_of_controller(controller) == limits
+
+
+def test_limits_are_stored(tmp_path):
+    """A figure of stored results shows them."""
+    path = write(tmp_path, record="{runs: 1}")
+    run(load_config(path), directory=tmp_path / "out", jobs=1)
+    stored = load_trials(tmp_path / "out").limits
+    assert set(stored) and all(limits == {"u": (-220.0, 220.0)} for limits in stored.values())

@@ -187,12 +187,12 @@ NO_TUBE = "'tube' needs recorded x and x_hat of a method that reports a set M or
 NO_TUBE += "record: {runs: 1, signals: [x, x_hat]}"
 
 
-def of_tubes(text, arrays, signals=("y", "x", "x_hat"), kind="signals"):
+def of_tubes(text, arrays, signals=("y", "x", "x_hat")):
     """What tubes find in a layout whose methods have the same signals, of a plant with two states."""
     shapes = {"y": (1,), "u": (1,), "x": (2,), "x_hat": None}
     kept = {name: {signal: shapes[signal] for signal in signals} for name in arrays}
     series = {name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()}
-    return issues(kind, text, arrays=arrays, signals=kept, series=series, recorded=range(2))
+    return issues("signals", text, arrays=arrays, signals=kept, series=series, recorded=range(2))
 
 
 @pytest.mark.parametrize(
@@ -215,14 +215,13 @@ def test_what_tubes_require(text, found):
 def test_tubes_need_states_and_estimates(signals):
     """Both, and a set of the plant's states; the way out is in the message."""
     assert of_tubes("{signals: [tube]}", SETS, signals=signals) == [("signals", NO_TUBE)]
-    assert of_tubes("{x: x.0, y: x.1, sets: true}", {"LP": {}}, kind="scatter") == [("sets", NO_TUBE)]
+    assert of_tubes("{signals: [tube]}", {"LP": {}}) == [("signals", NO_TUBE)]
     other = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
     assert [key for key, _ in of_tubes("{signals: [tube], order: [S]}", other)] == ["order"]
     assert of_tubes("{signals: [tube], order: [KF]}", other) == []
 
 
 TOO_CLOSE = "more than 50 time marks overlap: choose a longer time between two marks"
-SETS_OF_STATES = "are sets of the state: x and y must be two of its components, such as x.0 and x.1"
 COMMON = {"y": (3,), "bursts": (1,)}
 RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
 LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
@@ -286,7 +285,6 @@ def test_what_elements_require(text, found):
         ("{x: y.0, y: y.3}", [("y", "'y.3' is not a component (they count from y.0 to y.2)")]),
         ("{x: y.1, y: y.1}", [("y", "must be another metric or signal than x")]),
         ("{x: y.0, y: y}", [("y", "must be one component of a recorded signal, such as y.0")]),
-        ("{x: y.0, y: y.1, sets: true}", [("sets", SETS_OF_STATES)]),
         (
             "{x: y.0, y: y.1, marks: 0.1}",
             [("marks", TOO_CLOSE)],

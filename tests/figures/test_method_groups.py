@@ -53,7 +53,6 @@ FIGURES = {
     "rows": Rows(),
     "scatter": Scatter(x="length", y="power"),
     "paths": Scatter(x="x.0", y="x.1"),
-    "sets": Scatter(x="x.0", y="x.1", sets=True),
     "ellipses": Ellipses(x="length", y="power"),
     "signals": Signals(signals=["x.0", "tube", "error", "nees"]),
     "means": Means(),

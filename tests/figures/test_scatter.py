@@ -9,6 +9,7 @@ import pytest
 from conftest import ROUND
 from matplotlib.colors import to_hex
 
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.figures.axes import FAR
@@ -282,3 +283,78 @@ def test_keys():
         "'y' is missing",
         "bars: must be 'quartiles' or 'se' (got 'iqr')",
     ]
+
+
+@pytest.fixture
+def runs(make_trials):
+    """Two runs of two methods with two outputs of one unit, which lag behind a circle; run 1 of B failed."""
+    t = np.linspace(0, 2 * np.pi, 41)
+    r = np.stack([np.cos(t), np.sin(t)], axis=1)
+    traces = {}
+    for k, name in enumerate("AB"):
+        y = np.stack([np.stack([np.cos(t - d), np.sin(t - d)], axis=1) for d in (0.1 * (k + 1), 0.2)])
+        x = y.copy()
+        if name == "B":
+            y[1, 20:] = 1e200
+        bursts = np.zeros((2, 41, 1))
+        bursts[:, 10:15] = 1.0
+        traces[name] = Traces(np.arange(2), {"y": y, "x": x, "bursts": bursts}, r)
+    table = make_trials({"error": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}}, infos=(ERROR,))
+    limits = {"A": {"x.1": (None, 1.2)}, "B": {"x.0": (-9.0, 9.0)}}
+    return replace(table, traces=traces, Ts=0.5, units={"y": "m"}, limits=limits)
+
+
+def paths(figure):
+    """Colour -> points of the lines of a panel that have more than two."""
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 2 and line.get_linestyle() != "None"]
+    return {to_hex(line.get_color()): np.array(line.get_xydata()) for line in lines}
+
+
+@pytest.mark.parametrize("magnify", [1.0, 10.0])
+def test_the_path_of_a_run(runs, magnify):
+    """The stored outputs, or the reference with enlarged distances; both axes have one scale."""
+    figure = scatter(runs, x="y.0", y="y.1", magnify=magnify, from_=2.0)
+    found = paths(figure)
+    r = runs.traces["A"].r[4:]
+    for color, name in zip(COLOURS, "AB", strict=False):
+        y = runs.traces[name].signals["y"][0, 4:]
+        np.testing.assert_allclose(found[color], r + magnify * (y - r), atol=1e-12)
+    np.testing.assert_array_equal(found[REFERENCE], r)
+    assert figure.axes[0].get_aspect() == 1.0 and legend(figure) == ["A", "B", "reference", "burst"]
+    assert ("\N{MULTIPLICATION SIGN}10" in figure.axes[0].get_xlabel()) == (magnify == 10.0)
+    assert "run 0 for A and B, t = 2 to 20 s; dashed: reference" in Scatter(x="y.0", y="y.1", from_=2.0).caption(runs)
+
+
+def test_marks_have_their_times(runs):
+    figure = scatter(runs, x="y.0", y="y.1", marks=5.0)
+    assert texts(figure) == ["0", "5", "10", "15", "20"]
+    (circles,) = [line for line in figure.axes[0].lines if line.get_markersize() == 3.2]
+    np.testing.assert_array_equal(circles.get_xydata(), runs.traces["A"].r[::10])
+
+
+def test_a_failed_run_does_not_change_the_axes(runs):
+    figure = scatter(runs, x="y.0", y="y.1", run=1)
+    assert max(map(abs, figure.axes[0].get_xlim())) < 5
+    assert "Failed: B diverged" in Scatter(x="y.0", y="y.1", run=1).caption(runs)
+
+
+def test_limits_of_states_that_are_near(runs):
+    """Of any method; states have no reference."""
+    figure = scatter(runs, x="x.0", y="x.1")
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
+    assert [line.get_ydata()[0] for line in lines] == [1.2] and legend(figure) == ["A", "B", "limit"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"x": "y.0", "y": "y.2"}, "'y.2' is not a component"),
+        ({"x": "y.0", "y": "x"}, "must be one component of a recorded signal, such as x.0"),
+        ({"x": "y.0", "y": "error"}, "'y.0' is not a known metric"),
+        ({"x": "y.0", "y": "y.1", "run": 2}, "run 2 is not recorded"),
+        ({"x": "y.0", "y": "y.1", "marks": 0.1}, "more than 50 time marks overlap"),
+    ],
+)
+def test_paths_that_cannot_be_drawn(runs, keys, message):
+    with pytest.raises(DesignError, match=message):
+        scatter(runs, **keys)
