@@ -35,7 +35,6 @@ class Line(NamedTuple):
     kind: str
     t: Array
     values: Array
-    held: bool = False
 
 
 class Area(NamedTuple):
@@ -108,7 +107,7 @@ def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow
     if choice.show == "difference":
         levels = (("zero", 0.0),)
     elif quantity.name == OUTPUT:
-        lines.append(Line("reference", t, traces.r[window.slice, quantity.number], held=True))
+        lines.append(Line("reference", *_steps(t, traces.r[window.slice, quantity.number])))
     elif quantity.name == ERROR:
         levels = (("zero", 0.0),)
     if choice.show != "difference":
@@ -116,11 +115,16 @@ def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow
     if choice.show == "band":
         low, middle, high = np.nanquantile(values, [BAND[0], 0.5, BAND[1]], axis=0)
         areas.append(Area("band", t, low, high))
-        return Cell((*lines, Line("main", t, middle, held)), tuple(areas), levels)
+        return Cell((*lines, Line("main", *(_steps(t, middle) if held else (t, middle)))), tuple(areas), levels)
     thin = values if choice.n_thin is None else values[: choice.n_thin]
     lines += [Line("run", t, run) for run in thin] if len(values) > 1 else []
     main = signal.curves(traces, window, np.array([choice.middle]))[1][0]
-    return Cell((*lines, Line("main", t, main, held)), levels=levels)
+    return Cell((*lines, Line("main", *(_steps(t, main) if held else (t, main)))), levels=levels)
+
+
+def _steps(t: Array, values: Array) -> tuple[Array, Array]:
+    """Corners of a signal that is held until the next sample."""
+    return np.repeat(t, 2)[1:], np.repeat(values, 2)[:-1]
 
 
 def limits_of(point: Trials, method: str, quantity: Quantity) -> list[float]:

@@ -101,7 +101,12 @@ class Content(NamedTuple):
     def kinds(self) -> set[str]:
         """Kinds of lines, areas and levels that are shown."""
         shown = [cell for cells in self.cells.values() for cell in cells if cell is not None]
-        return {each[0] for cell in shown for group in cell for each in group}
+        return {each[0] for cell in shown for group in cell for each in group} - ({"limit"} - self.near())
+
+    def near(self) -> set[str]:
+        """``limit`` if some limit lies in the reach of its panels."""
+        rows = ([cell for cells in self.cells.values() if (cell := cells[row])] for row in range(len(self.rows)))
+        return {"limit"} if any(_reach(cells)[1] for cells in rows if cells) else set()
 
     def words(self, kind: str) -> str:
         """Say what a kind of line means here."""
@@ -185,11 +190,8 @@ def _draw_cell(axes: Axes, cell: Cell, thin: Mapping[int, Array], look: LineStyl
     runs = [line for line in cell.lines if line.kind == "run" and len(thin[id(line)])]
     for line in cell.lines:
         if line.kind != "run":
-            kept = thin.get(id(line))
-            # Steps between points that are left out would be wrong.
-            drawn = "steps-post" if line.held and kept is None else "default"
-            t, values = (line.t, line.values) if kept is None else (line.t[kept], line.values[kept])
-            (artist,) = axes.plot(t, values, drawstyle=drawn, **_coloured(WORDS[line.kind].style, look))
+            kept = thin.get(id(line), slice(None))
+            (artist,) = axes.plot(line.t[kept], line.values[kept], **_coloured(WORDS[line.kind].style, look))
             if line.kind == "main" and not runs:
                 artist.set_linewidth(ALONE)
     if runs:
@@ -222,7 +224,7 @@ def _dress(axes: Axes) -> None:
     axes.set_axisbelow(True)
     axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
-    axes.tick_params(labelbottom=False, labelleft=False)
+    axes.tick_params(bottom=False, left=False, labelbottom=False, labelleft=False)
 
 
 def _label_edges(made: Content, grid: Any, n: int) -> None:
@@ -230,12 +232,12 @@ def _label_edges(made: Content, grid: Any, n: int) -> None:
     for start in range(0, len(grid), n):
         for row, quantity in enumerate(made.rows):
             for axes in [axes for axes in grid[start + row] if axes.get_visible()][:1]:
-                axes.tick_params(labelleft=True)
+                axes.tick_params(left=True, labelleft=True)
                 linear = made.log and axes.get_yscale() == "linear"
                 axes.set_ylabel(quantity.label(made.point) + (LINEAR if linear else ""))
         for column in range(grid.shape[1]):
             for axes in [axes for axes in grid[start : start + n, column] if axes.get_visible()][-1:]:
-                axes.tick_params(labelbottom=True)
+                axes.tick_params(bottom=True, labelbottom=True)
                 axes.set_xlabel(made.window.label)
 
 

@@ -40,6 +40,11 @@ _STYLE = re.compile(r'(?<= style=")[^"]*')
 _USUAL = re.compile(r"(?<=[:;]) |; stroke-dashoffset: 0\b|; stroke-linejoin: miter\b")
 _NOTHING = re.compile(r'<path [^>]*style="fill:none"/>\n')
 _DEFINED = re.compile(r'<path id="([^"]+)"[^>]*?(style="[^"]*")/>')
+_LINES = re.compile(
+    r'<path d="M[^"z]*"((?: clip-path="[^"]*")? style="fill:none;(?:(?!opacity)[^"])*")/>\n'
+    r'(?:<path d="M[^"z]*"\1/>\n)+'
+)
+_POINTS = re.compile(r' d="([^"]*)"')
 _PATH = re.compile(r'(?<= d=")[^"]*(?=")')
 
 
@@ -80,10 +85,15 @@ def for_page(text: str, css_class: str) -> str:
 
 
 def _without_repetition(text: str) -> str:
-    """Leave out what draws nothing, and the style of a mark that is the same as in its definition."""
+    """Leave out what draws nothing, and what is said twice."""
     for name, style in dict(_DEFINED.findall(text)).items():
         text = re.sub(rf'(href="#{re.escape(name)}"[^>]*?) {re.escape(style)}', r"\1", text)
-    return _NOTHING.sub("", text)
+    return _LINES.sub(_as_one, _NOTHING.sub("", text))
+
+
+def _as_one(found: re.Match[str]) -> str:
+    """Join lines of one style that follow each other, such as those of a grid."""
+    return f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n'
 
 
 def _without_empty_groups(text: str) -> str:
@@ -123,8 +133,34 @@ def _prime(found: re.Match[str]) -> str:
 
 
 def _short(found: re.Match[str]) -> str:
-    """Write the points of a path without blanks at the ends of lines, and straight lines without repeated letters."""
-    return re.sub(r"(?<=\d)\n?L ", " ", re.sub(r" \n|\n ", "\n", found[0].strip()))
+    """Write straight lines by the steps from point to point, which have fewer digits; curves stay as they are."""
+    tokens = found[0].split()
+    if not tokens or not {each for each in tokens if each.isalpha()} <= {"M", "L", "z"}:
+        return re.sub(r" \n|\n ", "\n", found[0].strip())
+    parts: list[str] = []
+    at, place = (0, 0), 0
+    while place < len(tokens):
+        letter = tokens[place]
+        if letter == "z":
+            parts.append("z")
+            place += 1
+            continue
+        # In hundredths: sums of rounded steps have no error.
+        x, y = (round(100 * float(number)) for number in tokens[place + 1 : place + 3])
+        if letter == "M":
+            parts.append(f"M{_digits(x)} {_digits(y)}l")
+        else:
+            dx, dy = _digits(x - at[0]), _digits(y - at[1])
+            parts.append(
+                f"{'' if parts[-1].endswith('l') or dx[0] == '-' else ' '}{dx}{'' if dy[0] == '-' else ' '}{dy}"
+            )
+        at, place = (x, y), place + 3
+    return "".join(parts).replace("lM", "M").removesuffix("l")
+
+
+def _digits(hundredths: int) -> str:
+    text = f"{abs(hundredths) / 100:.2f}".rstrip("0").rstrip(".").removeprefix("0")
+    return f"{'-' if hundredths < 0 else ''}{text or '0'}" if hundredths else "0"
 
 
 def _joined(found: re.Match[str]) -> str:

@@ -9,13 +9,13 @@ import numpy as np
 from rmpc_bench.figures.curves import Cell, Line
 from rmpc_bench.types import Array
 
-MOST_THIN, MOST_OTHER = 2000, 3000
-"""Points of all thin lines of a figure and of its other lines; a point has about 11 bytes in an SVG."""
-TOLERANCES = (1 / 300, 1 / 150, 1 / 75)
+MOST_THIN, MOST_OTHER = 1700, 1800
+"""Points of all thin lines of a figure and of its other lines; a point has about 8 bytes in an SVG."""
+TOLERANCES = (1 / 300, 1 / 200, 1 / 150)
 """Distances from a line that are not seen, as shares of the height of a panel; the first that gives few points."""
 ASPECT = 1.5
 """Width of a panel, in heights."""
-FEW_RUNS = 3
+FEW_RUNS = 2
 """Thin lines of a panel that are shown in any case."""
 
 

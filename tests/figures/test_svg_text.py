@@ -68,7 +68,7 @@ def test_labels_are_text(text):
 def test_by_hand():
     """A picture without text stays as it is; a formula is not cut into characters, and an escape is one of them."""
     assert themed('<svg width="1" viewBox="0 0 1 1"><g id="a"><path d="M 0 0 \nL 1 1 \nL 2 0 \n"/></g></svg>') == (
-        '<svg viewBox="0 0 1 1" fill="currentColor" stroke-linejoin="round"><path d="M 0 0 1 1 2 0"/></svg>'
+        '<svg viewBox="0 0 1 1" fill="currentColor" stroke-linejoin="round"><path d="M0 0l1 1 1-1"/></svg>'
     )
     one = '<tspan x="{}" y="0" style="font-size: 8px; font-family: \'DejaVu Sans\'">{}</tspan>\n'
     text = "".join(one.format(x, each) for x, each in ((1, "a"), (3, "b"), (2, "&amp;")))
