@@ -11,6 +11,7 @@ import sys
 from contextlib import closing
 
 import pytest
+from pypdf import PdfReader
 from small_experiment import cli, write
 
 from rmpc_bench import compare, figure, judge, load_config, load_results, publish, run, summarise
@@ -331,3 +332,16 @@ def test_raising_the_runs_after_a_verdict_is_a_look(tmp_path):
         looks.append((int(row["look"]), row["n_pairs"], float(row["ci_level"])))
         assert ("look 2" in result.stdout) == (n_runs == 12)
     assert looks == [(1, "6", 0.95), (1, "6", 0.95), (2, "12", 0.991667), (1, "6", 0.95)]
+
+
+def test_files_for_papers_have_the_labels_of_methods_and_all_others_their_keys(tmp_path):
+    """PDF and its caption; SVG for file and page, and the caption of the page."""
+    methods = "{S-MPC: {estimator: {kind: kalman}, label: standard control}}"
+    path = write(tmp_path, methods=methods, statistics="{}", record="{runs: 1}", figures="[signals]", runs="2")
+    written = publish(run(load_config(path), directory=tmp_path / "out", jobs=1))
+    (figure_,) = written.figures
+    files = {file.suffix: file for file in figure_.paths}
+    assert "standard control" in PdfReader(files[".pdf"]).pages[0].extract_text()
+    assert "standard control" in files[".tex"].read_text() and "standard control" not in figure_.caption
+    for svg in (files[".svg"].read_text(), figure_.svg):
+        assert ">S-MPC</text>" in svg and 'data-method="S-MPC"' in svg and "standard control" not in svg
