@@ -18,7 +18,8 @@ DesignFunction = Callable[..., Any]
 
 def replacement_of(group: str, kind: str) -> str:
     """Say what has become of a component that has another name now; empty for any other one."""
-    return registry.unknown_kind(kind, group) if kind in registry.OLD_NAMES.get(group, {}) else ""
+    known = registry.RENAMED_FIGURES if group == "figures" else {}
+    return registry.unknown_kind(kind, group) if kind in known else ""
 
 
 def is_built_in(group: str, kind: str) -> bool:

@@ -204,8 +204,7 @@ def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
                     read_component(group, tree, path, draft.problems, mark=mark, kind=entry, access=draft.access)
                 )
             else:
-                noun, way_out = registry.singular(group), f"rmpc-bench list {group}"
-                draft.note(path, registry.unknown(entry, registry.names(group), noun, way_out))
+                draft.note(path, registry.unknown_kind(entry, group))
         else:
             components.append(read_component(group, entry, path, draft.problems, mark=mark, access=draft.access))
     return components

@@ -166,8 +166,8 @@ def _published(
     results: Results, directory: Path, rendering: Rendering, index: Path | None, place: str, file: str
 ) -> Publication:
     """Write everything below a directory."""
-    texts, pictures = folder(directory, "tables"), folder(directory, "figures")
-    report = results.experiment.report
+    texts, report = folder(directory, "tables"), results.experiment.report
+    pictures = folder(directory, "figures") if results.experiment.figures else directory / "figures"
     tables = summarise(results).shown(report.order, report.metrics)
     verdicts = judge(results)
     driven, demanded, ranked, tuned = drivers(results), requirements(results), ranks(results), tuning(results)

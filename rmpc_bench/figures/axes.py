@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.figures.labels import LINEAR
 from rmpc_bench.figures.style import GREY
 from rmpc_bench.types import Array
 
@@ -72,41 +69,3 @@ def _tick(value: float, _place: int | None = None) -> str:
     mantissa, exponent = f"{value:.0e}".split("e")
     power = f"10^{{{int(exponent)}}}"
     return f"${power}$" if mantissa == "1" else rf"${mantissa}\times {power}$"
-
-
-def scale_by_ratio(axes: Axes, low: float, high: float) -> None:
-    """Give equal ratios equal lengths on a horizontal axis of changes [%] above -100, with ticks at round ratios."""
-    from matplotlib.ticker import FixedLocator, NullLocator
-
-    axes.set_xscale("function", functions=(_log_of_ratio, _change_of_log))
-    first, last = (float(_log_of_ratio(np.array(end))) for end in (low, high))
-    margin = 0.05 * (last - first)
-    axes.set_xlim(float(_change_of_log(np.array(first - margin))), float(_change_of_log(np.array(last + margin))))
-    step = max(1, math.ceil((last - first) / 4))
-    # Few powers of ten leave room for halves and doubles.
-    between = (0.5, 2.0) if last - first < 2 else ()
-    ratios = sorted({*(10.0**n for n in range(step * math.floor(first / step), math.ceil(last) + 1, step)), *between})
-    ticks = [100 * (ratio - 1) for ratio in ratios if first - margin <= math.log10(ratio) <= last + margin]
-    axes.xaxis.set_major_locator(FixedLocator(ticks))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xticks(ticks, [f"{tick:+.6g}" if tick else "0" for tick in ticks])
-
-
-def _log_of_ratio(change: Array) -> Array:
-    """Turn a change in per cent into the decimal logarithm of a ratio, limited to what can be drawn."""
-    return np.log10(np.clip(1 + np.asarray(change, dtype=float) / 100, 1 / FAR, FAR))
-
-
-def _change_of_log(logarithm: Array) -> Array:
-    """Turn the decimal logarithm of a ratio into a change in per cent."""
-    far = math.log10(FAR)
-    ratio: Array = 10.0 ** np.clip(np.asarray(logarithm, dtype=float), -far, far)
-    return 100 * (ratio - 1)
-
-
-def make_logarithmic_if_positive(axes: Axes, values: Sequence[Array]) -> str:
-    """Make the vertical axis logarithmic if all numbers are positive; else return a remark for its label."""
-    if all((each[np.isfinite(each)] > 0).all() for each in values):
-        make_logarithmic(axes)
-        return ""
-    return LINEAR

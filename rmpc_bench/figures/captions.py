@@ -9,16 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from rmpc_bench.figures.labels import name_of
 from rmpc_bench.figures.sweep_points import short_title
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.figures.window import TimeWindow
     from rmpc_bench.types import MetricInfo
-
-MOST_NUMBERS = 8
-"""Methods times points up to which a caption states the number of each."""
 
 
 def joined(words: Iterable[str]) -> str:

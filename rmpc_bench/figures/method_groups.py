@@ -22,13 +22,6 @@ def grouped(axes: Axes, gid: str | None) -> Iterator[None]:
             each.set_gid(gid)
 
 
-def name_ticks(axes: Axes, gids: Sequence[str | None], *, horizontal: bool = False) -> None:
-    """Put the label of every tick into the group of a method; call it when the panel has its ticks."""
-    labels = axes.get_xticklabels() if horizontal else axes.get_yticklabels()
-    for label, gid in zip(labels, gids, strict=True):
-        label.set_gid(gid)
-
-
 def name_entries(legend: Legend, samples: Sequence[Artist]) -> None:
     """Put the drawn copies of samples in a legend, and their labels, into the groups of the given samples."""
     for given, shown, text in zip(samples, legend.legend_handles, legend.get_texts(), strict=True):

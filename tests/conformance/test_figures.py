@@ -17,7 +17,6 @@ PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
-    "means": [{}],
     "rows": [{}, {"show": ["mean", "share"], "metric": "power", "above": 1.5, "order": ["B"]}],
     "scatter": [
         {"x": "mse", "y": "power"},

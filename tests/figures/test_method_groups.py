@@ -11,7 +11,6 @@ from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.ellipses import Ellipses
 from rmpc_bench.figures.files import save_as
-from rmpc_bench.figures.means import Means
 from rmpc_bench.figures.rows import Rows
 from rmpc_bench.figures.scatter import Scatter
 from rmpc_bench.figures.signals import Signals
@@ -55,7 +54,6 @@ FIGURES = {
     "paths": Scatter(x="x.0", y="x.1"),
     "ellipses": Ellipses(x="length", y="power"),
     "signals": Signals(signals=["x.0", "tube", "error", "nees"]),
-    "means": Means(),
     "changes of a sweep": Sweep(),
     "values of a sweep": Sweep(show="value"),
 }
