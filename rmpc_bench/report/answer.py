@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import (
@@ -19,19 +19,29 @@ from rmpc_bench.analysis.result_rows import (
     ResultRow,
     ResultTable,
 )
-from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text, short
+from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 MOST_WORDS = 45
+ENOUGH = 25
+"""Words for the points of a sweep, below which the findings are counted in fewer words."""
 MOST_RANGES = 2
 """Ranges of points that are named; of more the points are counted."""
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
-_NOT_TESTABLE = "not testable"
-_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Statements ")
+_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")
 """Words in front of which the answer does not begin with the name of a method."""
 _FORMS = {BETTER: "better than {}", WORSE: "worse than {}", EQUIVALENT: "equivalent to {}"}
+_FINDINGS = {
+    Finding.CONFIRMED_SMALLER: "confirmed with a smaller effect",
+    Finding.CONFIRMED_LARGER: "confirmed with a larger effect",
+    Finding.DEPENDS_ON_ASSUMPTIONS: "dependent on unstated assumptions",
+    Finding.EQUAL: "equal to the printed digits",
+    Finding.CLOSE: "close to the printed number",
+    Finding.DIFFERENT: "different from the printed number",
+}
+"""Words behind a form of ``be``, where those of the finding itself do not fit."""
 
 
 class Sweep(NamedTuple):
@@ -61,10 +71,12 @@ def answer(tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (),
     first = tables[0].trials
     if not first.with_verdicts:
         return SMOKE
-    found = _claims(verdicts)
-    room = MOST_WORDS - len(found.split())
-    said = _of_points(tables, room) if len(tables) > 1 else _of_rows(tables[0])
-    text = " ".join(filter(None, [found, said]))
+    claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
+    if len(tables) > 1:
+        found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
+        text = f"{found} {_of_points(tables, room - len(found.split()))}".strip()
+    else:
+        text = _first_fitting(claims, *_of_rows(tables[0]), room=room)
     if not unfinished:
         return text
     return f"So far {text[0].lower()}{text[1:]}" if text.startswith(_BEGINNINGS) else f"So far {text}"
@@ -75,34 +87,49 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
-def _claims(verdicts: Sequence[ClaimVerdict]) -> str:
-    """Count the findings on the statements of the paper, in the order of the findings."""
+def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
+    """Count the findings on the statements of the paper in the order of the findings; then in fewer words."""
     found = Counter(each.finding for each in verdicts if each.claim.of_paper)
-    counts = {each.replace("-", " "): found[each] for each in Finding if found[each]}
-    tested = {word: n for word, n in counts.items() if word != _NOT_TESTABLE}
-    if len(tested) != 1:
-        parts = [f"{n} {word}" for word, n in counts.items()]
-        return f"Statements of the paper: {', '.join(parts)}." if tested else ""
-    [(word, n)] = tested.items()
-    if n == 1:
-        return f"The statement of the paper that was tested is {word}."
-    return f"All {n} statements of the paper that were tested are {word}."
+    tested = {each: found[each] for each in Finding if found[each] and each is not Finding.NOT_TESTABLE}
+    if not tested:
+        return [""]
+    n = sum(tested.values())
+    if len(tested) == 1:
+        [word] = map(_finding, tested)
+        of = {1: "The statement", 2: "Both statements"}.get(n, f"All {n} statements")
+        return [f"{of} of the paper that {'was' if n == 1 else 'were'} tested {'is' if n == 1 else 'are'} {word}."]
+    parts = [f"{found[each]} {_finding(each)}" for each in Finding if found[each]]
+    k = sum(count for each, count in tested.items() if each.is_confirmed)
+    fewer = f"Of {n} statements of the paper, {k or 'none'} {'are' if k > 1 else 'is'} confirmed."
+    return [f"Statements of the paper: {', '.join(parts)}.", fewer]
 
 
-def _of_rows(table: ResultTable) -> str:
-    """Answer for one point."""
+def _finding(finding: Finding) -> str:
+    return _FINDINGS.get(finding, finding.sentence)
+
+
+def _first_fitting(*parts: Sequence[str], room: int) -> str:
+    """Join one wording of each part, the first ones that fit together; the first part is the first to be shortened."""
+    choices = sorted(product(*map(enumerate, parts)), key=lambda chosen: (sum(k for k, _ in chosen), -chosen[0][0]))
+    texts = [" ".join(text for _, text in chosen if text) for chosen in choices]
+    return next((text for text in texts if len(text.split()) <= room), texts[-1])
+
+
+def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
+    """Return the answer for one point and what is said of failures, each in ever fewer words."""
     rows = table.compared
     if not rows:
-        return _alone(table)
-    text = _counted(table, rows) if len(rows) > MOST_UNSORTED else _named(table, rows)
-    return " ".join(filter(None, [text, *_failures(table, rows)])).strip()
+        return [_alone(table)], [""]
+    counted = [f"{_counted(table, rows)}{_largest(table)}", _counted(table, rows)]
+    named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []
+    return [*dict.fromkeys([*named, *counted])], _failures(table, rows)
 
 
 def _alone(table: ResultTable) -> str:
     """State the means where nothing is compared."""
     rows = [row for row in table.rows if row.n][:3]
     if not rows:
-        return "No run is finished."
+        return "Every run failed." if any(row.n_failed for row in table.rows) else "No run is finished."
     if table.may_not_occur:
         parts = [f"{row.n_occurred} of {row.n} runs of {row.method} have a {table.quantity}" for row in rows]
         return f"{listed(parts)}."
@@ -111,8 +138,8 @@ def _alone(table: ResultTable) -> str:
     return f"The mean {table.quantity} is {listed(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
 
 
-def _named(table: ResultTable, rows: Sequence[ResultRow]) -> str:
-    """Name up to 6 methods by their verdicts, with the size of the largest improvement."""
+def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
+    """Name up to 6 methods by their verdicts, with the size of the largest improvement and without."""
     parts: list[str] = []
     for word, form in _FORMS.items():
         names = [row.method for row in rows if row.word == word]
@@ -128,25 +155,24 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> str:
     text = "; ".join(parts)
     best = table.best
     if best is None or best.word != BETTER:
-        return f"{text}." if text else ""
+        return [f"{text}." if text else ""]
     if table.form == "share":
-        return f"{text}: {_occurrence(table, best)}."
-    return _with_size(table, best, text, alone=len(rows) == 1)
+        return [_occurrence(table, best, text), f"{text}."]
+    return [_with_size(table, best, text, alone=len(rows) == 1), f"{text}."]
 
 
 def _are(names: Sequence[str]) -> str:
     return "are" if len(names) > 1 else "is"
 
 
-def _occurrence(table: ResultTable, best: ResultRow) -> str:
-    """Compare how often the event did not occur, or the medians where that is the same."""
+def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
+    """Compare how often the event did not occur; where that is the same, in how many runs the best is better."""
     base = next(row for row in table.rows if row.is_baseline)
     lost = [(row, row.n - row.n_occurred) for row in (base, best)]
     if lost[0][1] == lost[1][1]:
-        medians = [f"{short(row.quantiles[2])} for {row.method}" if row.quantiles else "" for row in (best, base)]
-        return f"its median {table.quantity} is {medians[0]}, {medians[1]}"
+        return f"{text}. {best.method} is better in {table.change_text(best)} of the runs."
     parts = [f"{k or 'none'} of {row.n} runs of {row.method}" for row, k in lost]
-    return f"there is no {table.quantity} in {listed(parts)}"
+    return f"{text}: there is no {table.quantity} in {listed(parts)}."
 
 
 def _with_size(table: ResultTable, best: ResultRow, text: str, *, alone: bool) -> str:
@@ -169,48 +195,79 @@ def _with_size(table: ResultTable, best: ResultRow, text: str, *, alone: bool) -
 
 
 def _counted(table: ResultTable, rows: Sequence[ResultRow]) -> str:
-    """Count the verdicts of many methods, with the largest improvement."""
+    """Count the verdicts of many methods."""
     counts = Counter(row.word for row in rows)
-    parts = [f"{counts[word]} {word}" for word in ORDER if counts[word]]
+    parts = [f"{counts[word]} {word}" for word in (*ORDER, NOT_COMPUTED) if counts[word]]
     first, _, word = parts[0].partition(" ") if parts else ("", "", "")
-    verb = "is" if first == "1" else "are"
     form = _FORMS.get(word, word).format(table.baseline)
-    text = f"Of {len(rows)} methods, {listed([f'{first} {verb} {form}', *parts[1:]])}."
+    verb = "" if word == FAILS_MORE else "is " if first == "1" else "are "
+    form = f"fail{'s' * (first == '1')} more than {table.baseline}" if word == FAILS_MORE else form
+    return f"Of {len(rows)} methods, {listed([f'{first} {verb}{form}', *parts[1:]])}." if parts else ""
+
+
+def _largest(table: ResultTable) -> str:
+    """Name the largest improvement; nothing if no method is better."""
     best = table.best
     if best is None or best.word != BETTER:
-        return text
-    return f"{text} Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
+        return ""
+    return f" Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
 
 
 def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
-    """Say which methods fail more, and in how many runs."""
+    """Say which methods fail more, and in how many runs, in ever fewer words."""
     base = next((row for row in table.rows if row.is_baseline), None)
-    lost = base.n_failed if base else 0
     found = [row for row in rows if row.word == FAILS_MORE]
-    if len(found) > 2:
-        return [f"{listed([row.method for row in found[:3]])}{' and others' * (len(found) > 3)} fail more."]
-    return [
+    if base is not None and base.n_failed and not base.n:
+        return [f"Every run of {base.method} failed."]
+    if not found:
+        return [""]
+    lost = base.n_failed if base else 0
+    each = [
         f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, "
         f"{lost or 'none'} of {table.baseline}."
         for row in found
     ]
+    names = [row.method for row in found]
+    named = [
+        f"{_few(names, n)} {'fails' if len(names) == 1 else 'fail'} more than {table.baseline}." for n in (3, 1, 0)
+    ]
+    return [*([" ".join(each)] if len(found) <= 2 else []), *named, ""]
+
+
+def _few(names: Sequence[str], n: int) -> str:
+    """Name up to n methods and count the others."""
+    left = len(names) - n
+    if left <= 0:
+        return listed(names)
+    return listed([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
 
 
 def _of_points(tables: Sequence[ResultTable], room: int) -> str:
     """Answer for a sweep: where each method is better or worse than the baseline."""
     first, sweep = tables[0], sweep_of(tables)
+    computed = [any(row.n + row.n_failed for row in table.rows) for table in tables]
     words = {row.method: [_word_of(table, row.method) for table in tables] for row in first.compared}
+    if not any(computed):
+        return "No run is finished."
     if not words:
-        return ""
-    better, worse = (_groups(words, word, sweep) for word in (BETTER, WORSE))
-    text = f"Better than {first.baseline} in {first.quantity}"
+        return f"{first.baseline} has no other method to compare with."
+    better, worse, lost = (_groups(words, word, sweep, computed) for word in (BETTER, WORSE, FAILS_MORE))
+    head = f"Better than {first.baseline} in {first.quantity}:"
+    sentences = [(head, better), ("Worse:", worse), ("Fails more:", lost)]
     if not better:
-        text = f"No method is better than {first.baseline} in {first.quantity} at any point."
-    else:
-        # The worse ones get what the better ones leave, but for the first group of each.
-        reserved = len(worse[0].split()) + 1 if worse else 0
-        text = f"{text}: {_fitting(better, room - len(text.split()) - reserved)}."
-    return f"{text} Worse: {_fitting(worse, room - len(text.split()) - 1)}." if worse else text
+        sentences[0] = (f"No method is better than {first.baseline} in {first.quantity} at any point", [])
+    kept = [(start, groups) for start, groups in sentences if groups or start == sentences[0][0]]
+    left = room - sum(len(start.split()) for start, _ in kept)
+    parts = []
+    for k, (start, groups) in enumerate(kept):
+        # Those behind need a number of methods, a place, and that there are others.
+        reserved = sum(4 + len(others[0].where.split()) for _, others in kept[k + 1 :])
+        text = _fitting(groups, left - reserved)
+        left -= len(text.split())
+        parts.append(f"{start} {text}".strip())
+    missing = computed.count(False)
+    parts[-1] += f", {missing} not computed" if missing and left > 2 else ""
+    return " ".join(f"{part}." for part in parts)
 
 
 def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
@@ -227,29 +284,48 @@ def _word_of(table: ResultTable, method: str) -> str:
     return next((row.word for row in table.rows if row.method == method), "")
 
 
-def _groups(words: Mapping[str, Sequence[str]], wanted: str, sweep: Sweep) -> list[str]:
+class _Group(NamedTuple):
+    """Methods that have a verdict at the same points."""
+
+    names: list[str]
+    where: str
+
+    def text(self, n: int) -> str:
+        """Name n of the methods."""
+        return f"{_few(self.names, n)} {self.where}"
+
+
+def _groups(words: Mapping[str, Sequence[str]], wanted: str, sweep: Sweep, computed: Sequence[bool]) -> list[_Group]:
     """Join the methods that have a verdict at the same points, those at most points first."""
-    says: dict[str, list[str]] = {}
+    found: dict[str, list[str]] = {}
     size: dict[str, int] = {}
-    write: Callable[[Sequence[bool]], str] = partial(ranges, sweep.points) if sweep.ordered else _where
-    for method, found in words.items():
-        chosen = [word == wanted for word in found]
-        if any(chosen):
-            text = write(chosen)
-            says.setdefault(text, []).append(method)
-            size[text] = sum(chosen)
-    ordered = sorted(says, key=lambda text: -size[text])
-    return [f"{listed(says[text])} {text}" for text in ordered]
+    complete, n = all(computed), sum(computed)
+    for method, of_points in words.items():
+        chosen = [word == wanted for word in of_points]
+        if k := sum(chosen):
+            every = f"at all {n} points" if complete and k == n else f"at {k} of {n}"
+            where = ranges(sweep.points, chosen) if complete and sweep.ordered else every
+            found.setdefault(where, []).append(method)
+            size[where] = k
+    ordered = sorted(found, key=lambda where: -size[where])
+    groups = [_Group(found[where], where) for where in ordered]
+    if groups and groups[0].where.endswith(f" of {n}"):
+        groups[0] = groups[0]._replace(where=f"{groups[0].where} points")
+    return groups
 
 
-def _fitting(groups: Sequence[str], room: int) -> str:
-    """Join as many groups as a number of words allows, at least one, and say that there are others."""
-    kept = [groups[0]]
+def _fitting(groups: Sequence[_Group], room: int) -> str:
+    """Write as many groups as a number of words allows, at least a part of the first, and that there are others."""
+    if not groups:
+        return ""
+    n = next((n for n in range(len(groups[0].names), 0, -1) if len(groups[0].text(n).split()) <= room - 2), 0)
+    kept = [groups[0].text(n)]
     for group in groups[1:]:
-        if sum(len(each.split()) for each in [*kept, group]) > room - 2 * (group is not groups[-1]):
+        text = group.text(len(group.names))
+        if sum(len(each.split()) for each in [*kept, text]) > room - 2 * (group is not groups[-1]):
             break
-        kept.append(group)
-    separator = "; " if any(" and " in group for group in kept) else ", "
+        kept.append(text)
+    separator = "; " if any(" and " in text for text in kept) else ", "
     return separator.join([*kept, "and others"] if len(kept) < len(groups) else kept)
 
 
@@ -282,9 +358,3 @@ def ranges(points: Sequence[str], chosen: Sequence[bool]) -> str:
         else:
             words.append(f"up to {points[b]}" if a == 0 else f"from {points[a]} to {points[b]}")
     return " and ".join(words)
-
-
-def _where(chosen: Sequence[bool]) -> str:
-    """Count the points, where they have no order."""
-    n = sum(chosen)
-    return f"at all {len(chosen)} points" if n == len(chosen) else f"at {n} of {len(chosen)}"
