@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
+from rmpc_bench.analysis.drivers import FEWEST, REST
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.responses import DIFFERENCE, LOG, LOG_RATIO, SHARE, SHARE_DIFFERENCE
 from rmpc_bench.analysis.rounding import decimal_text
@@ -14,6 +15,10 @@ from rmpc_bench.types import MetricInfo
 Row = Mapping[Hashable, Any]
 PAIRED = (LOG_RATIO, DIFFERENCE, SHARE_DIFFERENCE)
 """Responses that compare a method with the baseline."""
+MOST_OF = 0.5
+"""Share from which on a quantity alone is named."""
+MUCH_OF = 0.25
+"""Share from which on two quantities are named."""
 
 
 def share_text(row: Row) -> str:
@@ -51,3 +56,31 @@ def response_text(kind: str, info: MetricInfo, baseline: str) -> str:
         return f"{what}, against {baseline}" if kind == SHARE_DIFFERENCE else what
     words = {LOG_RATIO: f"the log ratio of {name}", DIFFERENCE: f"the difference of {name}", LOG: f"log {name}"}
     return words.get(kind, name) + (f" to {baseline}" if kind in PAIRED else "")
+
+
+def gist(rows: Iterable[Row], baseline: str) -> str:
+    """Say in a few words what drives the changes from the baseline; nothing where no share is resolved.
+
+    Parameters
+    ----------
+    rows : of `rmpc_bench.analysis.drivers`, at one point
+    baseline : its name; where it is alone, its own metric is meant
+
+    Returns
+    -------
+    such as ``mostly eps`` or ``a and b``
+    """
+    known = [row for row in rows if row["quantity"] != REST and row["response"] != "failed" and row["resolved"]]
+    known = [row for row in known if row["n"] >= FEWEST]
+    known = [row for row in known if row["method"] != baseline] or known
+    largest: dict[str, float] = {}
+    for row in known:
+        largest[str(row["quantity"])] = max(float(row["share"]), largest.get(str(row["quantity"]), 0.0))
+    names = sorted(largest, key=lambda name: -largest[name])
+    if not names:
+        return ""
+    if largest[names[0]] > MOST_OF:
+        return f"mostly {names[0]}"
+    if len(names) > 1 and largest[names[1]] > MUCH_OF:
+        return f"{names[0]} and {names[1]}"
+    return "little of the difference is explained by the known quantities"

@@ -15,7 +15,15 @@ import pandas as pd
 from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, margin_of
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts, mean_text, number, short
+from rmpc_bench.analysis.shown_numbers import (
+    Estimate,
+    change_texts,
+    difference_texts,
+    is_per_cent,
+    mean_text,
+    number,
+    short,
+)
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
@@ -35,6 +43,8 @@ WORDS = {
 """Verdict -> the word that a reader sees."""
 BETTER, WORSE, EQUIVALENT, INCONCLUSIVE, FAILS_MORE = "better", "worse", "equivalent", "inconclusive", "fails more"
 BASELINE, NOT_COMPUTED = "baseline", "not computed"
+MARKS = {INCONCLUSIVE: "?", EQUIVALENT: "\u2248", FAILS_MORE: "!"}
+"""Word -> its mark in a cell of a matrix."""
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of the runs that are drawn."""
 MOST_UNSORTED = 6
@@ -169,6 +179,13 @@ class ResultTable(NamedTuple):
             return difference_texts(row.change, self.info.unit, mirrored=mirrored)
         return change_texts(row.change, mirrored=mirrored)
 
+    def short_change(self, row: ResultRow) -> str:
+        """Write the change of a cell: in whole per cent or as a factor, with a mark where it is not better or worse."""
+        text = self.change_texts(row)[0]
+        if self.form == "ratio" and not math.isnan(row.change.value) and is_per_cent(row.change):
+            text = f"{number(row.change.value, 0, sign=True)} %"
+        return f"{text} {MARKS.get(row.word, '')}".strip()
+
     def change_text(self, row: ResultRow) -> str:
         """Write the change with its interval in one text."""
         return " ".join(filter(None, self.change_texts(row)))
@@ -211,7 +228,7 @@ def _row(
     finite = values[np.isfinite(values)]
     label = trials.labels.get(method, method)
     word, remark = _word(trials, info, method, described, compared)
-    worst = values.min() if info.direction == "higher" else values.max() if len(values) else math.nan
+    worst = math.nan if not len(values) else values.min() if info.direction == "higher" else values.max()
     return ResultRow(
         method=method,
         label="" if label == method else label,
@@ -222,7 +239,7 @@ def _row(
         mean=Estimate(described["mean"], described["ci_low"], described["ci_high"]),
         quantiles=tuple(map(float, quantiles(values, [*LEVELS]))) if len(values) else (),
         n_occurred=len(finite),
-        worst=float(worst) if len(values) else math.nan,
+        worst=float(worst),
         change=_change(compared),
         superiority=Estimate(*(100 * float(compared[name]) for name in _SUPERIORITY)) if compared else Estimate(),
         word=word,

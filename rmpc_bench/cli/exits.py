@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 import click
 
-from rmpc_bench.cli.streams import OutputError
+from rmpc_bench.cli.streams import OutputError, screen_width
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.publish import Publication
@@ -85,7 +85,7 @@ def show(written: Publication, seconds: float | None = None, *, notes: bool = Tr
     if notes:
         for text in notes_of(written):
             click.echo(text, err=True)
-    click.echo(written.summary(seconds))
+    click.echo(written.summary(seconds, screen_width()))
 
 
 def notes_of(written: Publication) -> list[str]:

@@ -13,6 +13,7 @@ import click
 
 from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run_request import Request, ShardOption, check_division
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.tuning import tuned_config, tuning_line
 from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.execution.interrupts import held
@@ -127,7 +128,7 @@ def _done_before(request: Request) -> Shown | None:
     folder = Path("results", *["smoke"] * request.smoke)
     found = (path for pattern in ("*", "*/*") for path in sorted(folder.glob(f"{pattern}/{FILE}")))
     directories = (path.parent for path in found) if request.output is None else [request.output]
-    return unchanged(request.arguments, located(request.config), directories)
+    return unchanged(request.arguments, located(request.config), directories, screen_width())
 
 
 def _run_all(
@@ -138,7 +139,7 @@ def _run_all(
     with held():
         from rmpc_bench.execution.published_state import Command, Shown, keep_state, up_to_date
     said, command = [*request.said], Command.of(request.arguments, config.path, read)
-    shown = None if request.missing or request.fresh else up_to_date(config, directory, options)
+    shown = None if request.missing or request.fresh else up_to_date(config, directory, options, screen_width())
     if shown is not None:
         return _show_again(request, shown, time.monotonic() - started)
     with held():
@@ -168,7 +169,7 @@ def _run_all(
         click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*times), err=True)
         click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
     codes = [exits.code_of(written, strict=strict) for strict in (False, True)]
-    shown = Shown.of(written, said, exits.notes_of(written), codes)
+    shown = Shown.of(written, said, exits.notes_of(written), codes, screen_width())
     _say_uncompared(request, shown.uncompared)
     if not results.other_code:
         keep_state(config, directory, options, written.paths, shown, command)
@@ -188,7 +189,7 @@ def _show_again(request: Request, shown: Shown, seconds: float) -> int:
 
 def _say_uncompared(request: Request, uncompared: bool) -> None:
     if request.strict and uncompared:
-        click.echo("--strict compared no finding: see the line `claims`", err=True)
+        click.echo("--strict compared no finding: see `claims` above", err=True)
 
 
 def _say_shards(request: Request, directory: Path) -> None:

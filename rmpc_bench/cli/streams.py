@@ -11,8 +11,18 @@ from __future__ import annotations
 import codecs
 import io
 import os
+import shutil
 import sys
 from typing import Any
+
+WIDTHS = (40, 80)
+"""Fewest and most columns for which texts are laid out."""
+
+
+def screen_width() -> int:
+    """Return the columns of the terminal, at most 80; that of COLUMNS where it is given."""
+    low, high = WIDTHS
+    return min(high, max(low, shutil.get_terminal_size((high, 24)).columns))
 
 
 class OutputError(OSError):

@@ -100,7 +100,7 @@ def drivers(results: Results | Trials) -> DriversTable:
 
     Returns
     -------
-    the table, with `frame`, `sentences`, `to_markdown()` and `to_screen()`
+    the table, with `frame`, `sentences` and `to_markdown()`
 
     Examples
     --------
@@ -108,8 +108,8 @@ def drivers(results: Results | Trials) -> DriversTable:
     >>> directory = tempfile.mkdtemp()
     >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
     >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> drivers(results).to_screen()
-    ['driven by   not resolved: 4 runs, at least 50 are needed']
+    >>> drivers(results).frame["resolved"].any().item()
+    False
     """
     return drivers_table(results if isinstance(results, Trials) else results.trials)
 

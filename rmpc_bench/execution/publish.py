@@ -24,6 +24,7 @@ from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.latex_files import write_latex
 from rmpc_bench.execution.manifest import note_look, note_report, read
 from rmpc_bench.execution.page_files import PAGE, Drawn, Evaluated, place_of, write_page
+from rmpc_bench.execution.published_state import with_time
 from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.tuning_report import tuning
@@ -32,12 +33,12 @@ from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
 from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.drivers_table import DriversTable
-from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.lost_table import LostTable, lost_table
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
+from rmpc_bench.report.screen import WIDTH, Screen
 from rmpc_bench.report.summary import Summary, trials_csv
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import Array
@@ -81,31 +82,36 @@ class Publication:
         """Claims whose finding differs from the recorded one; none where `results` are not final."""
         return tuple(each for each in self.verdicts if each.differs) if self.results.is_final else ()
 
-    def summary(self, seconds: float | None = None) -> str:
-        """Return the text that the command line shows at the end of a run, with its time [s] if given."""
-        experiment, trials = self.results.experiment, self.results.trials
-        return end_screen(
-            trials,
-            self.ranks.to_screen() or self.tables.to_screen((experiment.report.metrics or [experiment.primary])[0]),
-            directory=self.directory,
-            n_complete=min(self.results.n_complete[name] for name in trials.methods),
+    def summary(self, seconds: float | None = None, width: int = WIDTH) -> str:
+        """Return the text that the command line shows at the end of a run.
+
+        Parameters
+        ----------
+        seconds : time that the command took [s]; left out where None
+        width : columns of the terminal
+        """
+        experiment, results = self.results.experiment, self.results
+        overridden, missing = results.overrides, results.incomplete
+        reasons = [f"the configuration was overridden ({', '.join(overridden)})"] if overridden else []
+        reasons += [f"runs are missing ({', '.join(missing)})"] if missing else []
+        screen = Screen(
+            name="/".join(filter(None, [experiment.paper, experiment.name])),
+            trials=results.trials,
+            tables=self.tables,
+            metric=(experiment.report.metrics or [experiment.primary])[0],
+            page=self.directory / PAGE,
+            n_complete=min(results.n_complete[name] for name in results.trials.methods),
             n_runs=experiment.n_wanted,
-            seconds=seconds,
-            driven=self.drivers.to_screen(),
-            tuned=self.tuning.to_screen(),
+            driven=self.drivers,
+            tuned=self.tuning,
+            demanded=self.requirements,
+            ranked=self.ranks,
             verdicts=self.verdicts,
-            overrides=self.results.overrides,
-            incomplete=self.results.incomplete,
-            files=self._to_open(),
+            reasons=reasons,
             stop="" if experiment.stop is None else experiment.stop.text,
         )
-
-    def _to_open(self) -> list[str]:
-        """Name the page and the first figure: its PDF, or another format of it."""
-        first = self.figures[0].paths if self.figures else ()
-        picture = min(first, key=lambda path: (path.suffix != ".pdf", path.suffix != ".png"), default=None)
-        files = [self.directory / PAGE, *([] if picture is None else [picture])]
-        return [file.relative_to(self.directory).as_posix() for file in files]
+        text = screen.text(width)
+        return text if seconds is None else with_time(text, seconds, width)
 
     def __str__(self) -> str:
         return self.summary()

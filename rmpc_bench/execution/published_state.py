@@ -39,12 +39,11 @@ TUNING = "tuning.json"
 """Record of a tuning, from which values of the configuration come."""
 _LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
 """Libraries that decide what is in the configuration and in the derived files."""
-_TEXTS = dict.fromkeys(("head", "tail"), str)
 _SHAPE = {
     "fingerprint": str,
     "state": (str, None),
     "command": {"arguments": [str], "read": {str: str}, "beside": [str]},
-    "shown": {**_TEXTS, "said": list, "notes": list, "timed": bool, "uncompared": bool, "codes": [int]},
+    "shown": {"said": list, "notes": list, "lines": list, "width": int, "uncompared": bool, "codes": [int]},
     "files": {str: [int]},
 }
 _COUNTER = slice(24, 28)
@@ -59,30 +58,39 @@ class Shown:
     ----------
     said : lines for stderr about the configuration
     notes : lines for stderr about the results
-    head, tail : the text at the end of a run before and after its time
-    timed : whether the text has a time
+    lines : the text at the end of a run, without its time
+    width : columns that it is laid out for
     uncompared : whether there are claims, and these are not the results of the configuration as its file states it
     codes : exit code without and with ``--strict``
     """
 
     said: list[str]
     notes: list[str]
-    head: str
-    tail: str
-    timed: bool
+    lines: list[str]
+    width: int
     uncompared: bool
     codes: list[int]
 
     def text(self, seconds: float) -> str:
         """Return the text at the end of a run."""
-        return f"{self.head} done in {seconds:.1f} s{self.tail}" if self.timed else self.head
+        return with_time("\n".join(self.lines), seconds, self.width)
 
     @classmethod
-    def of(cls, written: Publication, said: Sequence[str], notes: Sequence[str], codes: Sequence[int]) -> Shown:
+    def of(
+        cls, written: Publication, said: Sequence[str], notes: Sequence[str], codes: Sequence[int], width: int
+    ) -> Shown:
         """Return what is shown of results that have just been published."""
-        head, time, tail = written.summary(0.0).partition(" done in 0.0 s")
         uncompared = bool(written.results.experiment.claims) and not written.results.is_final
-        return cls([*said], [*notes], head, tail, bool(time), uncompared, [*codes])
+        return cls([*said], [*notes], written.summary(None, width).split("\n"), width, uncompared, [*codes])
+
+
+def with_time(text: str, seconds: float, width: int) -> str:
+    """Put the time of a command [s] behind the first line of a screen, where there is room."""
+    first, *rest = text.split("\n")
+    timed = f"{first}, {seconds:.1f} s" if seconds < 1.95 else f"{first}, {seconds:.0f} s"
+    wide = sum(character > "\u1100" for character in timed)
+    has_room = "   " in first and len(timed) + wide <= width and "INTERRUPTED" not in first
+    return "\n".join([timed if has_room else first, *rest])
 
 
 @dataclass(frozen=True)
@@ -113,26 +121,30 @@ class Command:
         return self.arguments[0] in self.read and all(_hash_of(name) == sha for name, sha in self.read.items())
 
 
-def unchanged(arguments: Sequence[str], path: Path, directories: Iterable[Path]) -> Shown | None:
-    """Return what the same command has shown, where nothing has changed since; else None."""
+def unchanged(arguments: Sequence[str], path: Path, directories: Iterable[Path], width: int) -> Shown | None:
+    """Return what the same command has shown in a terminal of this width, where nothing has changed; else None."""
 
     def is_same(data: Mapping[str, Any], directory: Path) -> bool:
         return Command(**data["command"]).is_that_of(arguments, path) and data["state"] == _state(directory)
 
-    found = (_shown(directory, is_same) for directory in directories)
+    found = (_shown(directory, is_same, width) for directory in directories)
     return next((shown for shown in found if shown is not None), None)
 
 
-def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[str]) -> Shown | None:
+def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[str], width: int) -> Shown | None:
     """Return what was shown where no trial is missing and every derived file is as it was written; else None."""
-    return _shown(directory, lambda data, place: data["fingerprint"] == _fingerprint(config, place, options))
+
+    def is_same(data: Mapping[str, Any], place: Path) -> bool:
+        return bool(data["fingerprint"] == _fingerprint(config, place, options))
+
+    return _shown(directory, is_same, width)
 
 
-def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool]) -> Shown | None:
+def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool], width: int) -> Shown | None:
     """Return what a directory has to show if it was made from the same and all its files are as they were written."""
     try:
         data = json_of(directory / FILE, _SHAPE, "")
-        if data is None or not is_same(data, directory):
+        if data is None or data["shown"]["width"] != width or not is_same(data, directory):
             return None
         files: Mapping[str, Any] = data["files"]
         # `status` reads it; what it says changes without a change of the results.

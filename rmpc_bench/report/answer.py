@@ -95,16 +95,17 @@ def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
         return [""]
     n = sum(tested.values())
     if len(tested) == 1:
-        [word] = map(_finding, tested)
+        [word] = map(finding_words, tested)
         of = {1: "The statement", 2: "Both statements"}.get(n, f"All {n} statements")
         return [f"{of} of the paper that {'was' if n == 1 else 'were'} tested {'is' if n == 1 else 'are'} {word}."]
-    parts = [f"{found[each]} {_finding(each)}" for each in Finding if found[each]]
+    parts = [f"{found[each]} {finding_words(each)}" for each in Finding if found[each]]
     k = sum(count for each, count in tested.items() if each.is_confirmed)
     fewer = f"Of {n} statements of the paper, {k or 'none'} {'are' if k > 1 else 'is'} confirmed."
     return [f"Statements of the paper: {', '.join(parts)}.", fewer]
 
 
-def _finding(finding: Finding) -> str:
+def finding_words(finding: Finding) -> str:
+    """Write a finding so that it can stand behind a number or a form of ``be``."""
     return _FINDINGS.get(finding, finding.sentence)
 
 
@@ -118,7 +119,7 @@ def _first_fitting(*parts: Sequence[str], room: int) -> str:
 def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
     """Return the answer for one point and what is said of failures, each in ever fewer words."""
     rows = table.compared
-    if not rows:
+    if not any(row.word for row in rows):
         return [_alone(table)], [""]
     counted = [f"{_counted(table, rows)}{_largest(table)}", _counted(table, rows)]
     named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []

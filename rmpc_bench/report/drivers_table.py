@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from rmpc_bench.analysis.driver_text import Row, per_cent, share_text
+from rmpc_bench.analysis.driver_text import share_text
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers, inputs
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.driver_sentences import method_sentences
@@ -18,9 +18,6 @@ from rmpc_bench.types.texts import inert_markdown
 
 MOST_POINTS = 12
 """Points of a sweep whose drivers stand on the page; drivers.csv has all."""
-MOST_NAMED = 4
-"""Quantities, and methods, that the screen shows."""
-NOTE = "total effects; they need not sum to 100 %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +68,6 @@ class DriversTable:
         parts += ["\n".join(f"- {text}" for text in self.turns)] if self.turns else []
         return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
 
-    def to_screen(self) -> list[str]:
-        """Return the lines at the end of a run, the first one beginning with ``driven by``; none without drivers."""
-        filled = [(trials, frame) for trials, frame in self.points if len(frame)]
-        if not filled or not self.trials.with_verdicts:
-            return []
-        if len(filled) > 1:
-            return [f"driven by   drivers.csv: {len(filled)} points of the sweep"]
-        return list(_screen(*filled[0]))
-
     def __str__(self) -> str:
         return "\n".join(self.sentences)
 
@@ -118,39 +106,3 @@ def _columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
         for head, cell in cells.items():
             columns.setdefault(head, []).append(cell)
     return columns
-
-
-def _screen(trials: Trials, frame: pd.DataFrame) -> Iterator[str]:
-    shares = frame[(frame["response"] != "failed") & (frame["quantity"] != REST)]
-    methods = [name for name in trials.methods if name != trials.baseline] or list(trials.methods)
-    texts = {name: _one_line(shares[shares["method"] == name].to_dict("records")) for name in methods[:MOST_NAMED]}
-    if len(set(texts.values())) == 1 and not any("%" in text for text in texts.values()):
-        texts = {"": next(iter(texts.values()))}
-    width = max(map(len, texts)) + 3 if len(texts) > 1 else 0
-    lines = [f"{name if width else '':{width}}{text}" for name, text in texts.items()]
-    longest = max(map(len, lines))
-    for n, line in enumerate(lines):
-        note = f"{line:{longest}}      {NOTE}" if n == 0 and "%" in line else line
-        yield f"{'driven by' if n == 0 else '':12}{note}".rstrip()
-    left = len(methods) - MOST_NAMED
-    if left > 0:
-        yield f"{'':12}and {left} more {'method' if left == 1 else 'methods'}: drivers.csv"
-
-
-def _one_line(rows: Sequence[Row]) -> str:
-    """Name the quantities of a method with their shares, the largest first."""
-    if rows and rows[0]["n"] < FEWEST:
-        return f"not resolved: {rows[0]['n']} runs, at least {FEWEST} are needed"
-    known = [row for row in rows if row["share"] == row["share"]]
-    if not known:
-        return "not resolved: the runs do not differ, or are too few for the number of quantities"
-    known.sort(key=lambda row: -row["share"])
-    texts = [f"{row['quantity']} {_per_cent(row)}" for row in known[:MOST_NAMED]]
-    left = len(known) - len(texts)
-    return "  ".join(texts) + (f"  and {left} more" if left else "")
-
-
-def _per_cent(row: Row) -> str:
-    if not row["resolved"]:
-        return "not resolved"
-    return f"{per_cent(row['share'])} %"

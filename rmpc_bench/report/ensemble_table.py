@@ -39,15 +39,6 @@ def _numbers(values: Array) -> str:
     return " ".join(f"{value:.4g}" for value in values)
 
 
-def ensemble_screen(trials: Trials) -> str:
-    """Lay the table out as plain text; empty where there is none."""
-    rows = ensemble_rows(trials)
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
-    return "\n".join(
-        "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    )
-
-
 def ensemble_markdown(trials: Trials) -> str:
     """Lay the table out as Markdown; empty where there is none."""
     rows = ensemble_rows(trials)

@@ -158,18 +158,6 @@ class RanksTable:
         parts = [f"# {self.trials.name}: ranks", markdown_table(self.columns)]
         return inert_markdown("\n\n".join([*parts, "\n".join(f"- {text}" for text in self.legend)])) + "\n"
 
-    def to_screen(self) -> str:
-        """Return the table as plain text; empty without ranks."""
-        if not self.columns:
-            return ""
-        widths = {head: max(map(len, [head, *cells])) for head, cells in self.columns.items()}
-        heads = "   ".join(head.ljust(widths[head]) for head in self.columns).rstrip()
-        rows = [
-            "   ".join(cell.ljust(width) for cell, width in zip(cells, widths.values(), strict=True)).rstrip()
-            for cells in zip(*self.columns.values(), strict=True)
-        ]
-        return "\n".join([heads, *rows, "", *self.legend])
-
     def __str__(self) -> str:
         return "\n".join(self.sentences)
 

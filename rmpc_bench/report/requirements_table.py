@@ -20,6 +20,9 @@ from rmpc_bench.types.texts import inert_markdown
 
 _SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
 
+MOST_NAMED = 4
+"""Methods that the screen names."""
+
 
 @dataclass(frozen=True, eq=False)
 class RequirementsTable:
@@ -49,6 +52,18 @@ class RequirementsTable:
             for trials, frame in self.points
             for row in frame.to_dict("records")
         )
+
+    @property
+    def gist(self) -> str:
+        """In how many runs each method meets the first requirement; empty without one, or with several points."""
+        known = [frame for _, frame in self.points if len(frame)]
+        if len(known) != 1:
+            return "requirements: tables/requirements.md" if known else ""
+        first = known[0]["requirement"].iloc[0]
+        rows = known[0][known[0]["requirement"] == first].to_dict("records")[:MOST_NAMED]
+        others = known[0]["requirement"].nunique() > 1 or len(known[0]) > len(rows)
+        met = ", ".join(f"{row['passed']} ({row['method']})" for row in rows)
+        return f"{first} in {met} of {rows[0]['n']} runs{': tables/requirements.md' * others}"
 
     def to_markdown(self) -> str:
         """Return a table per point; empty without requirements."""

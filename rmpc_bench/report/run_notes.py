@@ -14,8 +14,6 @@ from rmpc_bench.types import RunFailure, Status
 
 MOST_FILES = 20
 """Failed runs of a method that have a file of their own."""
-MOST_ON_SCREEN = 3
-"""Failed runs that the screen names."""
 MOST_WARNINGS = 10
 """Different warnings of a method that tables/summary.md shows."""
 
@@ -113,25 +111,14 @@ def notes_markdown(trials: Trials) -> list[str]:
     return [*parts, *(["## Warnings of components", "\n".join(warned)] if warned else [])]
 
 
-def screen_lines(trials: Trials, directory: object) -> list[str]:
-    """Return the lines of the screen on failed runs, held and failed steps, warnings and limitations."""
-    lines: list[str] = []
-    failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
-    for number, (table, method, run) in enumerate(failed[:MOST_ON_SCREEN]):
-        lines.append(f"{'failed' if number == 0 else '':12}{of_run(table, method, run)}")
-        lines.append(f"{'':12}    {show_command(table, directory, method, run)}")
-    left = len(failed) - MOST_ON_SCREEN
-    lines += [f"{'':12}and {left} more: tables/summary.md and failures/"] if left > 0 else []
+def remark_lines(trials: Trials) -> list[str]:
+    """Return a line on held steps, failed steps, warnings and limitations each, the first of its kind."""
     held = [text for table in trials.each for text in held_sentences(table)]
-    lines += [f"{'held' if number == 0 else '':12}{text}" for number, text in enumerate(held[:MOST_ON_SCREEN])]
     steps = [text for table in trials.each for text in failed_sentences(table)]
-    lines += [f"{'steps' if number == 0 else '':12}{text}" for number, text in enumerate(steps[:MOST_ON_SCREEN])]
     kinds = {text for table in trials.each for notes in table.notes.values() for text in notes.warnings}
-    if kinds:
-        what = f"{len(kinds)} different warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"
-        lines.append(f"{'warnings':12}{what}")
-    lines += [f"{'limitation' if i == 0 else '':12}{text}" for i, text in enumerate(_limitations(trials))]
-    return lines
+    warned = [f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components"] if kinds else []
+    found = [[*each] for each in (steps, held, warned, _limitations(trials)) if each]
+    return [text + (f" (and {len(each) - 1} more: tables/summary.md)" if each[1:] else "") for text, *each in found]
 
 
 def _limitations(trials: Trials) -> list[str]:
@@ -189,6 +176,13 @@ def of_run(trials: Trials, method: str, run: int) -> str:
         return head
     reason = (failure.message or failure.component).splitlines()[0]
     return f"{head}{_at(trials, failure.k)} ({reason})"
+
+
+def message_of(trials: Trials, method: str, run: int) -> str:
+    """Return the first line of the message of a failed run; its status where there is none."""
+    failure = _failure(trials, method, run)
+    text = failure.message or failure.component if failure is not None else ""
+    return text.splitlines()[0] if text else _status(trials, method, run)
 
 
 def _status(trials: Trials, method: str, run: int) -> str:

@@ -14,16 +14,16 @@ from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import Levels, comparisons, levels
 from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.report.csv_file import write_csv
-from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
+from rmpc_bench.report.ensemble_table import ensemble_markdown
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
 from rmpc_bench.report.point_summary import PointSummary
-from rmpc_bench.report.tables import screen, summary_markdown
+from rmpc_bench.report.tables import summary_markdown
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column
 
 MOST_ON_SCREEN = 6
-"""Points of a sweep that the screen shows one by one; of more it shows the runs of all points together."""
+"""Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
 
 
 def trials_csv(trials: Trials, path: Path) -> None:
@@ -116,26 +116,6 @@ class Summary(NamedTuple):
         if wanted not in tables:
             raise DesignError("there is no table in LaTeX: no run, or too many points of a sweep; summary.csv has all")
         return tables[wanted]
-
-    def to_screen(self, metric: str) -> str:
-        """Lay out one metric as the plain text shown at the end of a run.
-
-        Parameters
-        ----------
-        metric : name of the metric
-        """
-        if self.pooled:
-            where = "tables/summary.md" if len(self.points) <= MOST_PAGES else "summary.csv"
-            text = f"the {len(self.points)} points of the sweep together; {where} has each"
-            return f"{text}\n{screen(*self.pooled, metric)}"
-        blocks = []
-        for point in self.points[:MOST_ON_SCREEN]:
-            parts = [screen(*point, metric)] if len(point.trials.frame) else []
-            block = "\n\n".join([*parts, *filter(None, [ensemble_screen(point.trials)])])
-            blocks.append(f"{point.trials.title}\n{block}" if point.trials.title else block)
-        left = len(self.points) - len(blocks)
-        blocks += [f"and {left} more point{'s' * (left > 1)} of the sweep: tables/summary.md"] if left else []
-        return "\n\n".join(blocks)
 
 
 def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequence[str] | None) -> PointSummary:

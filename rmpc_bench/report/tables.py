@@ -1,4 +1,4 @@
-"""Tables of one experiment, or one point of a sweep: the Markdown page and the block at the end of the screen."""
+"""Tables of one experiment, or one point of a sweep, as a page in Markdown."""
 
 from __future__ import annotations
 
@@ -14,68 +14,13 @@ from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.lost_cells import lost_cells, lost_text, shows_lost
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import STEP_TIMES, failed_cells, held_cells, notes_markdown, step_times
+from rmpc_bench.report.run_notes import failed_cells, held_cells, notes_markdown
 from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
 from rmpc_bench.types.texts import inert_markdown
 
-GAPS = {"mean": 4, "median": 3, "change": 4, "other": 3, "won": 5, "n": 3, "verdict": 3}
-"""Blanks before each column of the screen."""
-
 BEST = {"zero": "best at 0", "one": "best at 1"}
-
-
-def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, metric: str) -> str:
-    """Lay out one metric as the plain text shown at the end of a run, without a line end after the last line.
-
-    Runs failed and the runs that comparisons rest on are there only where a run failed; the second average only where
-    it contradicts the first; where an event does not occur in a run, the share of these runs stands in place of the
-    mean.  Without verdicts, as after a smoke run, it has sizes and statuses only.
-    """
-    table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
-    names = [line.method for line in table.lines]
-    columns = {"name": [quantity(table.info), *(line.shown for line in table.lines)]}
-    if not trials.with_verdicts:
-        return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *status_lines(trials)])
-    # The heads of mean and change leave room for a sign.
-    columns["mean"] = [" did not occur" if table.may_not_occur else " mean", *cells.means(table)]
-    if lost := lost_cells(table):
-        columns["lost"] = ["lost", *lost]
-    columns["median"] = ["median [quartiles]", *cells.medians(table)]
-    if table.with_comparisons:
-        columns["change"] = [f" {cells.change_head(table)}", *map(_signed, cells.changes(table))]
-        other = cells.other_average(table)
-        if other and cells.averages_contradict(table):
-            columns["other"] = [f" {AVERAGES[other]}", *map(_signed, cells.changes(table, other))]
-        columns["won"] = ["won/lost/tied", *cells.counts(table)]
-    if table.with_failed:
-        columns["n"] = ["n/n_failed", *cells.sizes(table)]
-    if held := held_cells(trials, names):
-        columns["held"] = ["held", *held]
-    if failed := failed_cells(trials, names):
-        columns["failed"] = ["failed steps", *failed]
-    if table.with_failed and table.with_comparisons:
-        columns["pairs"] = ["pairs", *cells.pairs(table)]
-    if words := parameter_cells(trials, names):
-        columns["parameters"] = ["parameters", *words]
-    if times := step_times(trials, names):
-        columns["time"] = ["time per step", *times]
-    if table.with_comparisons:
-        columns["verdict"] = ["", *cells.verdicts(table)]
-    return "\n".join([*_laid_out(columns), *legend(table, on_screen=True), *([STEP_TIMES] if times else [])])
-
-
-def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:
-    """Put columns beside each other; return the lines."""
-    rows = [""] * len(columns["name"])
-    for name, texts in columns.items():
-        width = max(len(text) for text in texts)
-        rows = [
-            row + " " * GAPS.get(name, 3 if row else 0) + text.ljust(width)
-            for row, text in zip(rows, texts, strict=True)
-        ]
-    return [row.rstrip() for row in rows]
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
@@ -222,8 +167,3 @@ def quantity(info: MetricInfo) -> str:
     """Write a metric with its unit."""
     name = f"{info.label} ({info.name})" if info.label else info.name
     return f"{name} [{info.unit}]" if info.unit else name
-
-
-def _signed(text: str) -> str:
-    """Let the sign of a number hang out on the left, so that digits stand below digits."""
-    return text if len(text) > 1 else f" {text}"

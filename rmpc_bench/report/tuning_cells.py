@@ -54,6 +54,18 @@ def value_text(found: Outcome) -> str:
     return ", ".join(texts) + (" (default): nothing could be tuned" if row is None else "")
 
 
+def short_text(found: Outcome) -> str:
+    """Write a method with the last part of the name of every parameter and its value, in a few words."""
+    search, row = found.search, found.search.tuned_row
+    if row is None:
+        return f"{search.method} nothing found"
+    values = [
+        f"{parameter.path.rpartition('.')[2]} {parameter.text(float(value))}{' (end of range)' if end else ''}"
+        for parameter, value, end in zip(search.parameters, row, search.at_end, strict=True)
+    ]
+    return " ".join([search.method, *values])
+
+
 def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
     """Return head -> cells of the table of values at one point of the sweep, a line per method and parameter."""
     columns: dict[str, list[str]] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,15 +14,15 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.tables import markdown_table
-from rmpc_bench.report.tuning_cells import objective_text, percent, rank_columns, rank_text, value_columns, value_text
+from rmpc_bench.report.tuning_cells import objective_text, rank_columns, short_text, value_columns
 from rmpc_bench.report.tuning_sentences import EXPLANATION, end_sentences, rank_sentences, search_sentence
 from rmpc_bench.types.texts import inert_markdown
 from rmpc_bench.types.tuning import Tuning
 
+MOST_NAMED = 3
+"""Searches whose values the screen names."""
 MOST_POINTS = 6
 """Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
-MOST_NAMED = 8
-"""Methods that the screen shows one by one."""
 _SHARES = [
     "failed_pct",
     "test_failed_default_pct",
@@ -198,56 +198,33 @@ class TuningTable:
         parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
         return inert_markdown("\n\n".join([*parts, EXPLANATION])) + "\n"
 
-    def to_screen(self) -> list[str]:
-        """Return the lines at the end of a run, the first one beginning with ``tuning``; none without tuning."""
-        lines = [*self._screen()] if self.outcomes else []
-        return [f"{'tuning' if number == 0 else '':12}{line}".rstrip() for number, line in enumerate(lines)]
+    @property
+    def gist(self) -> str:
+        """What is tuned, to what values if these are few, and what that leaves open; empty where nothing is."""
+        if self.tuning is None or not self.outcomes:
+            return ""
+        every, protocol = [each for found in self.outcomes.values() for each in found], self.tuning.protocol
+        size = f"budget {protocol.budget}, {protocol.runs} runs (tables/tuning.md)"
+        if len(every) <= MOST_NAMED:
+            return f"tuned: {', '.join(map(short_text, every))}; {size}{self._no_ranks}"
+        lost, ends = ([*dict.fromkeys(each.search.method for each in every if test(each))] for test in (_lost, _at_end))
+        n = len({each.search.method for each in every} - {*lost})
+        text = f"tuned: {n} method{'s' * (n != 1)}"
+        text += f"; nothing found for {', '.join(lost)}" if lost else ""
+        text += f"; at the end of its range: {', '.join(ends)}" if ends else ""
+        return f"{text}; {size}{self._no_ranks}"
 
-    def _screen(self) -> Iterator[str]:
-        assert self.tuning is not None
-        every = [each for found in self.outcomes.values() for each in found]
-        protocol, n = self.tuning.protocol, len({each.search.method for each in every})
-        points = f" at {len(self.outcomes)} points" if len(self.outcomes) > 1 else ""
-        head = f"{n} method{'s' * (n > 1)}{points}, {protocol.words.removeprefix('tuned (').removesuffix(')')}"
-        yield f"{head}, {protocol.statistic} of {protocol.metric}"
-        if len(self.outcomes) == 1:
-            (found,) = self.outcomes.values()
-            yield from self._screen_of_point(found)
-        elif known := [each for each in every if each.regret == each.regret]:
-            worst = max(known, key=lambda each: each.regret)
-            yield f"largest regret {percent(worst.regret)} ({worst.search.method}, {worst.search.point})"
-        ends = [each for each in every if any(each.search.at_end)]
-        if ends:
-            names = dict.fromkeys(each.search.method for each in ends)
-            yield f"at the end of the range: {', '.join(names)}; a better value may lie outside"
-        if len(self.outcomes) == 1:
-            yield from (f"No ranks: {why}." for why in self.unranked.values())
-            yield from (text for ranks in self.ranks.values() for text in rank_sentences(ranks))
-            return
-        changing = sum(bool(ranks.can_change or ranks.changing) for ranks in self.ranks.values())
-        if self.ranks:
-            where = f"at {changing} of {len(self.ranks)} points" if changing else "at no point"
-            yield f"ranks change with the tuning runs or the budget {where}"
-        if self.unranked:
-            where, why = f"{len(self.unranked)} of {len(self.outcomes)} points", next(iter(self.unranked.values()))
-            yield f"no ranks at {where}: {why}"
-        yield "tables/tuning.md and tuning.csv have each point"
-
-    def _screen_of_point(self, found: Sequence[Outcome]) -> Iterator[str]:
-        ranks = self.ranks.get(found[0].search.point)
-        shown = found[:MOST_NAMED]
-        columns = [
-            [each.search.method for each in shown],
-            [value_text(each) for each in shown],
-            ["" if each.regret != each.regret else f"regret {percent(each.regret)}" for each in shown],
-            ["" if ranks is None else f"rank {rank_text(ranks, each.search.method)}" for each in shown],
-        ]
-        widths = [max(map(len, column)) for column in columns]
-        for cells in zip(*columns, strict=True):
-            yield "   ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True) if width).rstrip()
-        left = len(found) - len(shown)
-        if left:
-            yield f"and {left} more method{'s' * (left > 1)}: tables/tuning.md"
+    @property
+    def _no_ranks(self) -> str:
+        return f"; no ranks: {next(iter(self.unranked.values()))}" if self.unranked else ""
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)
+
+
+def _lost(found: Outcome) -> bool:
+    return found.search.chosen is None
+
+
+def _at_end(found: Outcome) -> bool:
+    return any(found.search.at_end)

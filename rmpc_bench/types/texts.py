@@ -1,4 +1,4 @@
-"""What names and texts of a file must not contain, and what a screen and a page show of them.
+"""What names and texts of a file must not contain, what a screen and a page show of them, and lines of a terminal.
 
 A name contains no character that a reader cannot see, since two names would look alike.  A text may, because some
 scripts and emoji need joiners.  Neither contains a control character or one that changes the direction of writing.
@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
 _DIRECTION = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _REFUSED = re.compile(f"[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff{_DIRECTION}]")
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 _DEFINITION = re.compile(r"^([\s\d>#*.+)-]*\[[^\]\n]*\]):", re.MULTILINE)
+_FORMULA = re.compile(r"\$([^$]*)\$")
 _UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
@@ -61,6 +63,73 @@ def inert_markdown(text: str) -> str:
     '&lt;b>a&lt;/b> [b]&#40;c) $x < 1$'
     """
     return _DEFINITION.sub(r"\1&#58;", _TAG.sub("&lt;", text).replace("](", "]&#40;"))
+
+
+def width_of(text: str) -> int:
+    """Count the columns of a terminal that a text takes."""
+    if text.isascii():
+        return len(text)
+    wide = sum(unicodedata.east_asian_width(each) in "WF" for each in text)
+    return (
+        len(text) + wide - sum(unicodedata.combining(each) > 0 or unicodedata.category(each) == "Cf" for each in text)
+    )
+
+
+def cut(text: str, width: int) -> str:
+    """Shorten a text, with two points in place of its end.
+
+    Examples
+    --------
+    >>> cut("KF", 12), cut("a-very-long-name", 12)
+    ('KF', 'a-very-lon..')
+    """
+    if width_of(text) <= width:
+        return text
+    while text and width_of(text) > width - 2:
+        text = text[:-1]
+    return text + ".."
+
+
+def without_formulas(text: str) -> str:
+    r"""Write formulas as a terminal shows them.
+
+    Examples
+    --------
+    >>> without_formulas(r"$x_0$ of $\\delta_{v}^2$")
+    'x_0 of delta_v^2'
+    """
+    return _FORMULA.sub(lambda found: re.sub(r"[\\{}]", "", found[1]), text)
+
+
+def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -> list[str]:
+    """Break a text at blanks, and a longer word where the line ends; the first line may have another indent."""
+    lines, line, empty = list[str](), indent if first is None else first, True
+    for word in text.split():
+        if not empty and width_of(line) + 1 + width_of(word) > width:
+            lines.append(line)
+            line, empty = indent, True
+        line, empty = f"{line}{'' if empty else ' '}{word}", False
+        while width_of(line) > width:
+            n = width
+            while width_of(line[:n]) > width:
+                n -= 1
+            lines.append(line[:n])
+            line = indent + line[n:]
+    return [*lines, line]
+
+
+def in_columns(rows: Sequence[Sequence[str]], right: Sequence[int] = (), *, indent: str = " ") -> list[str]:
+    """Put cells below each other with two blanks between columns; `right` are those that end at the same place."""
+    widths = [max(map(width_of, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        blanks = [" " * (width - width_of(cell)) for cell, width in zip(row, widths, strict=True)]
+        cells = [
+            blank + cell if k in right else cell + blank
+            for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
+        ]
+        lines.append((indent + "  ".join(cells)).rstrip())
+    return lines
 
 
 def _said(character: str) -> str:

@@ -51,7 +51,7 @@ def test_another_directory(stored, tmp_path):
     assert table.index("R-MPC") < table.index("S-MPC") and "Won" not in table
     markdown = (tmp_path / "new" / "tables" / "summary.md").read_text()
     assert "## mse" not in markdown and markdown.index("| R-MPC") < markdown.index("| S-MPC")
-    assert "input_power" in result.stdout
+    assert "mean input power" in result.stdout
     svg = (tmp_path / "new" / "figures" / "boxplot.svg").read_text()
     assert 'viewBox="0 0 251.059 ' in svg and svg.index(">R-MPC") < svg.index(">S-MPC") and "input" in svg
     assert re.match(r"% written by rmpc-bench, version .*\n% experiment tiny, hash \w{64}\n% seed 7, n = 6 runs", table)

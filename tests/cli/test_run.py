@@ -57,11 +57,11 @@ def test_what_a_run_leaves_behind(here):
     }
     assert (directory / "config.yaml").read_text() == (here / "tiny.yaml").read_text()
     first, *rest = result.stdout.splitlines()
-    assert re.fullmatch(r"tiny done in \d+\.\d s   6 of 6 runs, 0 failed   results/p/tiny", first.strip())
+    assert re.fullmatch(r"p/tiny   6 of 6 runs, 0 failed, [\d.]+ s", first)
     shown = "\n".join(rest)
-    assert "mse [rad^2]" in shown and "change vs S-MPC" in shown
-    assert "claims      claims.md: 1 statement of the paper" in shown
-    assert "open        report.html   figures/boxplot." in shown
+    assert "mean MSE [rad^2]" in shown and "change against S-MPC" in shown
+    assert " confirmed: 1 statement of the paper (claims.md)" in shown
+    assert rest[-1] == " results/p/tiny/report.html"
     assert not list(here.rglob("*.part"))
 
 
@@ -181,7 +181,7 @@ def test_wrong_number_of_workers(here, jobs):
 def test_progress_goes_to_stderr(here, how):
     """Stdout has the result alone."""
     result = cli("run", write(here), "-j", 1, "--progress", how)
-    assert result.exit_code == 0 and result.stdout.lstrip().startswith("tiny done in")
+    assert result.exit_code == 0 and result.stdout.startswith("tiny   6 of 6 runs, 0 failed")
 
 
 def test_an_internal_error(here, monkeypatch):

@@ -155,7 +155,7 @@ def test_the_command_line_says_what_is_left_out(path, tmp_path):
     found = cli("run", path, "-s", ONE, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
     assert found.exit_code == 0, found.output
     assert "left out: 1 of 2 claims" in found.stderr and "left out: report.order.0" in found.stderr
-    assert "claims      not evaluated: the configuration was overridden" in found.stdout
+    assert " claims: not evaluated, the configuration was overridden" in found.stdout
     assert not load_results(tmp_path / "out").is_final
     ran(tmp_path / "out" / "config.resolved.yaml", tmp_path / "again")
 

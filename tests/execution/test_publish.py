@@ -145,8 +145,12 @@ def test_a_smoke_run_shows_sizes_only(tmp_path):
     config = load_config(write(tmp_path, claims=CLAIMS, smoke="{runs: 2, steps: 5}"), smoke=True)
     written = publish(run(config, directory=tmp_path / "out", jobs=1))
     lines = written.summary().splitlines()
-    assert lines[0].startswith("tiny (smoke run, no verdicts)   2 of 2 runs, 0 failed   ")
-    assert "    claims      not evaluated: a smoke run is too short, claims.md is for information only" in lines
+    assert lines[0] == "tiny   smoke run: 2 of 2 runs, 0 failed"
+    assert [line.split() for line in lines if line.startswith((" S-MPC", " R-MPC"))] == [
+        ["S-MPC", "ran"],
+        ["R-MPC", "ran"],
+    ]
+    assert " claims: not evaluated, a smoke run is too short" in lines
     page = (tmp_path / "out" / "tables" / "summary.md").read_text()
     for text in (*lines, page):
         for word in ("better", "worse", "inconclusive", "equivalent", "confirmed", "%"):
@@ -167,7 +171,7 @@ def test_an_incomplete_experiment_is_not_final(tmp_path):
     results = run(config, directory=tmp_path / "out", jobs=1, only=["S-MPC"])
     assert not results.is_final and results.incomplete == ("R-MPC: 0 of 6 runs",)
     written = publish(results)
-    assert "claims      not evaluated: runs are missing (R-MPC: 0 of 6 runs)" in written.summary()
+    assert " claims: not evaluated, runs are missing (R-MPC: 0 of 6 runs)" in written.summary()
     assert len(written.left_out) == 1 and written.left_out[0].startswith("boxplot: ")
     assert "information" in (tmp_path / "out" / "claims.md").read_text()
 

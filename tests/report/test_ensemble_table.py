@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_rows, ensemble_screen
+from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_rows
 
 TWO = {"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}}
 
@@ -57,7 +57,7 @@ def test_nothing_without_moments(make_trials, with_series):
     """Neither a headline nor an empty table; a method without them has no row."""
     for trials in (make_trials(TWO), with_series(make_trials(TWO), *believed("A", [1.0]))):
         assert ensemble_rows(trials) == []
-        assert ensemble_screen(trials) == ensemble_markdown(trials) == ""
+        assert ensemble_markdown(trials) == ""
     rows = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))
     assert [row[0] for row in rows[1:]] == ["B"]
 
@@ -67,15 +67,6 @@ def test_an_error_beyond_all_bounds(make_trials, with_series, value):
     """It is shown as it is, without a warning."""
     (_, row) = ensemble_rows(with_series(make_trials(TWO), *moments("A", [0.0], [value], 0)))
     assert row[2] == row[3] == str(value)
-
-
-def test_columns_stand_below_each_other(make_trials, with_series):
-    """On the screen; no blanks at the ends of lines."""
-    entries = moments("A", [1.0], [4.0], 500) + moments("B", [-12.25], [3.0], 0)
-    head, *lines = ensemble_screen(with_series(make_trials(TWO), *entries)).splitlines()
-    assert [line[head.index("variance") :].split()[0] for line in lines] == ["4", "3"]
-    assert [line[head.index("reported covariance") :].split()[0] for line in lines] == ["-", "-"]
-    assert all(line == line.rstrip() for line in (head, *lines))
 
 
 def test_a_page_of_a_point(make_trials, with_series):

@@ -13,6 +13,7 @@ from rmpc_bench import load_config
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.report.page.rank_table import LIMITATIONS, rank_blocks
 from rmpc_bench.report.ranks_table import ranks_table
+from rmpc_bench.report.screen_tables import rank_lines
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import Tuning, TuningProtocol, TuningSearch
 
@@ -77,8 +78,9 @@ def test_a_rank_is_never_a_number_alone(sweep):
     table = ranks_table(sweep())
     assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
-    lines = table.to_screen().splitlines()
-    assert lines[0].split()[:3] == ["method", "rank", "n/n_failed"] and lines[1].startswith("good")
+    head, first, *_ = rank_lines(table.found, table.trials, 80)
+    assert head.split() == ["method", "ratio", "to", "KF", "rank"] and first.split()[0] == "good"
+    assert first.split()[-3:] == ["1", "to", "1"]
     assert [*table.columns][3:6] == ["ratio to KF", "modelled", "biased"]
     assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
 
@@ -123,7 +125,7 @@ def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
 def test_only_where_it_is_asked_for(sweep):
     """Without the key there are no columns, no file and no section of the page."""
     table = ranks_table(sweep(ranked=None))
-    assert table.columns == {} and table.to_screen() == table.to_markdown() == "" and table.sentences == ()
+    assert table.columns == {} and table.to_markdown() == "" and table.sentences == ()
     assert not len(table.frame) and rank_blocks(table, ()) == [] and rank_blocks(None, ()) == []
     smoke = replace(sweep(), with_verdicts=False)
     assert ranks_table(smoke).columns == {}
@@ -140,7 +142,7 @@ def test_files_and_page(tmp_path):
     file = write(tmp_path, statistics="{ranks: true}")
     out = tmp_path / "out"
     result = cli("run", file, "-o", out, "-j", 1, "--progress", "none")
-    assert result.exit_code == 0 and result.stdout.splitlines()[2].split()[:2] == ["method", "rank"]
+    assert result.exit_code == 0 and " ratio to S-MPC" in result.stdout
     assert pd.read_csv(out / "ranks.csv")["rank_low"].min() == 1
     assert (out / "tables" / "ranks.md").read_text().startswith("# ")
     page = (out / "report.md").read_text()

@@ -1,4 +1,4 @@
-"""The tables of a sweep: point below point, and what the screen shows of many points."""
+"""The tables of a sweep: point below point, and many points of single runs together."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.summary import trials_csv
-from rmpc_bench.report.tables import screen, summary_markdown
+from rmpc_bench.report.tables import summary_markdown
 
 
 @pytest.fixture
@@ -59,22 +59,15 @@ def test_without_a_sweep_nothing_is_added(make_trials):
     pd.testing.assert_frame_equal(summary.described, statistics.summary(trials))
     pd.testing.assert_frame_equal(summary.compared, comparisons(trials))
     described, compared = statistics.summary(trials), comparisons(trials)
-    assert summary.to_screen("mse") == screen(trials, described, compared, "mse")
     assert summary.to_markdown() == summary_markdown(trials, described, compared)
     assert summary.pooled is None
 
 
 @pytest.mark.parametrize("n", [1, 2, 6])
-def test_few_points_are_shown_one_by_one(sweep, n):
-    """Each under its name, as it would be shown alone."""
+def test_few_points_have_a_page_each(sweep, n):
     there = sweep(n)
     summary = summarise(there)
     assert summary.pooled is None
-    blocks = [
-        f"c={c}\n" + screen(point, statistics.summary(point), comparisons(point), "mse")
-        for c, point in enumerate(there.points, 1)
-    ]
-    assert summary.to_screen("mse") == "\n\n".join(blocks)
     headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
     assert headings == [f"# tiny: c={c}" for c in range(1, n + 1)]
 
@@ -82,8 +75,6 @@ def test_few_points_are_shown_one_by_one(sweep, n):
 def test_many_points_are_shown_together(sweep):
     """Oracle: the mean of seven single runs; the page has each point, too."""
     summary = summarise(sweep(7, own_keys, sizes=(2.0,)))
-    text = summary.to_screen("mse")
-    assert text.startswith("the 7 points of the sweep together; tables/summary.md has each\n")
     described = summary.pooled.described.set_index("method")
     assert described["n"].tolist() == [7, 7]
     assert described["mean"].tolist() == pytest.approx([2.0, 8.0])
@@ -101,12 +92,7 @@ def test_points_of_several_runs_are_not_taken_together(sweep):
 def test_shared_trials_are_not_pooled(sweep):
     """A method that is the same at all points has one run, not eight: points are then shown one by one."""
     summary = summarise(sweep(8, lambda c: {"A": "same", "B": f"B{c}"}, sizes=(2.0,)))
-    text = summary.to_screen("mse")
-    assert summary.pooled is None and "/8" not in text
-    assert [line for line in text.splitlines() if line.startswith("c=")] == [f"c={c}" for c in range(1, 7)]
-    assert text.endswith("\n\nand 2 more points of the sweep: tables/summary.md")
-    seven = summarise(sweep(7, lambda c: {"A": "same", "B": f"B{c}"}, sizes=(2.0,)))
-    assert seven.to_screen("mse").endswith("\n\nand 1 more point of the sweep: tables/summary.md")
+    assert summary.pooled is None
     assert len([line for line in summary.to_markdown().splitlines() if line.startswith("# ")]) == 8
 
 

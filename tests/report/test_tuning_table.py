@@ -11,7 +11,7 @@ from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.csv_file import csv_lines
 from rmpc_bench.report.tuning_cells import percent
-from rmpc_bench.report.tuning_table import MOST_NAMED, MOST_POINTS, TuningTable
+from rmpc_bench.report.tuning_table import MOST_POINTS, TuningTable
 from rmpc_bench.types.tuning import TunedParameter
 
 STAGES = ["grid", "grid", "golden"]
@@ -61,9 +61,9 @@ def test_a_search_that_found_nothing_says_so_on_the_screen_in_sentences_and_tabl
     text = "A: estimator.radius 0.1 (default): nothing could be tuned"
     assert table.sentences[0] == f"{text}, as none of 2 values has a finite mse in a tuning run." and not table.ranks
     assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
-    screen = "\n".join(table.to_screen())
-    assert text.replace(": ", "   ", 1) in screen and "rank 1" not in screen
-    assert table.sentences[-1] == "No ranks: nothing could be tuned for A." and table.sentences[-1] in screen
+    assert table.sentences[-1] == "No ranks: nothing could be tuned for A."
+    size = "budget 4, 3 runs (tables/tuning.md)"
+    assert table.gist == f"tuned: A nothing found, B radius 0.02; {size}; no ranks: nothing could be tuned for A"
     assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
 
 
@@ -82,21 +82,20 @@ def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
         assert len({row.count("|") for row in rows}) <= 1
 
 
-def test_the_screen_has_a_line_per_method(made):
-    assert made.to_screen() == [
-        "tuning      2 methods, budget 4, 3 runs, mean of mse",
-        "            A   estimator.radius 0.1 -> 10 (end of range)   regret 0 %    rank 1 (1 to 1)",
-        "            B   estimator.radius 0.1 -> 0.02                regret 25 %   rank 2 (2 to 2)",
-        "            at the end of the range: A; a better value may lie outside",
-        *(f"            {text}" for text in made.sentences[-2:]),
-    ]
+def test_the_screen_has_a_line_with_few_values(made, trials):
+    size = "budget 4, 3 runs (tables/tuning.md)"
+    assert made.gist == f"tuned: A radius 10 (end of range), B radius 0.02; {size}"
+    searches = [search(f"M{i}", constant([2, 1]), values=[0.01, 10.0]) for i in range(4)]
+    many = TuningTable(trials, tuning(*searches, search("L", [[np.nan] * 3] * 2, values=[0.1, 1.0])))
+    ends = ", ".join(f"M{i}" for i in range(4))
+    assert many.gist == f"tuned: 4 methods; nothing found for L; at the end of its range: {ends}; {size}"
 
 
 def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
     made = TuningTable(trials, tuning(search("A", constant([2, 1]), default=None)))
     why = "No ranks: the values were computed on no runs of the experiment, which has 3."
     assert made.sentences == ("A: estimator.radius -> 5, chosen from 2 values.", why)
-    assert made.to_screen()[1:] == ["            A   estimator.radius -> 5", f"            {why}"]
+    assert made.gist.endswith("no ranks: the values were computed on no runs of the experiment, which has 3")
     text = made.to_markdown()
     assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: failed |" in text
     assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
@@ -119,7 +118,7 @@ def test_two_parameters_have_two_rows(trials):
     assert "| A | model.scale | 1 to 4, whole numbers | 2 | 3 |" in made.to_markdown()
 
 
-def test_a_sweep_has_a_table_per_point_and_a_short_screen(trials, make_sweep):
+def test_a_sweep_has_a_table_per_point_and_a_line_on_the_screen(trials, make_sweep):
     """Each point ranks with its own table, and the file has all points."""
     n = MOST_POINTS + 2
     sweep = make_sweep(*[({"s": str(i)}, replace(trials, title=f"s={i}")) for i in range(n)])
@@ -130,9 +129,7 @@ def test_a_sweep_has_a_table_per_point_and_a_short_screen(trials, make_sweep):
     assert made.frame["point"].tolist() == [f"s={i}" for i in range(n)]
     text = made.to_markdown()
     assert text.count("## s=") == MOST_POINTS and "2 more points of the sweep: tuning.csv" in text
-    lines = made.to_screen()
-    assert lines[0] == f"tuning      1 method at {n} points, budget 4, 3 runs, mean of mse"
-    assert lines[1].strip() == "largest regret 59 % (A, s=7)"  # 1.7 / 1.07
+    assert made.gist == "tuned: 1 method; budget 4, 3 runs (tables/tuning.md)"
     assert made.sentences[0].startswith("s=0: A: ") and len(made.ranks) == n
 
 
@@ -142,7 +139,7 @@ def test_ranks_need_the_values_on_all_runs_of_the_experiment(made, make_trials):
     table = TuningTable(other, made.tuning)
     assert not table.ranks and made.ranks[""].methods == ("C", "A", "B")
     why = "No ranks: the values were computed on 3 runs of the experiment, which has 5."
-    assert table.sentences[-1] == why and why in "\n".join(table.to_screen()) and f"- {why}" in table.to_markdown()
+    assert table.sentences[-1] == why and why[4:] in table.gist and f"- {why}" in table.to_markdown()
 
 
 @pytest.mark.parametrize(
@@ -164,16 +161,9 @@ def test_one_run_gives_no_ranks_and_no_share_of_bootstrap_sets(make_trials, tuni
     assert "bootstrap" not in text and "rank 1" not in text and made.frame["same_order_pct"].isna().all()
 
 
-def test_many_methods_are_counted_on_the_screen(trials):
-    names = [f"M{i}" for i in range(MOST_NAMED + 2)]
-    made = TuningTable(trials, tuning(*(search(name, constant([2, 1]), constant([2, 1, 3])) for name in names)))
-    assert sum("estimator.radius" in line for line in made.to_screen()) == MOST_NAMED
-    assert any("and 2 more methods: tables/tuning.md" in line for line in made.to_screen())
-
-
 def test_no_tuning_no_table(trials):
     made = TuningTable(trials, None)
-    assert made.to_screen() == [] and made.to_markdown() == "" and made.sentences == () and made.frame.empty
+    assert made.gist == "" and made.to_markdown() == "" and made.sentences == () and made.frame.empty
 
 
 def test_percent_has_two_digits():

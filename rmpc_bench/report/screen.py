@@ -1,0 +1,272 @@
+"""The screen at the end of a run: what ran, the answer, the table or matrix, and at most five lines of notes."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rmpc_bench.analysis.driver_text import gist
+from rmpc_bench.analysis.lost_runs import lost_runs
+from rmpc_bench.analysis.parameter_text import parameter_groups
+from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, result_table
+from rmpc_bench.analysis.shown_numbers import plain
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Finding
+from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.answer import answer, finding_words
+from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.point_summary import Points, PointSummary
+from rmpc_bench.report.ranks_table import RanksTable
+from rmpc_bench.report.requirements_table import MOST_NAMED, RequirementsTable
+from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, show_command
+from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
+from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.types.texts import cut, width_of, without_formulas, wrapped
+
+WIDTH = 80
+"""Columns of the screen; fewer where a terminal has fewer."""
+MOST_NOTES = 5
+"""Lines below the table."""
+MOST_LINES = 25
+"""Lines of the screen of few methods and points; notes below a long matrix are fewer."""
+_FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
+"""Notes in the order of their importance."""
+_INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
+_GLUE = "\x01"
+"""Stands for a blank at which a line does not end."""
+_CAPTIONS = {"share": ", ties count half"}
+"""What is said of intervals, by the form of a table."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Screen:
+    """What the screen at the end of a run is made of.
+
+    Parameters
+    ----------
+    name : of the experiment, with its paper
+    trials, tables : the trials and their statistics point by point
+    metric : name of the metric that the table shows; the answer is that of the primary one
+    page : the page of the results, as a command names it
+    n_complete, n_runs : runs that are stored of all methods, and how many are wanted; both 0 for exact moments alone
+    driven, tuned, demanded, ranked : what drives the metric, how parameters were chosen, which runs meet the
+        requirements, and the ranks
+    verdicts : the findings of the claims
+    reasons : why the findings do not count
+    stop : what a stopping rule has decided
+    """
+
+    name: str
+    trials: Trials
+    tables: Points
+    metric: str
+    page: Path
+    n_complete: int
+    n_runs: int
+    driven: DriversTable
+    tuned: TuningTable
+    demanded: RequirementsTable
+    ranked: RanksTable
+    verdicts: Sequence[ClaimVerdict] = ()
+    reasons: Sequence[str] = ()
+    stop: str = ""
+
+    def text(self, width: int = WIDTH) -> str:
+        """Lay out the screen for a terminal with some columns."""
+        head = self._head(width)
+        said = self._wrapped(plain(without_formulas(self._answer())), width)
+        table = self._table(width)
+        blank = [""] * (len(head) + len(said) < 5)
+        above = [*head, *blank, *said, "", *table, ""]
+        room = max(3, min(MOST_NOTES, MOST_LINES - len(above)))
+        return "\n".join([*above, *self._notes(room, width)])
+
+    def _wrapped(self, text: str, width: int) -> list[str]:
+        """Break a text, but not within an interval or a name."""
+        text = _INTERVAL.sub(lambda found: found[0].replace(" ", _GLUE), text)
+        for name in self.trials.methods if " " in "".join(self.trials.methods) else ():
+            text = text.replace(name, name.replace(" ", _GLUE))
+        return [line.replace(_GLUE, " ") for line in wrapped(text, width)]
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether runs are missing."""
+        return 0 < self.n_complete < self.n_runs
+
+    def _head(self, width: int) -> list[str]:
+        points = f" at each of {len(self.trials.points)} points" if self.trials.points else ""
+        failed = f", {self.trials.n_failed_trials} failed"
+        if not self.n_runs:
+            what = f"exact moments{points}, no runs"
+        elif self.is_unfinished:
+            what = f"INTERRUPTED at {self.n_complete} of {self.n_runs} runs{points}{failed}; run it again to go on"
+        else:
+            smoke = "" if self.trials.with_verdicts else "smoke run: "
+            what = f"{smoke}{self.n_complete} of {self.n_runs} runs{points}{failed}"
+        line = f"{self.name}   {what}"
+        return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
+
+    def _points(self) -> Sequence[PointSummary]:
+        return [self.tables.pooled] if self.tables.pooled else self.tables.points
+
+    def _tables(self, metric: str) -> list[ResultTable]:
+        found = []
+        for trials, described, compared in self._points():
+            info = next((each for each in self.trials.metrics if each.name == metric), None)
+            if info is not None and len(trials.frame):
+                found.append(result_table(trials, described, compared, info))
+        return found
+
+    def _answer(self) -> str:
+        primary = self.trials.primary_info
+        tables = self._tables(primary.name if primary is not None else self.metric) or self._tables(self.metric)
+        if not tables:
+            return "Exact moments of the error; nothing is simulated."
+        verdicts = () if self.reasons else self.verdicts
+        return answer(tables, verdicts, unfinished=self.is_unfinished)
+
+    def _table(self, width: int) -> list[str]:
+        if not self.trials.with_verdicts:
+            return ran_lines(self.trials, width)
+        tables = self._tables(self.metric)
+        if self.ranked.found is not None:
+            lines = rank_lines(self.ranked.found, self.trials, width)
+        elif len(tables) > 1:
+            lines = sweep_lines(tables, width)
+        else:
+            lines = row_lines(tables[0], width) if tables else []
+        shows_moments = not lines or len(self.trials.methods) <= MOST_UNSORTED and not self.trials.points
+        moments = moment_lines(self.trials, width) if shows_moments else []
+        return [*lines, *([""] if lines and moments else []), *moments]
+
+    def _notes(self, room: int, width: int) -> list[str]:
+        """Choose the notes that fit, the most important ones first; they are shown in another order."""
+        notes = {
+            name: [line for text in texts for line in wrapped(plain(text), width, " ", " ")]
+            for name, texts in self._texts(width)
+            if texts
+        }
+        kept: set[str] = set()
+        for name in _FIRST:
+            if sum(len(notes[each]) for each in {*kept, name} & notes.keys()) <= room:
+                kept.add(name)
+        return [line for name, lines in notes.items() if name in kept for line in lines]
+
+    def _texts(self, width: int) -> Iterator[tuple[str, list[str]]]:
+        """Yield the notes in the order in which they are shown, each as its name and texts that begin a line."""
+        if self.trials.with_verdicts and self.n_runs:
+            yield "note", [self._note()]
+        yield "stop", [f"stop: {self.stop}"] if self.stop else []
+        if self.trials.with_verdicts:
+            yield "tuned", [text for text in [self.tuned.gist] if text]
+            yield "requirements", [text for text in [self.demanded.gist] if text]
+            yield "lost", self._lost()
+        yield "failed", self._failed(width)
+        yield "claims", self._claims()
+        yield "differs", [cut(text, width - 1) for text in self._differing()]
+        yield "driven", self._driven()
+        yield "remarks", [cut(text, width - 1) for text in remark_lines(self.trials)[:1]]
+        path = str(self.page)
+        yield "page", [path if width_of(path) < width else f"{self.page.parent}/ {self.page.name}"]
+
+    def _note(self) -> str:
+        """Say what runs share, what brackets are, and where parameters come from."""
+        tables = self._tables(self.metric)
+        compared = [row.compared for table in tables for row in table.rows if row.compared]
+        parts = ["same draws for all"] if compared else []
+        if self.ranked.found is not None:
+            parts = ["[ ]: simultaneous intervals of geometric means over all points"]
+        elif len(tables) > 1:
+            words = {row.word for table in tables for row in table.rows}
+            marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if word in words)
+            parts = [f"{marks}; intervals: tables/summary.md".removeprefix("; ")]
+        elif tables:
+            bars = "[ ] and \u00b1" if compared and not tables[0].may_not_occur else "[ ]" if compared else "\u00b1"
+            parts.append(f"{bars}: {100 * self.trials.confidence:g} %{_CAPTIONS.get(tables[0].form, '')}")
+            simultaneous = any(float(row["ci_level"]) > self.trials.confidence for row in compared)
+            parts[-1] += ", changes simultaneous" if simultaneous else ""
+        parts += [] if self.trials.planned is None else [self.trials.planned.text]
+        look = max((int(row["look"]) for row in compared), default=1)
+        parts += [f"look {look} at a growing number of runs"] if look > 1 else []
+        parts += ["failed runs are left out of means and changes"] if compared and self.trials.n_failed_trials else []
+        return "; ".join([*parts, *filter(None, [_parameters(self.trials)])])
+
+    def _driven(self) -> list[str]:
+        if len(self.driven.points) != 1 or not self.trials.with_verdicts:
+            return []
+        text = gist(self.driven.points[0][1].to_dict("records"), self.trials.baseline)
+        what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
+        if not text or text.startswith("little"):
+            return []
+        mostly, name = ("mostly ", text.removeprefix("mostly ")) if text.startswith("mostly ") else ("", text)
+        return [f"{what} depends {mostly}on {name}"]
+
+    def _lost(self) -> list[str]:
+        """Count the lost runs at the only point, where the configuration says what a lost run is."""
+        info = self.trials.primary_info
+        if self.trials.lost is None or self.trials.points or info is None:
+            return []
+        counts = [f"{row['n_lost']} ({row['method']})" for row in lost_runs(self.trials).to_dict("records")]
+        rule = f"failed, or {info.words} above {self.trials.lost:g} times that of {self.trials.baseline}"
+        return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': tables/lost.md' * (len(counts) > MOST_NAMED)}"]
+
+    def _failed(self, width: int) -> list[str]:
+        """Say which method fails most, why, and how its first failed run is computed again."""
+        found = [(table, method, run) for table in self.trials.each for method, run in failed_runs(table)]
+        if not found:
+            return []
+        counts = Counter(method for _, method, _ in found)
+        [(method, n)] = counts.most_common(1)
+        table, _, run = next(each for each in found if each[1] == method)
+        message = Counter(filter(None, (message_of(t, m, k) for t, m, k in found if m == method))).most_common(1)
+        why = f", '{message[0][0]}'" if message else ""
+        more = f" (and {len(counts) - 1} more methods: failures/)" if len(counts) > 1 else ""
+        text = f"failed: {method}, {n} run{'s' * (n > 1)}{why}{more}; the first again:"
+        command = wrapped(show_command(table, self.page.parent, method, run), width - 3)
+        return [cut(text, width - 1), *(f"{line} \\" for line in command[:-1]), command[-1]]
+
+    def _claims(self) -> list[str]:
+        if not self.verdicts:
+            return []
+        if not self.trials.with_verdicts:
+            return ["claims: not evaluated, a smoke run is too short"]
+        if self.reasons:
+            return [f"claims: not evaluated, {'; '.join(self.reasons)}"]
+        found = [Counter(each.finding for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]
+        if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
+            [finding] = known
+            n, ours = found[0][finding], found[1][finding]
+            texts = [f"{n} statement{'s' * (n > 1)} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
+            return [f"{finding_words(finding)}: {', '.join(texts)} (claims.md)"]
+        names = ("statements of the paper", "ours")
+        texts = [
+            f"{name}: {', '.join(f'{counts[each]} {finding_words(each)}' for each in Finding if counts[each])}"
+            for name, counts in zip(names, found, strict=True)
+            if counts
+        ]
+        return [f"{'; '.join(texts)} (claims.md)"]
+
+    def _differing(self) -> list[str]:
+        if self.reasons or not self.trials.with_verdicts:
+            return []
+        found = [each for each in self.verdicts if each.differs]
+        more = f" (and {len(found) - 1} more: claims.md)" if len(found) > 1 else ""
+        return [f"recorded {each.claim.finding}, now {each.finding}{more}: {each.claim.says}" for each in found[:1]]
+
+
+_PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
+
+
+def _parameters(trials: Trials) -> str:
+    """Say where parameters come from: in two words where all methods are alike."""
+    groups = parameter_groups(trials, trials.methods)
+    if len(groups) == 1:
+        [word] = groups
+        return _PARAMETERS.get(word, f"parameters: {word}")
+    parts = [
+        f"{names[0] if len(names) == 1 else len(names)} {word.partition(' (')[0]}" for word, names in groups.items()
+    ]
+    return f"parameters: {'; '.join(parts)}" if parts else ""

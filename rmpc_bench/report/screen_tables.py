@@ -1,0 +1,259 @@
+"""Tables of a terminal: rows of methods at one point, the matrix of a sweep, ranks, and what ran.
+
+Every table is laid out in several ways, and the first that fits is taken: the mean goes first, then names are cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+
+from rmpc_bench.analysis.rank_rows import Ranking
+from rmpc_bench.analysis.result_rows import (
+    BETTER,
+    EQUIVALENT,
+    FAILS_MORE,
+    INCONCLUSIVE,
+    NOT_COMPUTED,
+    WORSE,
+    ResultRow,
+    ResultTable,
+)
+from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
+from rmpc_bench.analysis.shown_numbers import interval_text as number_text
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.answer import sweep_of
+from rmpc_bench.report.ensemble_table import ensemble_rows
+from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
+
+NAME = 12
+"""Characters to which names are cut where a table is too wide."""
+MOST_ROWS, FIRST_ROWS = 40, 30
+"""Rows that are shown at most; of more the first ones."""
+MOST_POINTS = 12
+"""Points that have a line where a sweep has several paths."""
+_WORDS = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE, NOT_COMPUTED)
+
+
+def fitting(layouts: Iterable[Callable[[], list[str]]], width: int) -> list[str]:
+    """Return the first layout whose lines are not too long; the last one, cut, where there is none."""
+    lines: list[str] = []
+    for layout in layouts:
+        lines = layout()
+        if max(map(width_of, lines), default=0) <= width:
+            return lines
+    return [cut(line, width) for line in lines]
+
+
+def _cut_names(names: Sequence[str], size: int | None) -> list[str]:
+    """Cut names; those that would become equal keep their ends."""
+    if size is None:
+        return [*names]
+    found = [cut(name, size) for name in names]
+    counts, half = Counter(found), size // 2 - 1
+    return [
+        f"{name[:half]}..{name[-half:]}" if counts[text] > 1 and text != name else text
+        for name, text in zip(names, found, strict=True)
+    ]
+
+
+def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) -> tuple[int, list[str]]:
+    """Return how many rows are shown, and what is said of the others."""
+    return (n, []) if n <= most else (first, [f" and {n - first} more {noun}"])
+
+
+def row_lines(table: ResultTable, width: int) -> list[str]:
+    """Lay out the methods at one point: mean, change and verdict."""
+    n, left = _shown(len(table.rows), "methods")
+    rows = table.ordered[:n]
+    ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
+    return fitting((partial(_rows_in, table, rows, *way) for way in ways), width) + left
+
+
+def _rows_in(
+    table: ResultTable, rows: Sequence[ResultRow], size: int | None, with_mean: bool, remarks: int
+) -> list[str]:
+    names = _cut_names([row.method for row in rows], size)
+    columns = [["method", *names]]
+    if with_mean:
+        columns.append([_mean_head(table, size), *(plain(table.mean_text(row)) for row in rows)])
+    if table.form != "alone":
+        columns.append([_change_head(table, size), *(plain(table.change_text(row)) for row in rows)])
+        if any(row.word for row in rows):
+            columns.append(["verdict", *(_verdict(row, remarks) for row in rows)])
+    return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
+
+
+def _mean_head(table: ResultTable, size: int | None) -> str:
+    what = without_formulas(table.quantity_with_unit if size is None else cut(table.quantity, size))
+    return f"occurred; median {what}" if table.may_not_occur else f"mean {what}"
+
+
+def _change_head(table: ResultTable, size: int | None) -> str:
+    base = table.baseline if size is None else cut(table.baseline, size)
+    return f"better than {base} in" if table.form == "share" else f"change against {base}"
+
+
+def _verdict(row: ResultRow, remarks: int) -> str:
+    """Write the word with its remark, with the failed runs only, or alone."""
+    lost = f"{row.n_failed}/{row.n + row.n_failed}" if row.n_failed else ""
+    text = row.word if row.word == FAILS_MORE or not lost else f"{row.word}, {lost} failed"
+    oracle = " (oracle)" if row.is_oracle and "oracle" not in row.method else ""
+    if not remarks:
+        return row.word
+    if remarks == 1 or row.word == FAILS_MORE or not row.remark:
+        return f"{text} {lost}".strip() + oracle if row.word == FAILS_MORE else text + oracle
+    return f"{row.word}{oracle}, {row.remark.replace('by less than', '<')}"
+
+
+def ran_lines(trials: Trials, width: int) -> list[str]:
+    """Say of every method whether its runs ended well, all points together."""
+    n, left = _shown(len(trials.methods), "methods")
+    rows = []
+    for method in trials.methods[:n]:
+        failed = sum(table.n_failed(method) for table in trials.each if method in table.methods)
+        total = sum(int(table.computed(method).sum()) for table in trials.each if method in table.methods)
+        rows.append((method, f"failed {failed} of {total} runs" if failed else "ran" if total else NOT_COMPUTED))
+    names = _cut_names([name for name, _ in rows], NAME)
+    short_rows = [(name, word) for name, (_, word) in zip(names, rows, strict=True)]
+    return fitting((lambda: in_columns(rows), lambda: in_columns(short_rows)), width) + left
+
+
+def moment_lines(trials: Trials, width: int) -> list[str]:
+    """Lay out moments of the error at the end, a line per method and point; nothing without any."""
+    found = [(point, row) for point in trials.each for row in ensemble_rows(point)[1:]]
+    n, left = _shown(len(found), "lines: tables/summary.md", most=MOST_POINTS, first=MOST_POINTS)
+    names = [" ".join(filter(None, [row[0], point.title])) for point, row in found[:n]]
+    heads = ("error at the end", "bias", "variance", "mean square", "reported")
+
+    def lines(size: int | None, kept: Sequence[int]) -> list[str]:
+        rows = [
+            [name, *(row[k] for k in kept), row[5]]
+            for name, (_, row) in zip(_cut_names(names, size), found, strict=False)
+        ]
+        return in_columns([[heads[0], *(heads[k] for k in kept), ""], *rows], range(1, len(kept) + 1))
+
+    ways = ((None, (1, 2, 3, 4)), (None, (3, 4)), (None, (3,)), (NAME, (3,)))
+    return fitting((partial(lines, *way) for way in ways), width) + left if found else []
+
+
+def rank_lines(found: Ranking, trials: Trials, width: int) -> list[str]:
+    """Lay out the ratios over all points, with the rank in place of a verdict."""
+    n, left = _shown(len(found.rows), "methods")
+    rows = found.rows[:n]
+    ratios = [
+        "1" if row.method == trials.baseline else plain(number_text(Estimate(each.ratio, each.low, each.high)))
+        for row, each in ((row, row.ratio) for row in rows)
+    ]
+    lost = [f"{row.n_failed}/{row.n}" if row.n_failed else "" for row in rows]
+
+    def lines(size: int | None) -> list[str]:
+        columns = [
+            ["method", *_cut_names([row.method for row in rows], size)],
+            ["failed", *lost],
+            [f"ratio to {trials.baseline if size is None else cut(trials.baseline, size)}", *ratios],
+            ["rank", *(f"{row.rank_low} to {row.rank_high}" for row in rows)],
+        ]
+        return in_columns([*zip(*(each for each in columns if any(each[1:])), strict=True)], range(1, 3))
+
+    return fitting((lambda: lines(None), lambda: lines(NAME)), width) + left
+
+
+def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
+    """Lay out a sweep as the matrix that fits, with a title; else count the verdicts of every method."""
+    first, sweep = tables[0], sweep_of(tables)
+    paths = [*dict.fromkeys(path for table in tables for path in table.trials.point)]
+    x = paths[0].rpartition(".")[2] if len(paths) == 1 else "point"
+    by = "" if len(paths) > 1 else f" by {x}" if x == paths[0] else f" by {x} = {paths[0]}"
+    what = f"{'share of runs better than' if first.form == 'share' else f'change of the {first.quantity} against'}"
+    title = f"mean {first.quantity_with_unit}" if first.form == "alone" else f"{what} {first.baseline}"
+    down, across = _matrix(tables, x, sweep.points)
+    points_first = sweep.ordered or len(tables) >= len(first.rows) - 1
+    numbers = [str(k + 1) for k in range(len(tables))]
+    numbered, key = _matrix(tables, x, numbers)[1], ", ".join(map(" ".join, zip(numbers, sweep.points, strict=True)))
+    title = without_formulas(title)
+    title = title + by if width_of(title + by) <= width else cut(title, width)
+    layouts = [(down, size, mean) for size, mean in _WAYS] + [(across, size, mean) for size, mean in _WAYS[:2]]
+    if not points_first:
+        layouts = layouts[len(_WAYS) :] + layouts[: len(_WAYS)]
+    if len(paths) == 1 or len(tables) <= MOST_POINTS:
+        for layout, size, with_mean in [*layouts, (numbered, None, False), (numbered, NAME, False)]:
+            lines = layout(size, with_mean)
+            if max(map(width_of, lines)) <= width:
+                n, left = _shown(len(lines) - 1, "points" if layout is down else "methods")
+                return [title, *(wrapped(key, width, " ", " ") if layout is numbered else []), *lines[: n + 1], *left]
+    return _counted_lines(tables, width)
+
+
+_WAYS = ((None, True), (None, False), (NAME, False))
+"""Size of names, and whether the means of the baseline are shown."""
+_Layout = Callable[[int | None, bool], list[str]]
+
+
+def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tuple[_Layout, _Layout]:
+    """Return the layouts with the points below each other and with the methods below each other."""
+    first, found = tables[0], [{row.method: row for row in table.rows} for table in tables]
+    names = [row.method for row in first.ordered if not row.is_baseline]
+    means = [short(rows[first.baseline].mean.value) if first.baseline in rows else "" for rows in found]
+    means = [plain(text) for text in means]
+    pairs = [*zip(tables, found, strict=True)]
+    cells = [
+        [_hanging(plain(t.short_change(rows[name]))) if name in rows else "" for t, rows in pairs] for name in names
+    ]
+
+    def down(size: int | None, with_mean: bool) -> list[str]:
+        columns = [[x, *_cut_names(points, size and 2 * size)]]
+        columns += [[f"{first.baseline}, mean", *means]] if with_mean or not names else []
+        columns += [[f"{name}  ", *column] for name, column in zip(_cut_names(names, size), cells, strict=True)]
+        return in_columns([*zip(*columns, strict=True)], range(1, len(columns)))
+
+    def across(size: int | None, with_mean: bool) -> list[str]:
+        rows = [[x, *(f"{point}  " for point in _cut_names(points, size))]]
+        rows += [[f"{first.baseline}, mean", *(f"{mean}  " for mean in means)]] if with_mean or not names else []
+        rows += [[name, *row] for name, row in zip(_cut_names(names, size), cells, strict=True)]
+        return in_columns(rows, range(1, len(points) + 1))
+
+    return down, across
+
+
+def _hanging(cell: str) -> str:
+    """Let the mark of a cell stand behind the column of numbers."""
+    return cell if cell.endswith((" ?", " =", " !")) else f"{cell}  "
+
+
+def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
+    """Count the verdicts of every method over the points, with the smallest and the largest change."""
+    first = tables[0]
+    rows: list[list[str]] = [["method", *_WORDS, "changes"]]
+    for name in [row.method for row in first.ordered if not row.is_baseline]:
+        found = [(table, row) for table in tables for row in table.rows if row.method == name]
+        words = Counter(row.word for _, row in found)
+        known = [pair for pair in found if not math.isnan(pair[0].rank(pair[1]))]
+        ends = [min(known, key=_change_of), max(known, key=_change_of)] if known else []
+        rows.append([name, *(str(words[word] or "") for word in _WORDS), " to ".join(map(_plain_change, ends))])
+    kept = [k for k in range(len(rows[0])) if k == 0 or any(row[k] for row in rows[1:])]
+    rows = [[row[k] for k in kept] for row in rows]
+    n, left = _shown(len(rows) - 1, "methods")
+    title = f"verdicts at {len(tables)} points, {without_formulas(first.quantity)} against {first.baseline}"
+
+    def lines(size: int | None, with_changes: bool) -> list[str]:
+        names = _cut_names([row[0] for row in rows], size)
+        return in_columns(
+            [[name, *row[1 : None if with_changes else -1]] for name, row in zip(names, rows[: n + 1], strict=False)],
+            range(1, len(rows[0])),
+        )
+
+    ways = ((None, True), (NAME, True), (None, False), (NAME, False))
+    return [cut(title, width), *fitting((partial(lines, *way) for way in ways), width), *left]
+
+
+def _change_of(pair: tuple[ResultTable, ResultRow]) -> float:
+    table, row = pair
+    return row.superiority.value if table.form == "share" else row.change.value
+
+
+def _plain_change(pair: tuple[ResultTable, ResultRow]) -> str:
+    table, row = pair
+    return plain(table.short_change(row._replace(word="")))

@@ -1,0 +1,247 @@
+"""The screen at the end of a run, from small tables of trials: what it shows, how wide and how long it is."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from comparison_tables import table as trials_of
+
+from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.claims.claim import Finding
+from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.ranks_table import ranks_table
+from rmpc_bench.report.requirements_table import requirements_table
+from rmpc_bench.report.screen import MOST_LINES, Screen
+from rmpc_bench.report.summary import summarise
+from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.types import RunFailure
+from rmpc_bench.types.texts import width_of
+
+N = 40
+RNG = np.random.default_rng(5)
+BASE = np.exp(0.3 * RNG.normal(size=N))
+
+
+def noisy(factor, k=0):
+    return factor * BASE * np.exp(0.02 * np.random.default_rng(k).normal(size=N))
+
+
+def one(values, **others):
+    """Return trials at one point; the metric is an MSE."""
+    return trials_of(values, metric="estimation_mse", **others)
+
+
+def sweep(make, points, path="x"):
+    """Return a sweep over a path from a function that makes the trials of a number."""
+    tables = tuple(replace(make(k), point={path: point}, title=f"{path}={point}") for k, point in enumerate(points))
+    return replace(tables[0], paths=(path,), points=tables, point={}, title="")
+
+
+def shown(trials, width=80, **others):
+    """Return the lines of the screen; none is wider than the terminal."""
+    n = max(len(table.runs) for table in trials.each)
+    made = {
+        "name": "tiny",
+        "trials": trials,
+        "tables": summarise(trials),
+        "metric": trials.metrics[0].name,
+        "page": Path("results/tiny/report.html"),
+        "n_complete": n,
+        "n_runs": n,
+        "driven": DriversTable(trials, [], ()),
+        "tuned": TuningTable(trials, None),
+        "demanded": requirements_table(trials),
+        "ranked": ranks_table(trials),
+    }
+    lines = Screen(**made | others).text(width).split("\n")
+    assert max(map(width_of, lines)) <= width, "\n".join(lines)
+    assert lines == [line.rstrip() for line in lines]
+    return lines
+
+
+def test_the_rows_of_one_point():
+    lines = shown(one({"KF": BASE, "WKF": noisy(0.8)}, parameters={"KF": "default", "WKF": "default"}))
+    assert lines[0] == "tiny   40 of 40 runs, 0 failed" and lines[1] == ""
+    assert lines[2].startswith("WKF is better than KF: its estimation MSE is 2") and lines[2].endswith("lower.")
+    assert lines[4].split() == "method mean estimation MSE change against KF verdict".split()
+    assert lines[5].split()[0] == "KF" and lines[5].endswith("baseline") and lines[6].endswith("better")
+    assert lines[8:] == [
+        " same draws for all; [ ] and \u00b1: 95 %; default parameters",
+        " results/tiny/report.html",
+    ]
+
+
+@pytest.mark.parametrize("width", [80, 60, 40])
+@pytest.mark.parametrize("n", [2, 3, 6, 7, 30, 100])
+def test_any_number_of_methods_fits(n, width):
+    trials = one({"KF": BASE} | {f"method-{k}": noisy(0.5 + k / 20, k) for k in range(n - 1)})
+    lines = shown(trials, width)
+    rows = [line for line in lines if line.startswith((" KF ", " method-"))]
+    assert len(rows) == (n if n <= 40 else 30)
+    assert (" and 70 more methods" in lines) == (n == 100)
+    assert n > 6 or len(lines) <= MOST_LINES
+
+
+def test_the_mean_goes_first_then_names_are_cut():
+    name = "a-method-with-a-name-of-sixty-characters-as-nobody-writes-them"
+    trials = one({"KF": BASE, name: noisy(0.8), f"{name}2": noisy(0.9)})
+    assert any("mean" in line for line in shown(one({"KF": BASE, "WKF": noisy(0.8)})))
+    text = "\n".join(shown(one({"KF": BASE, "a-method-of-26-characters..": noisy(0.8)}), 72))
+    assert "mean estimation" not in text and "a-method-of-26-characters.. " in text
+    assert [line.split()[0] for line in shown(trials) if line.startswith(" a-m")] == ["a-met..-them", "a-met..them2"]
+
+
+@pytest.mark.parametrize("name", ["100 %", "$Q'Q$", "<b>KF</b>", "漢字漢字漢字漢字漢字", "S + input", "é\u0301" * 20])
+def test_names_of_any_kind(name):
+    for width in (80, 60):
+        lines = shown(one({"KF": BASE, name: noisy(0.8)}), width)
+        assert any(line.startswith(f" {name[:4]}") for line in lines)
+
+
+def test_no_name_is_broken_in_the_answer():
+    names = [f"S exact {k}" for k in range(6)]
+    text = "\n".join(shown(one({"KF": BASE} | {name: noisy(0.8, k) for k, name in enumerate(names)}), 60))
+    assert all(name in text.split("\n method")[0] for name in names)
+
+
+@pytest.mark.parametrize("width", [80, 60])
+@pytest.mark.parametrize("n", [1, 2, 6, 7, 12])
+def test_a_sweep_of_a_number_has_the_points_below_each_other(n, width):
+    trials = sweep(lambda k: one({"KF": BASE} | {f"M{j}": noisy(0.8 + k * j / 20, j) for j in range(4)}), range(n))
+    trials = replace(trials, points=tuple(replace(t, point={"x": str(k)}) for k, t in enumerate(trials.points)))
+    lines = shown(trials, width)
+    assert len(lines) <= MOST_LINES
+    if n > 1:
+        head = next(k for k, line in enumerate(lines) if line.split()[:3] == ["x", "KF,", "mean"])
+        assert [line.split()[0] for line in lines[head + 1 : head + 1 + n]] == [str(k) for k in range(n)]
+        assert lines[head - 1] == "change of the estimation MSE against KF by x"
+
+
+def test_many_methods_of_a_sweep_go_down_or_are_counted():
+    points = ["1", "2", "3"]
+    trials = sweep(lambda k: one({"KF": BASE} | {f"method-{j}": noisy(0.8 + j / 40, j) for j in range(30)}), points)
+    lines = shown(trials)
+    assert sum(line.startswith(" method-") for line in lines) == 30 and any(
+        line.split() == ["x", *points] for line in lines
+    )
+    many = sweep(
+        lambda k: one({"KF": BASE} | {f"method-{j}": noisy(0.8 + j / 40, j) for j in range(9)}),
+        [str(k) for k in range(12)],
+    )
+    lines = shown(many)
+    assert "verdicts at 12 points, estimation MSE against KF" in lines and len(lines) <= MOST_LINES
+
+
+def test_points_with_long_names_have_numbers():
+    names = [f"a point with a long name {k}" for k in range(6)]
+    trials = sweep(lambda k: one({"KF": BASE} | {f"M{j}": noisy(0.8 + j / 40, j) for j in range(8)}), names)
+    text = "\n".join(shown(trials))
+    assert " ".join(text.split()).count("3 a point with a long name 2") == 1
+    assert any(line.split() == ["x", *map(str, range(1, 7))] for line in text.split("\n"))
+
+
+def test_several_paths_have_a_line_per_point_or_counts():
+    def made(n):
+        trials = sweep(lambda k: one({"KF": BASE, "WKF": noisy(0.8, k)}), [str(k) for k in range(n)])
+        points = tuple(
+            replace(t, point={"a": str(k), "b": "1"}, title=f"a={k}, b=1") for k, t in enumerate(trials.points)
+        )
+        return replace(trials, points=points, paths=("a", "b"))
+
+    assert sum(line.startswith(" a=") for line in shown(made(6))) == 6
+    lines = shown(made(30))
+    assert "verdicts at 30 points, estimation MSE against KF" in lines
+    assert any(line.split()[:2] == ["WKF", "30"] for line in lines)
+
+
+def test_marks_are_explained_where_they_occur():
+    trials = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"])
+    text = "\n".join(shown(trials))
+    assert " ? inconclusive; intervals: tables/summary.md" in text and "equivalent" not in text
+
+
+def test_failures_have_one_command():
+    bad = noisy(0.9)
+    bad[[3, 7]] = np.nan
+    failure = RunFailure(run=3, status=1, component="estimator", k=33, message="Matrix is not positive definite")
+    trials = one({"KF": BASE, "Sage-Husa": bad})
+    trials = replace(trials, notes={"Sage-Husa": RunNotes(100, failures=(failure,))})
+    lines = shown(trials)
+    assert lines[-3] == " failed: Sage-Husa, 2 runs, 'Matrix is not positive definite'; the first again:"
+    assert lines[-2] == " rmpc-bench show results/tiny --run 3 --method Sage-Husa"
+    assert any(line.startswith(" Sage-Husa") and line.endswith("fails more 2/40") for line in lines)
+
+
+def test_all_runs_of_a_method_failed():
+    lines = shown(one({"KF": BASE, "A": np.full(N, np.nan), "B": noisy(0.8)}))
+    row = next(line for line in lines if line.startswith(" A "))
+    assert row.split() == ["A", "fails", "more", "40/40"]
+
+
+def test_an_unfinished_experiment():
+    lines = shown(one({"KF": BASE, "WKF": noisy(0.8)}), n_complete=40, n_runs=1000)
+    assert lines[0] == "tiny   INTERRUPTED at 40 of 1000 runs, 0 failed; run it again to go on"
+    assert lines[2].startswith("So far WKF is better")
+
+
+def test_a_smoke_run_says_what_ran():
+    bad = noisy(0.9)
+    bad[3] = np.nan
+    trials = one({"KF": BASE, "WKF": bad}, with_verdicts=False)
+    text = "\n".join(shown(trials))
+    assert text.startswith("tiny   smoke run: 40 of 40 runs, 1 failed\n\nA smoke run shows that everything works")
+    assert "\n KF   ran\n WKF  failed 1 of 40 runs\n" in text and "%" not in text
+    swept = replace(sweep(lambda k: trials, ["1", "2"]), with_verdicts=False)
+    assert "\n KF   ran\n WKF  failed 2 of 80 runs\n" in "\n".join(shown(swept))
+
+
+def verdict(finding, of_paper=True, recorded=None):
+    claim = SimpleNamespace(of_paper=of_paper, finding=recorded, says="a statement " + "of words " * 30)
+    return SimpleNamespace(finding=finding, claim=claim, differs=recorded is not None and recorded != finding)
+
+
+def test_claims_have_a_line():
+    trials = one({"KF": BASE, "WKF": noisy(0.8)})
+    found = [verdict(Finding.CONFIRMED)] * 3 + [verdict(Finding.NOT_TESTABLE), verdict(Finding.CONFIRMED, False)]
+    lines = shown(trials, verdicts=found)
+    assert " confirmed: 3 statements of the paper, 1 of ours (claims.md)" in lines
+    mixed = shown(
+        trials, verdicts=[verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorded=Finding.CONFIRMED)]
+    )
+    assert " statements of the paper: 1 confirmed, 1 not confirmed (claims.md)" in mixed
+    assert any(line.startswith(" recorded confirmed, now not-confirmed: a statement of") for line in mixed)
+    lines = shown(trials, verdicts=found, reasons=["the configuration was overridden (--runs 3)"])
+    assert " claims: not evaluated, the configuration was overridden (--runs 3)" in lines
+    assert not any("statements of the paper that were tested" in line for line in lines)
+
+
+def test_at_most_five_lines_of_notes():
+    """The page, what differs and failures come first; the rest is in files."""
+    bad = noisy(0.9)
+    bad[3] = np.nan
+    trials = one({"KF": BASE, "WKF": bad})
+    found = [verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorded=Finding.CONFIRMED)]
+    for width in (80, 60):
+        lines = shown(trials, width, verdicts=found, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
+        notes = lines[len(lines) - lines[::-1].index("") :]
+        assert len(notes) <= 5 and notes[-1] == " results/tiny/report.html"
+        assert any(line.startswith(" recorded") for line in notes) and any("failed: WKF" in line for line in notes)
+
+
+def test_higher_is_better_a_difference_and_an_event():
+    assert " 1 better" not in "\n".join(shown(one({"KF": BASE, "A": noisy(1.4)}, direction="higher")))
+    signed = shown(one({"KF": BASE - BASE.mean(), "A": 0.1 * (BASE - BASE.mean())}, direction="zero", unit="rad"))
+    assert "its |estimation MSE| is 0." in " ".join(signed) and " rad [" in " ".join(signed)
+    never = np.where(np.arange(N) < 30, np.inf, 5.0)
+    event = shown(one({"KF": never, "A": BASE}, may_not_occur=True, unit="s"))
+    assert any("occurred; median estimation MSE [s]" in line and "better than KF in" in line for line in event)
+    assert any(line.split()[:5] == ["KF", "10", "of", "40;", "-"] for line in event)
+    assert any("ties count half" in line for line in event)
+
+
+def test_one_method_and_one_run():
+    assert "The mean estimation MSE is" in shown(one({"KF": BASE}))[2]
+    lines = shown(one({"KF": BASE[:1], "A": BASE[:1]}))
+    assert lines[2]
