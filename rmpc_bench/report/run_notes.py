@@ -116,9 +116,9 @@ def remark_lines(trials: Trials) -> list[str]:
     held = [text for table in trials.each for text in held_sentences(table)]
     steps = [text for table in trials.each for text in failed_sentences(table)]
     kinds = {text for table in trials.each for notes in table.notes.values() for text in notes.warnings}
-    warned = [f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components"] if kinds else []
+    warned = [f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"] if kinds else []
     found = [[*each] for each in (steps, held, warned, _limitations(trials)) if each]
-    return [text + (f" (and {len(each) - 1} more: tables/summary.md)" if each[1:] else "") for text, *each in found]
+    return [text + (f" (and {len(each)} more: tables/summary.md)" if each else "") for text, *each in found]
 
 
 def _limitations(trials: Trials) -> list[str]:

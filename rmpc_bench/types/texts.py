@@ -14,6 +14,8 @@ _DIRECTION = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _REFUSED = re.compile(f"[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff{_DIRECTION}]")
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 _DEFINITION = re.compile(r"^([\s\d>#*.+)-]*\[[^\]\n]*\]):", re.MULTILINE)
+_LABEL = re.compile(r" *\S+(?: \S+)*?(?<!\.) {2,}(?=\S)")
+_LONGEST_LABEL = 28
 _FORMULA = re.compile(r"\$([^$]*)\$")
 _UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
@@ -116,6 +118,29 @@ def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -
             lines.append(line[:n])
             line = indent + line[n:]
     return [*lines, line]
+
+
+def folded(lines: Sequence[str], width: int) -> list[str]:
+    """Break the lines that are too long; what follows a label or an indent stays behind it.
+
+    Examples
+    --------
+    >>> folded(["  plant    servo with parameters that differ"], 30)
+    ['  plant    servo with', '           parameters that', '           differ']
+    """
+    found = list[str]()
+    for line in lines:
+        if width_of(line) <= width:
+            found.append(line)
+            continue
+        label = _LABEL.match(line)
+        start = (
+            label[0]
+            if label is not None and len(label[0]) <= min(_LONGEST_LABEL, width // 2)
+            else line[: len(line) - len(line.lstrip())]
+        )
+        found += wrapped(line[len(start) :], width, " " * (len(start) + 2 * (not start.strip())), start)
+    return found
 
 
 def in_columns(rows: Sequence[Sequence[str]], right: Sequence[int] = (), *, indent: str = " ") -> list[str]:

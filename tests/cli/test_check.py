@@ -90,17 +90,24 @@ def test_a_valid_configuration(tmp_path):
     """Plant beside design model, differences between the methods, assumptions, size and cost."""
     claims = "[{says: a, check: 'mean(mse[S-MPC]) < 1', assumptions: [the weights]}]"
     path = write(tmp_path, title="A title", claims=claims)
-    result = cli("check", path)
+    result = cli("check", path, "--full")
     shown = " ".join(result.stdout.split())
     assert (result.exit_code, result.stderr) == (0, "")
-    assert result.stdout.startswith(f"{path}: valid\n  A title\n")
+    assert shown.startswith(f"{path} is valid: 6 runs x 2 methods x 10 steps, about ") and " A title " in shown
+    short = cli("check", path).stdout
+    assert (
+        len(short.splitlines()) <= 16
+        and "assumptions" not in short
+        and f"check {path} --full" in " ".join(short.split())
+    )
     for words in (
         "plant design model kind servo-linear servo-linear",
         "J_l 25 x (1 + eps) 25",
         "S-MPC estimator.kind = kalman",
         "R-MPC estimator.kind = robust-kalman, estimator.c = 0.1",
         "assumptions (not stated in the paper) - the weights",
-        "6 runs x 2 methods x 10 steps",
+        "S-MPC kalman mpc baseline R-MPC robust-kalman, c 0.1 mpc",
+        "plant servo-linear; uncertain per run: J_l +-20 %",
     ):
         assert words in shown
 
@@ -110,7 +117,7 @@ def test_remarks_of_plant_and_controller(tmp_path, monkeypatch):
     for kind in (ServoLinear, Mpc):
         monkeypatch.setattr(kind, "remarks", (f"a remark on {kind.__name__}",), raising=False)
     shown = cli("check", write(tmp_path)).stdout
-    assert "  plant: a remark on ServoLinear\n  S-MPC: a remark on Mpc\n  R-MPC: a remark on Mpc\n" in shown
+    assert " -  plant: a remark on ServoLinear\n -  S-MPC: a remark on Mpc\n -  R-MPC: a remark on Mpc\n" in shown
 
 
 def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
@@ -121,26 +128,26 @@ def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
     )
     linearised = "{linearise: plant, at: {x: 0, u: 0}, noise: {process: 1, measurement: 1}}"
     shown = cli("check", write(tmp_path, methods=methods, model=linearised, figures="[]")).stdout
-    remarks = shown.partition("\n  remarks\n")[2].partition("\n\n")[0].splitlines()
-    assert "  A, B: equal methods, so all their trials are equal" in remarks
-    assert "  MHE: moving-horizon is a linear filter, of the model at its operating point" in remarks
+    remarks = [line for line in shown.splitlines() if line.startswith(" -  ") and "warning" not in line]
+    assert remarks[0] == " -  B is the same as A"
+    assert " -  MHE: moving-horizon is a linear filter, of the model at its operating point" in remarks
     shown = cli("check", write(tmp_path, methods=methods)).stdout
-    assert "MHE: moving-horizon is a linear" not in shown and "C: equal" not in shown
+    assert "MHE: moving-horizon is a linear" not in shown and "C is the same" not in shown
 
 
 def test_remarks_on_mixed_units():
     """Which metrics add errors of components with different units."""
-    shown = cli("check", "configs/examples/pendulum.yaml").stdout
+    shown = " ".join(cli("check", "configs/examples/pendulum.yaml").stdout.split())
     words = "adds errors in m, m/s, rad, rad/s; the components with large numbers decide it"
-    assert f"  estimation_mse: {words}\n" in shown and f"  state_mse: {words}\n" in shown
+    assert f"- estimation_mse: {words}" in shown and f"- state_mse: {words}" in shown
     assert "adds errors" not in cli("check", "configs/quickstart.yaml").stdout
 
 
 def test_columns_do_not_run_together(tmp_path):
     """Whatever the length of the first one."""
-    shown = cli("check", write(tmp_path)).stdout
-    [line] = [line for line in shown.splitlines() if line.startswith("  noise ")]
-    assert "}process" not in line and "process: 1.0" in line
+    shown = cli("check", write(tmp_path), "--full").stdout
+    line = [line for line in shown.splitlines() if line.startswith(" noise ")][-1]
+    assert line.split("  ")[-1] == "process: 1.0 measurement: 1.0"
 
 
 def test_several_files(tmp_path):
@@ -148,7 +155,7 @@ def test_several_files(tmp_path):
     right, wrong = write(tmp_path), write(tmp_path, file="wrong.yaml", runs=0)
     result = cli("check", wrong, right, tmp_path / "none.yaml")
     assert result.exit_code == 2
-    assert f"{right}: valid" in result.stdout
+    assert f"{right} is valid" in " ".join(result.stdout.split())
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == [str(wrong), str(tmp_path / "none.yaml")]
 
 
@@ -160,13 +167,13 @@ def test_deep(tmp_path):
     plain, deep = cli("check", path), cli("check", path, "--deep")
     assert (plain.exit_code, deep.exit_code, deep.stderr) == (0, 0, "")
     # What the option measures needs no hint to it.
-    above = plain.stdout.replace("; --deep measures it", "")
+    above = plain.stdout.replace(" measure time and model mismatch: rmpc-bench check ... --deep\n", "")
     assert above != plain.stdout and deep.stdout.startswith(above)
     added = deep.stdout.removeprefix(above)
     assert (
         "  divergence of the plant from the design model" in added and "  linear closed loop without friction" in added
     )
-    assert "  warning: R-MPC differs from S-MPC in the estimator and in controller.R" in added
+    assert "warning: R-MPC differs from S-MPC in the estimator and in controller.R" in " ".join(added.split())
     assert all(line == "" or line.startswith("  ") for line in added.splitlines())
 
 
@@ -177,9 +184,10 @@ def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
     places = [shown.index(f"\n  controller.Hu={Hu}\n") for Hu in (3, 8)]
     tables = [match.start() for match in re.finditer("divergence of the plant", shown)]
     assert len(tables) == 2 and places[0] < tables[0] < places[1] < tables[1]
+    words = " ".join(shown.split())
     captions = ("s: standard deviation of the plant's noise", "c is compared with twice (10)")
-    assert [shown.count(caption) for caption in captions] == [1, 1]
-    assert shown.endswith("With `kl: printed`, c is compared with twice (10).\n")
+    assert [words.count(caption) for caption in captions] == [1, 1]
+    assert words.endswith("With `kl: printed`, c is compared with twice (10).")
 
 
 def test_only_deep_imports_what_it_needs(tmp_path):
@@ -216,6 +224,6 @@ def test_perturbed_parameters_of_a_differential_equation_are_shown(tmp_path):
     model = "{kind: linear, A: 0.9, B: [[0.1]], C: [[1]], P_w: 1, P_v: 1}"
     keys = {"uncertainty": "{eps: +-10%}", "plant": plant, "model": model, "noise": "none", "initial": None}
     path = write_estimation(tmp_path, **keys, methods="{KF: {estimator: {kind: kalman}}}")
-    lines = [" ".join(line.split()) for line in cli("check", path).stdout.splitlines()]
+    lines = [" ".join(line.split()) for line in cli("check", path, "--full").stdout.splitlines()]
     assert "T 2 x (1 + eps) -" in lines
     assert "K 4 + eps -" in lines

@@ -128,11 +128,11 @@ def test_every_run_fails(tmp_path):
 
 
 def test_remarks_of_designs(tmp_path):
-    """What a design has to say is shown with the name of its method; without any there is no such headline."""
+    """What a design has to say is shown with the name of its method."""
     plain = cli("check", write_estimation(tmp_path, methods="{KF: {estimator: {kind: kalman}}}")).stdout
-    assert "\n  remarks\n" not in plain
+    assert " -  " not in plain
     shown = cli("check", CONFIGS / "souto2011" / "fig4.yaml").stdout
-    assert "remarks" in shown and "  ERP: " in shown.split("remarks")[1]
+    assert "\n -  ERP: " in shown
 
 
 def test_smoke_of_a_plant_from_a_file(tmp_path):

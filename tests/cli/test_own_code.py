@@ -140,7 +140,7 @@ def test_run_with_files_of_every_kind(here):
         figures="[boxplot, {file: parts.py:Dots, color: r}]",
     )
     shown = cli("check", path)
-    assert shown.exit_code == 0 and "kind     parts.py:design" in shown.stdout, shown.output
+    assert shown.exit_code == 0 and " plant    parts.py:design" in shown.stdout, shown.output
     assert "plant parts.py:design" in cli("describe", path).stdout
     consent._named.clear()
     result = cli("run", path, "-o", "out", "-j", 2, "--progress", "none")

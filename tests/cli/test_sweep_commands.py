@@ -198,10 +198,12 @@ def test_check_shows_the_sweep(here):
     """Its paths and values, how many points there are and what they cost together."""
     result = cli("check", write(here, sweep=SWEEP))
     assert result.exit_code == 0
-    assert re.search(rf"{HP}\s+10, 12\n", result.stdout) and re.search(rf"{C}\s+0.1, 1\n", result.stdout)
-    assert re.search(r"size\s+4 points x 6 runs x 2 methods x 10 steps; 36 trials", result.stdout)
-    plain = cli("check", write(here)).stdout
-    assert re.search(r"size\s+6 runs x 2 methods x 10 steps\n", plain) and "sweep of" not in plain
+    shown = " ".join(result.stdout.split())
+    assert f"sweep {HP}: 10, 12; {C}: 0.1, 1" in shown
+    assert "is valid: 4 points x 6 runs x 2 methods x 10 steps, about" in shown
+    assert "36 trials; those that points share count once" in cli("check", write(here, sweep=SWEEP), "--full").stdout
+    plain = " ".join(cli("check", write(here)).stdout.split())
+    assert "is valid: 6 runs x 2 methods x 10 steps" in plain and " sweep " not in plain
 
 
 def test_overrides_of_a_sweep_get_a_directory_of_their_own(here):

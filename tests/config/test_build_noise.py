@@ -265,16 +265,19 @@ def test_exact_moments_need_laws_that_tell_theirs(mixed, outside, where):
 def test_check_shows_every_term(tmp_path):
     """One line for each, the set beside the covariance; without a sum one line as ever."""
     path = write(tmp_path, noise=f"{{process: {SUM}, measurement: {G}}}", initial=f"{{x: {START}, P: 100, M: 400}}")
-    lines = [" ".join(line.split()) for line in cli("check", path).stdout.splitlines()]
-    first = lines.index(next(line for line in lines if line.startswith("noise ")))
-    assert lines[first].startswith("noise process = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0} process: 1.0")
-    assert lines[first + 1].startswith("+ ellipsoid: shape: [4.0, 3.0, 2.0, 1.0] law: skewed-cube")
-    assert lines[first + 2] == "measurement = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0}"
-    assert lines[first + 3].startswith("initial x = gaussian: {mean: [60.0,")
-    assert lines[first + 3].endswith("x_hat = 0.0, P = 100.0, M = 400.0")
-    assert lines[first + 4].startswith("+ ellipsoid: {shape: 400.0, law: uniform")
-    shown = " ".join(cli("check", write(tmp_path)).stdout.split())
-    assert "noise process: none measurement: {gaussian" in shown and "initial x = 0 x_hat = 0.0, P = process" in shown
+    noise = "noise plant: process gaussian: {mean: 0.0, cov: 0.25, scale: 1.0} + ellipsoid: shape: [4.0, 3.0, 2.0, 1.0]"
+    assert noise in " ".join(cli("check", path).stdout.split())
+    rows = cli("check", path, "--full").stdout.partition("design model\n")[2].splitlines()
+    first, second, third = (
+        next(k for k, row in enumerate(rows) if row.startswith(f" {name} ")) for name in ("noise", "initial", "kind")
+    )
+    assert third < first < second
+    assert "process = gaussian:" in rows[first] and rows[first].endswith("process: 1.0 measurement: 1.0")
+    assert any("+ ellipsoid: shape:" in row for row in rows[first:second])
+    assert any("measurement = gaussian:" in row for row in rows[first:second])
+    assert "x = gaussian:" in rows[second] and any("+ ellipsoid:" in row for row in rows[second:])
+    shown = cli("check", write(tmp_path), "--full").stdout
+    assert "process = none" in shown and "measurement = gaussian" in shown and "x_hat = 0.0, P = process" in shown
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "uniform"])

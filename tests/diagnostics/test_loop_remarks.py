@@ -35,6 +35,7 @@ def test_a_loop_that_is_not_stable_is_named(tmp_path):
     path.write_text(CONFIG)
     text = "is not stable: its spectral radius is 1.29999556"
     checked = forked_commands.run(["check", path, "--deep"], tmp_path).stdout
+    checked = " ".join(checked.split())
     assert f"methods.short.controller: the closed loop with the design model, without limits, {text}" in checked
     assert "methods.long" not in checked and "no linear law" not in checked
     assert text in forked_commands.run(["run", path, "-o", tmp_path / "out"], tmp_path).stderr

@@ -168,7 +168,7 @@ def test_check_names_laws_without_limits(file):
     assert [*unlimited_inputs(experiment.plant, experiment.methods)] == [no_limits, other]
     given = file.read_text(encoding="utf-8").replace(methods(), f"{{A: {{controller: {{{LAWS['none']}}}}}}}")
     wider.write_text(given, encoding="utf-8")
-    assert f"{plant}; the controller of 'A' has no limits{way}" in cli("check", wider).stdout
+    assert f"{plant}; the controller of 'A' has no limits{way}" in " ".join(cli("check", wider).stdout.split())
 
 
 def test_commands_reach_files_figures_and_show(file, tmp_path):
