@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.typed_files import TypedPath
 
 _DIRECTORY = TypedPath(exists=True, file_okay=False)
@@ -16,14 +17,16 @@ _DIRECTORY = TypedPath(exists=True, file_okay=False)
 @click.argument("a", type=_DIRECTORY)
 @click.argument("b", type=_DIRECTORY)
 @click.option("--tol", type=click.FloatRange(min=0), help="Largest relative difference of equal values.  [default: 0]")
+@click.option("--values", is_flag=True, help="List the values, statuses and settings that differ.")
 @click.option("--of", "method", metavar="METHOD", help="Compare the improvement of this method on its baseline.")
 @click.option("--metric", metavar="METRIC", help="With --of: the metric.  [default: the primary one of A]")
 @exits.guarded
-def compare(a: Path, b: Path, tol: float | None, method: str | None, metric: str | None) -> int:
+def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | None, metric: str | None) -> int:
     """Compare the results of two directories, paired by point of the sweep, method and run.
 
-    Prints what only one of them has, the statuses, metrics and findings that differ, and the settings that differ.  The
-    exit code is 1 when trials or findings differ by more than --tol, and 0 when they are equal.
+    Prints the verdicts side by side with the difference of the changes, and the settings that differ; with --values
+    also what only one of them has, and the statuses, metrics and findings that differ.  The exit code is 1 when trials
+    or findings differ by more than --tol, and 0 when they are equal.
 
     With --of METHOD: the difference of the improvements of a method on its baseline, A minus B.
     """
@@ -34,14 +37,16 @@ def compare(a: Path, b: Path, tol: float | None, method: str | None, metric: str
     from rmpc_bench.execution.results import load_results
     from rmpc_bench.execution.two_results import compare_improvements, compare_results
     from rmpc_bench.types import DesignError
+    from rmpc_bench.types.texts import folded
 
     first, second = load_results(a), load_results(b)
     if method is None:
         found = compare_results(first, second, tolerance=tol or 0.0)
-        click.echo(str(found))
+        click.echo(found.text(screen_width(), values=values))
         return 0 if found.equal else exits.FINDING_DIFFERS
     try:
-        click.echo(str(compare_improvements(first, second, method, metric=metric)))
+        text = str(compare_improvements(first, second, method, metric=metric))
+        click.echo("\n".join(folded(text.split("\n"), screen_width())))
     except DesignError as error:
         raise click.UsageError(str(error)) from None
     return 0

@@ -60,6 +60,8 @@ def differences(before: Any, after: Any, names: Names, path: str = "") -> list[s
             + (f" (earlier files: {copies[role]})" if role in copies else "")
             for role, text in found.items()
         ]
+    if path == "sweep" and isinstance(before or {}, dict) and isinstance(after or {}, dict) and before != after:
+        return [_points(before or {}, after or {})]
     if isinstance(before, dict) and isinstance(after, dict):
         keys = [*before, *(key for key in after if key not in before)]
         return [
@@ -68,3 +70,16 @@ def differences(before: Any, after: Any, names: Names, path: str = "") -> list[s
             for line in differences(before.get(key), after.get(key), names, f"{path}.{key}" if path else str(key))
         ]
     return [] if before == after else [f"{path}: there {json.dumps(before)}, here {json.dumps(after)}"]
+
+
+def _points(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Say which points of a sweep differ, in one line."""
+    names = ([name for name in before if name not in after], [name for name in after if name not in before])
+    changed = [name for name in before if name in after and before[name] != after[name]]
+    parts = [
+        f"{len(each)} only {where} ({each[0]}{', ..' * (len(each) > 1)})"
+        for each, where in zip(names, ("there", "here"), strict=True)
+        if each
+    ]
+    parts += [f"{len(changed)} with other values ({changed[0]}{', ..' * (len(changed) > 1)})"] if changed else []
+    return f"sweep: points differ: {', '.join(parts)}"

@@ -37,6 +37,8 @@ from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, RunFailure, Status
 
 _NOTHING = Recording()
+MOST_SETTINGS = 5
+"""Differing settings that are named where a directory is refused."""
 WORDS = np.array([status.word for status in sorted(Status)], dtype=object)
 """Word of every status, at its number."""
 
@@ -165,7 +167,9 @@ class Store:
         if self.meta("experiment") != experiment:
             with decoded(self.directory):
                 lines = differences(self.data("shared"), json.loads(json.dumps(shared)), self.file_names(files))
-            raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
+            left = [f"and {len(lines) - MOST_SETTINGS} more"] if len(lines) > MOST_SETTINGS else []
+            text = "\n".join(f"  {line}" for line in [*lines[:MOST_SETTINGS], *left])
+            raise StoreError(f"{self.directory} holds another experiment:\n{text}")
 
     def register(self, methods: Iterable[StoredMethod]) -> None:
         """Note definition and code of methods whose trials are about to be stored."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.improvement_difference import improvement_differences
+from rmpc_bench.analysis.result_rows import result_table
+from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trial_differences import common_points, trial_differences
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution.evaluation import judge
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.setting_differences import Setting, setting_differences
 from rmpc_bench.report.improvement_text import ImprovementComparison
-from rmpc_bench.report.results_text import FindingDifference, ResultsComparison
+from rmpc_bench.report.results_text import Beside, FindingDifference, ResultsComparison
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
 
@@ -51,7 +54,31 @@ def compare_results(a: Results, b: Results, *, tolerance: float = 0.0) -> Result
         settings=tuple(setting_differences(a, b)),
         trials=trial_differences(a.trials, b.trials, tolerance),
         findings=tuple(_finding_differences(a, b)),
+        beside=tuple(_beside(a, b)),
     )
+
+
+def _beside(a: Results, b: Results) -> Iterator[Beside]:
+    """Yield the methods of both with their verdicts, where metric and baseline are the same."""
+    name = a.experiment.primary
+    try:
+        info = _common_metric(a, b, name)
+    except DesignError:
+        return
+    if a.experiment.baseline != b.experiment.baseline or _key_of(a, name) != _key_of(b, name):
+        return
+    of = [levels(each.trials) for each in (a, b)]
+    for pair in common_points(a.trials, b.trials):
+        made = [
+            result_table(table, summary(table), comparisons(table, level), info)
+            for table, level in zip(pair, of, strict=True)
+        ]
+        for row in made[0].rows:
+            other = next((each for each in made[1].rows if each.method == row.method), None)
+            if row.compared and other is not None and other.compared:
+                paired = pair[0].seed == pair[1].seed
+                found = improvement_differences([pair], row.method, info, paired=paired, is_primary=False)
+                yield Beside((made[0], made[1]), (row, other), found[0])
 
 
 def compare_improvements(

@@ -1,15 +1,25 @@
-"""The comparison of the results of two directories as text."""
+"""The comparison of the results of two directories: verdicts beside each other, and every value that differs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import pandas as pd
 
+from rmpc_bench.analysis.improvement_difference import ImprovementDifference
+from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
+from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, plain
 from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, TrialDifferences
+from rmpc_bench.report.screen_tables import NAME, fitting
+from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
+MOST_SETTINGS = 5
+"""Settings that differ and are shown with their values."""
+MOST_ROWS = 15
+"""Pairs of verdicts that are shown."""
 MOST_LINES = 20
 """Lines of one kind that are shown; the rest is counted."""
 
@@ -38,6 +48,43 @@ class FindingDifference(NamedTuple):
     b: str
 
 
+class Beside(NamedTuple):
+    """A method at a point in both experiments, with the difference of its changes."""
+
+    tables: tuple[ResultTable, ResultTable]
+    rows: tuple[ResultRow, ResultRow]
+    difference: ImprovementDifference
+
+    @property
+    def gap(self) -> Estimate:
+        """Change in B minus change in A, in percentage points, or in the unit of a signed metric."""
+        table, found = self.tables[0], self.difference
+        if table.form == "share":
+            value, low, high = (100 * each for each in found.superiority)
+        elif found.averages:
+            value, low, high = found.averages[0].difference
+        else:
+            return Estimate()
+        # It is that of the improvements, A minus B.
+        turned = table.form == "share" or table.info.direction == "higher"
+        return Estimate(-value, -high, -low) if turned else Estimate(value, low, high)
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the interval of the difference excludes 0."""
+        return self.gap.low * self.gap.high > 0
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """The verdicts."""
+        return self.rows[0].word, self.rows[1].word
+
+    @property
+    def name(self) -> str:
+        """The method and the point."""
+        return " ".join(filter(None, [self.rows[0].method, self.difference.point]))
+
+
 @dataclass(frozen=True, eq=False)
 class ResultsComparison:
     """How the results of two directories differ.
@@ -49,6 +96,7 @@ class ResultsComparison:
     settings : what differs in the configurations
     trials : what differs in the trials
     findings : claims of both whose computed findings differ
+    beside : methods of both with their verdicts, where metric and baseline are the same
     """
 
     names: tuple[str, str]
@@ -56,6 +104,7 @@ class ResultsComparison:
     settings: tuple[Setting, ...]
     trials: TrialDifferences
     findings: tuple[FindingDifference, ...]
+    beside: tuple[Beside, ...] = ()
 
     @property
     def equal(self) -> bool:
@@ -77,6 +126,64 @@ class ResultsComparison:
 
     def __str__(self) -> str:
         return "\n".join(self._lines())
+
+    def text(self, width: int, *, values: bool = False) -> str:
+        """Lay out the verdicts beside each other and the settings that differ; with `values` all that differs."""
+        if values:
+            return "\n".join(folded([*self._lines()], width))
+        pairs = zip("AB", self.names, self.sizes, strict=True)
+        lines = [*in_columns([(f"{letter}  {name}", size) for letter, name, size in pairs], indent=""), ""]
+        lines = folded(lines, width) + wrapped(plain(self._answer()), width)
+        shown = [each for each in self.beside if len(self.beside) <= MOST_ROWS or each.is_resolved]
+        if shown and not self.equal:
+            first = shown[0].tables[0]
+            share = "better than" if first.form == "share" else f"change of the {first.quantity} against"
+            lines += ["", cut(without_formulas(f"{share} {first.baseline}"), width)]
+            ways = ((None, True), (NAME, True), (None, False), (NAME, False))
+            lines += fitting((partial(_beside_lines, shown[:MOST_ROWS], *way) for way in ways), width)
+            lines += [f" and {len(shown) - MOST_ROWS} more"] if len(shown) > MOST_ROWS else []
+        return "\n".join([*lines, "", *folded([*self._differing()], width)])
+
+    def _answer(self) -> str:
+        """Say whether verdicts differ, and which differences of changes are resolved."""
+        if self.equal:
+            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}."
+        n = len(self.findings)
+        text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
+        if not self.beside:
+            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}.{text}"
+        other = [each for each in self.beside if len({*each.words}) > 1]
+        resolved = [each.name for each in self.beside if each.is_resolved]
+        said = "The verdicts are the same"
+        if other:
+            one = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
+            said = f"{len(other)} of {len(self.beside)} verdicts differ: {one}" if len(self.beside) > 1 else one
+        names = ", ".join(resolved[:3]) + (f" and {len(resolved) - 3} more" if len(resolved) > 3 else "")
+        gap = (
+            f"the difference between A and B is resolved for {names}"
+            if resolved
+            else "no difference between A and B is resolved"
+        )
+        return f"{said}; {gap}.{text}"
+
+    def _differing(self) -> Iterator[str]:
+        """Say which settings and values differ."""
+        settings = [each for each in self.settings if each.path not in ("experiment hash", "options")]
+        known = [each.path for each in settings if each.path in ("seed", "runs")]
+        rest = [each for each in settings if each.path not in known]
+        if settings:
+            more = f" and {len(rest) - MOST_SETTINGS} more: --values" if len(rest) > MOST_SETTINGS else ""
+            yield f" settings that differ: {', '.join(known)}".rstrip(" ,")
+            yield from (f"   {each.path}: A {each.a}, B {each.b}" for each in rest[:MOST_SETTINGS])
+            yield from [f"  {more}"] if more else []
+        yield from (f" only in {line}" for line in _alone(self.trials)[:MOST_SETTINGS])
+        if not self.equal:
+            seeds = ", as with other seeds" if any(each.path == "seed" for each in settings) else ""
+            yield (
+                f" values of the runs differ{seeds}: --values lists them"
+                if self.trials.differing
+                else " --values lists all"
+            )
 
     def _lines(self) -> Iterator[str]:
         for letter, name, size in zip("AB", self.names, self.sizes, strict=True):
@@ -110,6 +217,20 @@ class ResultsComparison:
         texts = [f"{n} {noun}{'' if n == 1 else 'es' if noun == 'status' else 's'} differ" for n, noun in counts if n]
         texts += ["one has more than the other"] if _alone(trials) else []
         return f"different ({rule}): {', '.join(texts)}; compared: {basis}"
+
+
+def _beside_lines(shown: Sequence[Beside], size: int | None, with_intervals: bool) -> list[str]:
+    """Lay out the changes in A and B, their difference and the verdicts."""
+    unit = shown[0].tables[0].info.unit if shown[0].tables[0].form == "difference" else "points"
+    lines = [["", "A", "B", f"B - A [{unit}]" if unit else "B - A", "A, B"]]
+    for each in shown:
+        texts = [
+            plain(table.change_text(row) if with_intervals else table.change_texts(row)[0])
+            for table, row in zip(each.tables, each.rows, strict=True)
+        ]
+        words = each.words[0] if len({*each.words}) == 1 else ", ".join(each.words)
+        lines.append([cut(each.name, size or 80), *texts, plain(" ".join(difference_texts(each.gap))), words])
+    return in_columns(lines, (1, 2, 3), indent="")
 
 
 def _alone(trials: TrialDifferences) -> list[str]:
