@@ -13,6 +13,7 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.component_text import show, show_own
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
 from rmpc_bench.extras import need
@@ -116,7 +117,9 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
     config = load_config(_config(name), allow_code=allow_code)
     if plot is not None:
         _plot(name, config.experiment.plant.plots(), plot)
-    click.echo("\n".join(_config_lines(config)))
+    from rmpc_bench.types.texts import folded
+
+    click.echo("\n".join(folded(_config_lines(config), screen_width())))
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
@@ -35,33 +36,30 @@ def show(group: str, kind: str) -> None:
 
 def _show_design(group: str, kind: str, design: Any) -> None:
     from rmpc_bench.config.component_manual import manual_of, shared_keys
+    from rmpc_bench.types.texts import folded
 
     manual = manual_of(group, kind, design)
-    click.echo(f"{group}/{kind}  {need(group, kind)}".rstrip())
+    lines = [f"{group}/{kind}  {need(group, kind)}".rstrip()]
     for text in (manual.module, manual.text):
-        if text:
-            click.echo(f"\n{text}")
-    if manual.keys:
-        click.echo("\nKeys")
+        lines += ["", text] if text else []
+    lines += ["", "Keys"] if manual.keys else []
     for key in manual.keys:
-        _show_key(key)
+        lines += _key_lines(key)
     shared = shared_keys(group)
-    if shared:
-        click.echo(f"\nEvery {group.removesuffix('s')} also has the keys")
-    for key in shared:
-        click.echo(f"    {key.name} : {key.meaning}")
+    lines += ["", f"Every {group.removesuffix('s')} also has the keys"] if shared else []
+    lines += [f"    {key.name} : {key.meaning}" for key in shared]
+    width = screen_width()
+    click.echo("\n".join(folded("\n".join(lines).split("\n"), width)))
     if manual.examples:
+        # Code is not broken.
         click.echo(f"\nExamples\n\n{manual.examples}")
 
 
-def _show_key(key: KeyEntry) -> None:
+def _key_lines(key: KeyEntry) -> list[str]:
     """Write a key with default, type and meaning, and the keys of the mapping that is its value."""
     from rmpc_bench.config.schema_words import ANY
 
     default = "required" if key.default is None else f"default {key.default}" if key.default else "optional"
     kind = "" if key.kind == ANY else f"  {key.kind.replace('`', '')}"
-    click.echo(f"  {key.name}  ({default}){kind}")
-    if key.meaning:
-        click.echo(f"      {key.meaning}")
-    for inner in key.keys:
-        click.echo(f"        {inner.name} : {inner.meaning}")
+    lines = [f"  {key.name}  ({default}){kind}"] + [f"      {key.meaning}"] * bool(key.meaning)
+    return lines + [f"        {inner.name} : {inner.meaning}" for inner in key.keys]

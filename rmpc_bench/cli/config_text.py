@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MOST_METHODS, FIRST_METHODS = 40, 30
 """Methods that have a line; of more the first ones."""
-MOST_REMARKS = 8
+MOST_REMARKS = 5
 """Remarks that the short text shows."""
 MOST_NAMED = 6
 """Methods that a remark names."""

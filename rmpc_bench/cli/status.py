@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.typed_files import TypedPath
 
 
@@ -22,6 +23,8 @@ def status(directory: Path, as_json: bool) -> None:
     their standard errors.  It reads progress.json only, so it works on every machine that sees the directory.
     """
     from rmpc_bench.execution.status import read_status
+    from rmpc_bench.types.texts import folded
 
     found = read_status(directory)
-    click.echo(json.dumps(found.to_json(), indent=2) if as_json else str(found))
+    text = "\n".join(folded(str(found).split("\n"), screen_width()))
+    click.echo(json.dumps(found.to_json(), indent=2) if as_json else text)

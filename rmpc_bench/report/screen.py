@@ -267,6 +267,7 @@ def _parameters(trials: Trials) -> str:
         [word] = groups
         return _PARAMETERS.get(word, f"parameters: {word}")
     parts = [
-        f"{names[0] if len(names) == 1 else len(names)} {word.partition(' (')[0]}" for word, names in groups.items()
+        f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
+        for word, names in groups.items()
     ]
-    return f"parameters: {'; '.join(parts)}" if parts else ""
+    return f"parameters {'; '.join(parts)}" if parts else ""

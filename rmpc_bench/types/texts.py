@@ -139,7 +139,9 @@ def folded(lines: Sequence[str], width: int) -> list[str]:
             if label is not None and len(label[0]) <= min(_LONGEST_LABEL, width // 2)
             else line[: len(line) - len(line.lstrip())]
         )
-        found += wrapped(line[len(start) :], width, " " * (len(start) + 2 * (not start.strip())), start)
+        found += wrapped(
+            line[len(start) :], width, " " * (len(start) + 2 * (not start.strip() and len(start) < 4)), start
+        )
     return found
 
 

@@ -26,7 +26,7 @@ README = Path(__file__).parents[2] / "README.md"
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 TUNING = Path(__file__).parents[2] / "docs" / "tuning.md"
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-SECONDS = re.compile(r"(?<= done in )\d+(?:\.\d+)? s(?= )")
+SECONDS = re.compile(r"(?<= failed, )\d+(?:\.\d+)? s$", re.MULTILINE)
 """The time that a run took, which is not the same again."""
 
 

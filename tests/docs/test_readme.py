@@ -82,7 +82,7 @@ def test_the_row_of_the_own_estimator():
     again = [*shlex.split(added.line)[1:], *shlex.split(option), "-o", "other", "--progress", "none"]
     done = forked_commands.run(again, place)
     assert done.returncode == 0, done.stderr
-    found = printed(done.stdout, "mine")[3]
+    found = printed(done.stdout, "mine")[2]
     ends = [each.strip("-+") for each in re.findall(r"[-+]?[\d.]+", found)]
     assert [ends[0], *sorted(ends[1:])] == re.findall(r"[\d.]+", change) and found.startswith("-")
 
@@ -92,7 +92,7 @@ def test_the_first_example_draws_two_parameters_and_no_noise(tmp_path):
     (tmp_path / "servo.yaml").write_bytes((followed(README).place / "servo.yaml").read_bytes())
     done = forked_commands.run(["run", "servo.yaml", "-s", "noise=same", "--progress", "none"], tmp_path)
     assert done.returncode == 0, done.stderr
-    change = printed(done.stdout, "R-MPC")[3].split(" [")[0]
+    change = printed(done.stdout, "R-MPC")[2].split(" [")[0]
     assert f"With `noise: same`, that of the design model, R-MPC is {change.lstrip('+')} worse." in WORDS
     drawn = pd.read_csv(followed(README).place / "results" / "servo" / "uncertainty.csv")
     assert {*drawn.columns} == {"run", "eps", "eps_load"}

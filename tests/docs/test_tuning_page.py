@@ -21,7 +21,10 @@ def test_every_command_works(page):
 
 def test_the_run_of_the_page_is_shown(page):
     (shown,) = [step for step in page.steps if step.shown is not None]
-    assert shown.line == "rmpc-bench run fair.yaml" and "tuning      3 methods, budget 16" in shown.out
+    assert (
+        shown.line == "rmpc-bench run fair.yaml"
+        and " tuned: Kalman V 3.907e-05, fading alpha 1.3088, robust c 0.1866; budget 16," in shown.out
+    )
 
 
 def test_what_the_page_says_of_its_results(page):

@@ -16,11 +16,14 @@ import pandas as pd
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
+from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
+from rmpc_bench.report.screen import WIDTH
+from rmpc_bench.report.screen_tables import ran_lines, row_lines
 from rmpc_bench.report.sentences import sentence
-from rmpc_bench.report.tables import markdown_table, screen
+from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types import Array, MetricInfo
 
 PAGE = Path(__file__).parents[2] / "docs" / "statistics.md"
@@ -239,7 +242,9 @@ def row_of_runs(table: cells.MetricTable) -> dict[str, str]:
 def screen_of(case: Case) -> str:
     """Return the table of a case as a run prints it."""
     trials = trials_of(case)
-    return screen(trials, summary(trials), comparisons(trials), case.info.name)
+    if not trials.with_verdicts:
+        return "\n".join(ran_lines(trials, WIDTH))
+    return "\n".join(row_lines(result_table(trials, summary(trials), comparisons(trials), case.info), WIDTH))
 
 
 def generated() -> str:
@@ -257,9 +262,9 @@ def generated() -> str:
         markdown_table(columns_of(row_of_runs)),
         "Each comparison in one sentence, as in `tables/summary.md`, and what it shows:",
         "\n".join(sentences),
-        "Number 7 on the screen, with failed runs and the pairs that the change rests on:",
+        "Number 7 on the screen, with the failed runs behind the verdict:",
         f"```text\n{screen_of(fails_more())}\n```",
-        "A smoke run has no verdict and no averages, only numbers of finished and failed runs:",
+        "A smoke run has no verdict and no averages, only what ran:",
         f"```text\n{screen_of(smoke())}\n```",
     ]
     return "\n\n".join(parts)

@@ -65,7 +65,7 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
     assert {tmp_path / "figures" / "tuning.svg"} <= set(written.paths) and "![tuning](figures/tuning.svg)" in page
     screen = written.summary()
     assert " tuned: R-MPC radius 0.05; budget 4, 3 runs (tables/tuning.md)\n" in screen
-    assert "parameters: S-MPC default, not tuned; R-MPC tuned" in " ".join(screen.split())
+    assert "parameters default, not tuned: S-MPC; tuned: R-MPC" in " ".join(screen.split())
 
 
 def test_files_of_an_earlier_tuning_are_removed(tuned, tmp_path):
