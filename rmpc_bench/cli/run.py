@@ -169,7 +169,9 @@ def _run_all(
         click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*times), err=True)
         click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
     codes = [exits.code_of(written, strict=strict) for strict in (False, True)]
-    shown = Shown.of(written, said, exits.notes_of(written), codes, screen_width())
+    width, uncompared = screen_width(), bool(results.experiment.claims) and not results.is_final
+    lines = written.summary(None, width).split("\n")
+    shown = Shown(said, exits.notes_of(written), lines, width, uncompared, codes)
     _say_uncompared(request, shown.uncompared)
     if not results.other_code:
         keep_state(config, directory, options, written.paths, shown, command)

@@ -29,7 +29,6 @@ from rmpc_bench.replaced_file import replace_text
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.publish import Publication
 
 FILE = "published.json"
 PROGRESS = "progress.json"
@@ -74,14 +73,6 @@ class Shown:
     def text(self, seconds: float) -> str:
         """Return the text at the end of a run."""
         return with_time("\n".join(self.lines), seconds, self.width)
-
-    @classmethod
-    def of(
-        cls, written: Publication, said: Sequence[str], notes: Sequence[str], codes: Sequence[int], width: int
-    ) -> Shown:
-        """Return what is shown of results that have just been published."""
-        uncompared = bool(written.results.experiment.claims) and not written.results.is_final
-        return cls([*said], [*notes], written.summary(None, width).split("\n"), width, uncompared, [*codes])
 
 
 def with_time(text: str, seconds: float, width: int) -> str:

@@ -65,7 +65,7 @@ def test_ten_commands_lead_to_a_comparison(steps):
 def test_the_table_of_the_page(steps):
     """Names and means are printed as they stand there; times per step and last digits differ between machines."""
     step = next(step for step in steps(FIRST)[1] if step.shown is not None)
-    rows = [re.findall(r"^    (\S+) +([\d.]+)\(\d+\)(e-\d+)", text, re.MULTILINE) for text in (step.shown, step.out)]
+    rows = [re.findall(r"^ (\S+) +\(([\d.]+) ± [\d.]+\)(e-\d+)", text, re.MULTILINE) for text in (step.shown, step.out)]
     shown, printed = ({name: float(mean + power) for name, mean, power in found} for found in rows)
     assert [*shown] == [*printed] == ["Kalman", "do-mpc", "filterpy"]
     assert shown == pytest.approx(printed, rel=0.02)
