@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis.comparison_text import contradicting, margin_text, size_text, verdict_text
+from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.number_text import decimals, median_text, with_error
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
@@ -83,11 +83,6 @@ def other_average(table: MetricTable) -> str:
     other = {"geometric": "mean", "mean": "geometric"}.get(average_of(table), "")
     rows = [line.compared for line in table.lines if line.compared]
     return other if other and any(not math.isnan(row[f"{other}_pct"]) for row in rows) else ""
-
-
-def averages_contradict(table: MetricTable) -> bool:
-    """Whether the two averages of any comparison have opposite signs."""
-    return any(contradicting(line.compared) for line in table.lines if line.compared)
 
 
 def counts(table: MetricTable) -> list[str]:
