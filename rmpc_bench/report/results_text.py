@@ -168,7 +168,9 @@ class ResultsComparison:
 
     def _differing(self) -> Iterator[str]:
         """Say which settings and values differ."""
-        settings = [each for each in self.settings if each.path not in ("experiment hash", "options")]
+        given = [each for each in self.settings if each.path != "experiment hash"]
+        # Options are named by what they change, where that is known.
+        settings = [each for each in given if each.path != "options"] or given
         known = [each.path for each in settings if each.path in ("seed", "runs")]
         rest = [each for each in settings if each.path not in known]
         if settings:

@@ -226,7 +226,7 @@ class Screen:
         more = f" (and {len(counts) - 1} more methods: failures/)" if len(counts) > 1 else ""
         text = f"failed: {method}, {n} run{'s' * (n > 1)}{why}{more}; the first again:"
         command = wrapped(show_command(table, self.page.parent, method, run), width - 3)
-        return [cut(text, width - 1), *(f"{line} \\" for line in command[:-1]), command[-1]]
+        return [cut(text, 2 * (width - 1)), *(f"{line} \\" for line in command[:-1]), command[-1]]
 
     def _claims(self) -> list[str]:
         if not self.verdicts:

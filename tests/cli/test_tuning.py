@@ -59,8 +59,8 @@ def test_progress_names_the_tuning(finished):
 
 def test_check_and_dry_run_name_its_trials(tmp_path):
     path = write(tmp_path)
-    shown = cli("check", path).stdout
-    assert "  tuning        at most 30 trials (1 method x 6 values x 5 runs), and 56 for the regret" in shown
+    shown = " ".join(cli("check", path).stdout.split())
+    assert "tuning at most 30 trials (1 method x 6 values x 5 runs), and 56 for the regret" in shown
     plan = cli("run", path, "-o", tmp_path / "out", "-n").stdout
     assert "tuning comes first: at most 30 trials" in plan and not (tmp_path / "out").exists()
 
@@ -157,7 +157,7 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     assert not (tmp_path / "out" / "tuning.json").exists()
     [part] = read_status(tmp_path / "out").shards
     assert (part.state, part.why, part.done, part.total) == ("interrupted", "OSError", 25, 86)
-    shown = cli("status", tmp_path / "out").stdout
+    shown = " ".join(cli("status", tmp_path / "out").stdout.split())
     assert "interrupted (OSError)" in shown and "; tuning: 1 method x 6 values, 5 runs" in shown
     monkeypatch.setattr(rounds, "store_block", store_block)
     blocks = spied(monkeypatch)
