@@ -157,7 +157,7 @@ def test_one_run_gives_no_ranks_and_no_share_of_bootstrap_sets(make_trials, tuni
     tests = metric * constant([2, 1, 3], test_runs)
     made = TuningTable(table, tuning(*(search(name, constant([2, 1], tuning_runs), tests) for name in "AB")))
     assert not made.ranks and made.sentences[-1] == f"No ranks: {why}."
-    text = "\n".join([*made.to_screen(), *made.sentences])
+    text = "\n".join([made.gist, *made.sentences])
     assert "bootstrap" not in text and "rank 1" not in text and made.frame["same_order_pct"].isna().all()
 
 
