@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow
-from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.palette import BAND, INK, PRINT
-from rmpc_bench.figures.scales import WIDE, Axis, value_axis
-from rmpc_bench.types import Array
+from rmpc_bench.figures.scales import Axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,23 +22,6 @@ TINT = 0.18
 """Opacity of the colour of a verdict in a box."""
 THIN, MEDIAN = 0.8, 1.8
 """Widths of the lines of a box and of its median [pt]."""
-
-
-def box_axis(values: Sequence[float] | Array, log: bool | Literal["auto"], most: int = 5) -> Axis:
-    """Choose the axis of boxes: logarithmic as asked for, else where the largest value exceeds 20 smallest ones."""
-    finite = [float(each) for each in values if math.isfinite(each)]
-    wide = WIDE if log == "auto" else 1.0 if log else math.inf
-    return value_axis([min(max(each, -FAR), FAR) for each in finite], most, wide=wide)
-
-
-def set_axis(axes: Axes, axis: Axis, *, upright: bool = False) -> None:
-    """Give a panel the limits, scale and ticks of an axis: the vertical one of upright boxes, else the horizontal."""
-    back, side = math.exp if axis.log else float, "y" if upright else "x"
-    how: dict[str, Any] = {f"{side}scale": "log" if axis.log else "linear"}
-    how |= {f"{side}lim": (back(axis.low), back(axis.high)), f"{side}ticks": [back(tick.at) for tick in axis.ticks]}
-    axes.set(**how)
-    axes.set(**{f"{side}ticklabels": [tick.label for tick in axis.ticks]})
-    axes.minorticks_off()
 
 
 def draw_box(axes: Axes, row: ResultRow, place: float, axis: Axis, *, upright: bool = False) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
+from rmpc_bench.figures.change_axis import Log, scaled_axis, set_axis
 from rmpc_bench.figures.labels import (
     LINEAR,
     POINTS_PER_INCH,
@@ -64,7 +66,7 @@ class Boxplot(SweepFigure):
     metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
 
     metric: str | None = None
-    log: bool | Literal["auto"] = "auto"
+    log: Log = "auto"
 
     def caption(self, results: Trials) -> str:
         """Define the boxes and count the runs; see `Figure.caption`."""
@@ -89,12 +91,12 @@ class Boxplot(SweepFigure):
 def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    from rmpc_bench.figures.boxes import box_axis, draw_box, set_axis
+    from rmpc_bench.figures.boxes import draw_box
 
     first = tables[0]
     rows = [shown_rows(table, first, keys.order) for table in tables]
     values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
-    axis = box_axis(np.concatenate([np.zeros(0), *(each for panel in values for each in panel)]), keys.log)
+    axis = scaled_axis([each for panel in values for column in panel for each in column.tolist()], keys.log)
     with style():
         slot = (keys.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
         names, how, tall = names_of_columns([label_of(first.trials, row.method) for row in rows[0]], slot)
@@ -124,7 +126,7 @@ def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
 
 def _values(table: ResultTable, method: str) -> Array:
     values = table.trials.column(table.info.name, method)
-    return values[np.isfinite(values)]
+    return np.clip(values[np.isfinite(values)], -FAR, FAR)
 
 
 def _draw_beyond(axes: Axes, values: Array, quantiles: Sequence[float], place: float, gid: str, n_boxes: int) -> None:

@@ -10,6 +10,7 @@ from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCO
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
 from rmpc_bench.figures.boxes import VERDICT_COLOURS
 from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.change_axis import NONE
 from rmpc_bench.figures.labels import (
     POINTS_PER_INCH,
     literal,
@@ -177,7 +178,7 @@ def _changed(content: SweepContent, table: ResultTable, row: ResultRow | None) -
 
 def _direction(content: SweepContent, value: Estimate) -> str:
     """Find the word of a metric without verdict: to which side of no change its interval lies."""
-    none = {"ratio": 1.0, "share": 0.5}.get(content.form, 0.0)
+    none = NONE.get(content.form, 0.0)
     if not (value.low > none or value.high < none):
         return INCONCLUSIVE
     wanted = content.info.direction == "higher" or content.form == "share"

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.figures.axes import FAR, stacked_panels
+from rmpc_bench.figures.axes import stacked_panels
 from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.change_axis import NONE, change_axis, draw_no_change, scaled_axis, set_axis
 from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.line_styles import LineStyle, line_styles
-from rmpc_bench.figures.palette import BAND, DIM, INK
-from rmpc_bench.figures.scales import WIDE, Axis, difference_axis, ratio_axis, share_axis, value_axis
+from rmpc_bench.figures.palette import DIM, INK
+from rmpc_bench.figures.scales import Axis
 from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
 from rmpc_bench.types import Array
 
@@ -83,28 +82,20 @@ def _title(content: SweepContent, room: float, *, is_log: bool) -> list[str]:
 def _axis(content: SweepContent) -> Axis:
     """Choose the vertical axis, the same for all panels."""
     found = [content.number(table, name) for table in content.tables for name in content.methods]
-    found = [each for each in found if not math.isnan(each.value)]
-    margin = max(table.margin for table in content.tables) if content.show == "change" else 0.0
     if content.show == "value":
-        # A log scale that is asked for has every ratio on it, one that is not wanted none.
-        wide = WIDE if content.log == "auto" else 1.0 if content.log else math.inf
-        return value_axis([end for each in found for end in each if abs(end) < FAR], wide=wide)
-    if content.form == "share":
-        return share_axis()
-    if content.form == "ratio":
-        return ratio_axis([Estimate(*(100 * (end - 1) for end in each)) for each in found], margin, MOST_TICKS)
-    return difference_axis(found, margin, MOST_TICKS)
+        return scaled_axis([end for each in found for end in each], content.log)
+    return change_axis(content.form, found, content.margin, MOST_TICKS)
 
 
 def _draw(axes: Axes, content: SweepContent, panel: str, axis: Axis, styles: dict[str, LineStyle]) -> list[Name]:
     """Draw the lines of a panel and return the names for their ends."""
-    if axis.log:
-        axes.set_yscale("log")
-    back = math.exp if axis.log else float
-    axes.set_ylim(back(axis.low), back(axis.high))
-    axes.set_yticks([back(tick.at) for tick in axis.ticks], [tick.label for tick in axis.ticks])
-    axes.minorticks_off()
-    names = _reference(axes, content, axis) if content.show == "change" else []
+    set_axis(axes, axis, upright=True)
+    names = []
+    if content.show == "change":
+        base = content.trials.baseline
+        draw_no_change(axes, content.form, content.margin, upright=True, gid=f"method-{base}")
+        place = axis.place(NONE.get(content.form, 0.0))
+        names.append(Name(label_of(content.trials, base), place, INK, f"method-{base}"))
     for name in content.methods:
         line = content.line(panel, name)
         if not line:
@@ -129,19 +120,6 @@ def _drawable(values: Array, axis: Axis) -> Array:
     ends = np.array([axis.low - reach, axis.high + reach])
     low, high = np.exp(np.clip(ends, -200, 200)) if axis.log else ends
     return np.where(np.isnan(values), np.nan, np.clip(values, low, high))
-
-
-def _reference(axes: Axes, content: SweepContent, axis: Axis) -> list[Name]:
-    """Draw the baseline with the margin of relevance, and return its name."""
-    margin = max(table.margin for table in content.tables)
-    none = {"ratio": 1.0, "share": 0.5}.get(content.form, 0.0)
-    if margin and content.form != "share":
-        ends = (1 / (1 + margin), 1 + margin) if content.form == "ratio" else (-margin, margin)
-        axes.axhspan(*ends, color=BAND, lw=0, zorder=0.2)
-    baseline = content.trials.baseline
-    gid = f"method-{baseline}"
-    axes.axhline(none, color=INK, lw=1.0, zorder=2.1, gid=gid)
-    return [Name(label_of(content.trials, baseline), axis.place(none), INK, gid)]
 
 
 def _write(axes: Axes, names: Sequence[Name], limit: float) -> list[Annotation]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,12 +12,13 @@ from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.rank_rows import ranking
 from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
-from rmpc_bench.figures.boxes import VERDICT_COLOURS, box_axis, draw_box, set_axis
+from rmpc_bench.figures.boxes import VERDICT_COLOURS, draw_box
 from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.change_axis import Log, change_axis, draw_no_change, scaled_axis, set_axis
 from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, metric_label, typeset, width, with_unit, wrapped
-from rmpc_bench.figures.palette import BAND, GROUND, INK
+from rmpc_bench.figures.palette import GROUND, INK
 from rmpc_bench.figures.point_tables import common_form, shown_change
-from rmpc_bench.figures.scales import Axis, Tick, difference_axis, ratio_axis, share_axis
+from rmpc_bench.figures.scales import Axis, Tick
 from rmpc_bench.types import DesignError
 
 if TYPE_CHECKING:
@@ -31,14 +32,12 @@ APART = 4.0
 """Free width between the labels of two ticks [pt]."""
 LEFT, RIGHT = "◀", "▶"
 COMPARED = {"ratio": "change against {}", "difference": "difference from {}", "share": "share of runs better than {}"}
-NONE = {"ratio": 1.0, "share": 0.5}
-"""Form of a change -> where there is none, else 0."""
 
 
 class Options(NamedTuple):
     """Keys of the figure that its columns need."""
 
-    log: bool | Literal["auto"]
+    log: Log
     above: float
     ranked: bool
     """Whether the changes are those over all points."""
@@ -104,7 +103,7 @@ def column_of(
 
 def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Boxes of the runs."""
-    axis = box_axis([end for shown in rows for row in shown for end in row.quantiles], keys.log)
+    axis = scaled_axis([end for shown in rows for row in shown for end in row.quantiles], keys.log)
     remark = LINEAR if keys.log is True and not axis.log else ""
     label = metric_label(tables[0].info) + remark
     return Column(axis, label, lambda axes, table, row, place: draw_box(axes, row, place, axis))
@@ -112,7 +111,7 @@ def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], 
 
 def _means(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Means of the runs that have a value, with their intervals."""
-    axis = box_axis([end for shown in rows for row in shown for end in row.mean], keys.log)
+    axis = scaled_axis([end for shown in rows for row in shown for end in row.mean], keys.log)
     remark = LINEAR if keys.log is True and not axis.log else ""
 
     def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
@@ -137,7 +136,7 @@ def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]])
     shown = [(table, row) for table, there in zip(tables, rows, strict=True) for row in there]
     shown = [(table, row) for table, row in shown if row.compared and row.quantiles]
     found = [shown_change(row, form) for _, row in shown]
-    axis = _change_axis(form, [each for each in found if math.isfinite(each.value)], margin)
+    axis = change_axis(form, found, margin)
     unit = first.info.unit if form == "difference" else ""
     label = with_unit(typeset(COMPARED[form].format(label_of(first.trials, first.baseline))), unit)
 
@@ -147,15 +146,7 @@ def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]])
             colour = VERDICT_COLOURS.get(row.word, INK)
             _change(axes, axis, value, _text(form, value, unit), place, colour, row.method)
 
-    return Column(axis, label, draw, lambda axes: _reference(axes, form, margin))
-
-
-def _change_axis(form: str, found: Sequence[Estimate], margin: float) -> Axis:
-    if form == "share":
-        return share_axis()
-    if form == "difference":
-        return difference_axis(found, margin)
-    return ratio_axis([Estimate(*(100 * (end - 1) for end in each)) for each in found], margin)
+    return Column(axis, label, draw, lambda axes: draw_no_change(axes, form, margin))
 
 
 def _text(form: str, value: Estimate, unit: str) -> str:
@@ -179,14 +170,6 @@ def _change(axes: Axes, axis: Axis, value: Estimate, text: str, place: int, colo
     axes.annotate(words, (end, place), xycoords=axes.get_yaxis_transform(), **look)
 
 
-def _reference(axes: Axes, form: str, margin: float) -> None:
-    """Draw no change and the margin of relevance."""
-    if margin:
-        ends = (1 / (1 + margin), 1 + margin) if form == "ratio" else (-margin, margin)
-        axes.axvspan(*ends, color=BAND, lw=0, zorder=0.2)
-    axes.axvline(NONE.get(form, 0.0), color=INK, lw=0.8, zorder=2.1)
-
-
 def _shares(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Shares of the runs that exceed a number, or in which the event of the metric occurs, with the counts."""
     info, counts = tables[0].info, {}
@@ -201,7 +184,7 @@ def _shares(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], 
             ends = [100 * end for end in wilson(k, len(values), table.trials.confidence)]
             share = Estimate(100 * k / len(values), *ends) if len(values) else Estimate()
             counts[id(table), row.method] = share, f"{k} of {len(values)}"
-    axis = box_axis([0.0, *(end for share, _ in counts.values() for end in share)], log=False)
+    axis = scaled_axis([0.0, *(end for share, _ in counts.values() for end in share)], log=False)
     words = info.words if occurs or binary else f"{info.words} above {keys.above:g} {info.unit}".rstrip()
 
     def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
@@ -237,7 +220,7 @@ def _ratios(results: Trials) -> Column:
     """Changes over all points, with the intervals of the ranks."""
     ratios = {row.method: row.ratio for row in _ranking(results).rows if row.method != results.baseline}
     found = {name: Estimate(each.ratio, each.low, each.high) for name, each in ratios.items()}
-    axis = _change_axis("ratio", [each for each in found.values() if math.isfinite(each.value)], results.relevant)
+    axis = change_axis("ratio", list(found.values()), results.relevant)
 
     def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
         value = found.get(row.method, Estimate())
@@ -245,4 +228,4 @@ def _ratios(results: Trials) -> Column:
         _change(axes, axis, value, _text("ratio", value, ""), place, VERDICT_COLOURS.get(word, INK), row.method)
 
     label = typeset(COMPARED["ratio"].format(label_of(results, results.baseline)))
-    return Column(axis, label, draw, lambda axes: _reference(axes, "ratio", results.relevant))
+    return Column(axis, label, draw, lambda axes: draw_no_change(axes, "ratio", results.relevant))

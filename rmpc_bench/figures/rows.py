@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
+from rmpc_bench.figures.change_axis import Log
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, on_two_lines, shortened
 from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
 from rmpc_bench.figures.style import lay_out, style
@@ -73,7 +74,7 @@ class Rows(SweepFigure):
 
     metric: str | None = None
     show: str | list[str] | None = None
-    log: bool | Literal["auto"] = "auto"
+    log: Log = "auto"
     above: float = 0.0
     width: Inches = 6.6
 

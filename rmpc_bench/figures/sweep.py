@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.captions import sentences
+from rmpc_bench.figures.change_axis import Log
 from rmpc_bench.figures.labels import metric_of
 from rmpc_bench.figures.point_tables import common_form, tables_of
 from rmpc_bench.figures.sweep_axis import POINTS, SweepAxis, axis_of, main_paths, other_paths, panel_title
@@ -63,7 +64,7 @@ class Sweep(SweepFigure):
     metric: str | None = None
     show: Literal["change", "value"] | None = None
     spread: Literal["interval", "quartiles"] = "interval"
-    log: bool | Literal["auto"] = "auto"
+    log: Log = "auto"
     label: str | None = None
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from rmpc_bench.analysis.shown_numbers import Estimate
+from rmpc_bench.figures.change_axis import Log
 from rmpc_bench.figures.point_tables import row_of, shown_change
 from rmpc_bench.figures.sweep_axis import SweepAxis
 
@@ -34,7 +35,7 @@ class SweepContent(NamedTuple):
     """The second path of a grid."""
     show: Show = "change"
     spread: str = "interval"
-    log: bool | Literal["auto"] = "auto"
+    log: Log = "auto"
 
     @property
     def is_lines(self) -> bool:
@@ -55,6 +56,11 @@ class SweepContent(NamedTuple):
     def info(self) -> MetricInfo:
         """The metric."""
         return self.tables[0].info
+
+    @property
+    def margin(self) -> float:
+        """The largest margin of relevance of the points."""
+        return max(table.margin for table in self.tables)
 
     @property
     def is_median(self) -> bool:

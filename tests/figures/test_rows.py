@@ -204,6 +204,14 @@ def test_a_method_without_finished_runs_has_an_empty_row(make_trials):
     )
 
 
+def test_values_of_runs_that_diverge_can_be_drawn(make_trials):
+    """As large as a float can be."""
+    values = {"A": [1.0, 2.0, 3.0], "B": [1e300, 1e305, 1.7e308], "C": [1e-300, 1.0, 1e308]}
+    trials = make_trials({"length": values}, (LENGTH,))
+    for keys in (Rows(show=["values", "change", "mean"]), Boxplot(), Boxplot(log=False)):
+        keys.draw(trials)
+
+
 def test_of_more_than_six_points_the_first_six_are_drawn(trials_of, make_sweep):
     """One below the other on common axes; the caption says so."""
     points = [({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1 + k, 1.2 + k])) for k in range(7)]
