@@ -24,7 +24,7 @@ REACH = 8.0
 """Rows that reach farther than this many times the middle one lie beyond the axis."""
 WIDE = 20.0
 """Ratio of the largest to the smallest value from which on an axis of values is logarithmic."""
-_SMALLEST = 1e-12
+_SMALLEST, _LARGEST = 1e-12, 1e100
 
 
 class Tick(NamedTuple):
@@ -49,7 +49,7 @@ class Axis(NamedTuple):
 
 
 def _log(ratio: float) -> float:
-    return math.log(max(ratio, _SMALLEST)) if math.isfinite(ratio) else ratio
+    return math.log(min(max(ratio, _SMALLEST), _LARGEST)) if not math.isnan(ratio) else ratio
 
 
 def ratio_axis(changes: Sequence[Estimate], margin: float, most: int = 6) -> Axis:
@@ -61,8 +61,12 @@ def ratio_axis(changes: Sequence[Estimate], margin: float, most: int = 6) -> Axi
     margin : the smallest relative change that matters
     most : largest number of ticks in per cent
     """
-    rows = [tuple(_log(1 + (change.value if math.isnan(end) else end) / 100) for end in change) for change in changes]
-    rows = [row for row in rows if math.isfinite(row[0])]
+    finite = [change for change in changes if math.isfinite(change.value)]
+    rows = [tuple(_log(1 + (change.value if math.isnan(end) else end) / 100) for end in change) for change in finite]
+    rows = [
+        (at, *(end if math.isfinite(end) else math.copysign(math.log(_LARGEST), end) for end in ends))
+        for at, *ends in rows
+    ]
     reach = sorted(max(abs(low), abs(high)) for _, low, high in rows)
     limit = max(REACH * reach[(len(reach) + 1) // 2 - 1] if reach else 0.0, math.log1p(3 * margin))
     inside = [row for row in rows if max(abs(row[1]), abs(row[2])) <= limit]
