@@ -21,8 +21,8 @@ POINTS = "points"
 """In place of a path: every point of the sweep is a name."""
 NAME = "name"
 """Path of the names that the rows of a zip have."""
-MOST_TICKS = 8
-"""Swept numbers that all have a tick of their own."""
+MOST_TICKS, ROUND_TICKS = 8, 6
+"""Swept numbers that all have a tick of their own, and ticks at round numbers where they are more."""
 PAD, APART = 0.02, 5.0
 """Space beyond the outer points, as a share of their distance, and smallest distance of two labels of ticks [pt]."""
 PER_CENT = re.compile(r"(?P<both>\+-)?\s*(?P<number>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>%)?")
@@ -79,7 +79,7 @@ class SweepAxis(NamedTuple):
         assert figure is not None
         room = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH * np.diff(scaled, prepend=ends[0])
         if len(ticks) > MOST_TICKS or (room[1:] < (APART + max(map(width, ticks.values()))) * reach).any():
-            chosen = value_axis(list(self.numbers), wide=WIDE if self.is_log else math.inf).ticks
+            chosen = value_axis(list(self.numbers), ROUND_TICKS, wide=WIDE if self.is_log else math.inf).ticks
             ticks = {math.exp(tick.at) if self.is_log else tick.at: tick.label for tick in chosen}
         shown = [at for at in ticks if ends[0] <= at <= ends[1]]
         axes.set_xticks(shown, [ticks[at] for at in shown])
