@@ -100,7 +100,7 @@ def drivers(results: Results | Trials) -> DriversTable:
 
     Returns
     -------
-    the table, with `frame`, `sentences` and `to_markdown()`
+    the table, with `frame` and `to_markdown()`
 
     Examples
     --------

@@ -17,13 +17,14 @@ from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import rendered
+from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
-from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
-from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
@@ -44,8 +45,8 @@ SHARED = {
     "input": "Input",
 }
 """Keys that hold for all methods -> their name on the page."""
-LONGEST = 600
-"""Characters of a value that the page shows; the configuration below it has all."""
+LONGEST = 300
+"""Characters of a value that the page shows; config.resolved.yaml has all."""
 
 
 class Drawn(NamedTuple):
@@ -83,14 +84,18 @@ def write_page(
     more = write_more(results, _wanted(results, drawn.figures), directory / "figures", drawn.rendering)
     figures = [*drawn.figures, *more]
     written = [path for figure in more for path in figure.paths]
-    text, configuration = _configuration(results.directory)
+    configuration = _configuration(results.directory)
     methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
+    files = [path.relative_to(directory).as_posix() for path in [*paths, *written]]
+    files += [CONFIGURATION] if (directory / CONFIGURATION).is_file() else []
     source = PageSource(
         **evaluated._asdict(),
         trials=results.trials,
         figures=[_page_figure(figure, directory) for figure in figures],
         place=place,
+        planned=results.experiment.n_wanted,
+        drawings=_drawings(results, evaluated.tables, drawn.rendering),
         left_out=drawn.left_out,
         incomplete=results.incomplete,
         overrides=results.overrides,
@@ -100,9 +105,8 @@ def write_page(
         },
         shared=_shared(configuration, differences),
         confounded=_confounded(differences, results.experiment.baseline),
-        configuration=text,
         timings=results.timings,
-        files=[path.relative_to(directory).as_posix() for path in [*paths, *written]],
+        files=[*files, "report.md"],
         index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),
     )
     context = page_context(source)
@@ -127,6 +131,15 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[
     return [keys for keys in wanted if keys["kind"] not in there]
 
 
+def _drawings(results: Results, tables: Summary, rendering: Rendering) -> Mapping[str, str]:
+    """Draw the changes over a swept number; nothing for other sweeps, and where methods are ranked or pooled."""
+    rows = tables_of(tables, info_of(tables))
+    if len(rows) < 2 or not results.trials.with_verdicts or results.trials.ranked is not None or tables.pooled:
+        return {}
+    with rendered(rendering):
+        return page_drawings(rows)
+
+
 def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:
     files = [path.relative_to(directory).as_posix() for path in figure.paths]
     return PageFigure(figure.name, figure.kind, figure.caption, figure.svg, files)
@@ -141,19 +154,19 @@ def place_of(directory: Path) -> str:
     return "/".join(parts[where:])
 
 
-def _configuration(directory: Path) -> tuple[str, Mapping[str, Any]]:
-    """Return the configuration with every default as text and as data; both empty if it is not there.
+def _configuration(directory: Path) -> Mapping[str, Any]:
+    """Return the configuration with every default; empty if it is not there.
 
     A symbolic link in a directory of somebody else could lead to a private file.
     """
     file = directory / CONFIGURATION
     if file.is_symlink():
-        return "", {}
+        return {}
     try:
         data = plain(load(file))
-        return text_of(file), data if isinstance(data, dict) else {}
+        return data if isinstance(data, dict) else {}
     except (ConfigError, OSError):
-        return "", {}
+        return {}
 
 
 def _as_computed(methods: Mapping[str, Any], tuning: Tuning | None) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from rmpc_bench.execution.publish import Publication, experiment_record
 from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.page.headline import headline
+from rmpc_bench.report.page.context import answer_of
 from rmpc_bench.report.page.index_page import KINDS, IndexEntry, index_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 
@@ -42,8 +42,8 @@ def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[
     to.mkdir(parents=True, exist_ok=True)
     context = index_context([_entry(each, to) for each in published], rmpc_bench.__version__)
     pages = [to / "index.html", to / "index.md"]
-    replace_text(pages[0], render_html("page.html", context))
-    replace_text(pages[1], render_markdown("page.md", context))
+    replace_text(pages[0], render_html("index.html", context))
+    replace_text(pages[1], render_markdown("index.md", context))
     return pages
 
 
@@ -56,7 +56,9 @@ def _entry(each: Publication | KeptClaims, to: Path) -> IndexEntry:
     page = Path(os.path.relpath(each.directory / PAGE, to)).as_posix()
     group = experiment["paper"] or _group(each.results.directory)
     claims = claims_record(each.verdicts, experiment)["claims"]
-    return IndexEntry(group, experiment, claims, page, headline(each.tables))
+    return IndexEntry(
+        group, experiment, claims, page, answer_of(each.tables, each.verdicts if each.results.is_final else [])
+    )
 
 
 def _group(directory: Path) -> str:

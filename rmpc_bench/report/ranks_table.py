@@ -20,6 +20,14 @@ from rmpc_bench.report.run_notes import short_time
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types.texts import inert_markdown
 
+LIMITATIONS = (
+    "A rank is that among these methods. Another method may widen or move it.",
+    "The points of the sweep have equal weights and are all that the ranks describe: they are chosen, not drawn from a "
+    "population of systems, so that the intervals do not hold for other systems.",
+    "The intervals contain the chance of the runs only. Where parameters are tuned, another set of tuning runs may "
+    "choose other values.",
+    "Methods whose ranks overlap are not shown to be equal: the runs do not decide between them.",
+)
 _NUMBERS = ["ratio", "ratio_low", "ratio_high", "smallest", "largest"]
 COLUMNS = [
     *("axis", "value", "method", "rank_low", "rank_high", "n", "n_failed", "n_points", "n_pairs"),

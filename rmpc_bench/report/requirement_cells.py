@@ -18,13 +18,16 @@ REQUIREMENTS_NOTE = (
 )
 
 
-def requirement_columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
-    """Return head -> cells by the pass rates of one point, see `analysis.requirements`; empty without any."""
+def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = False) -> dict[str, list[str]]:
+    """Return head -> cells by the pass rates of one point, see `analysis.requirements`; empty without any.
+
+    In Markdown requirements stand between backticks, in a plain table they do not.
+    """
     rows = frame.to_dict("records")
     if not rows:
         return {}
     columns = {
-        "requirement": [f"`{row['requirement']}`" for row in rows],
+        "requirement": [str(row["requirement"]) if plain else f"`{row['requirement']}`" for row in rows],
         "method": [marked(trials, row["method"]) for row in rows],
         "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
         "share": [share(row) for row in rows],

@@ -5,13 +5,11 @@ from __future__ import annotations
 import re
 from html import escape
 
-from rmpc_bench.report.mathml import FormulaError, mathml
+from rmpc_bench.report.formulas import FormulaError, formula_html
 
 _FORMULA = re.compile(r"(?<!\\)\$((?:\\.|[^$\\])+)\$", re.DOTALL)
 _MINUS = re.compile(r"(?<![\w.)\]])-(?=\d)")
 """The sign of a number; hyphens in names such as R-MPC1 and in dates stay."""
-_INTERVAL = re.compile(r"\[[-+\u2212]?(?:\d[\d.e+-]*|inf), [-+\u2212]?(?:\d[\d.e+-]*|inf)\]")
-_PER_CENT = re.compile(r"(?<=\d) %(?: (?=\[)|)")
 _RAISED = re.compile(r"(?<=[A-Za-z])\^(-?\d+)")
 """Exponent of a unit, such as rad^2."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$])")
@@ -19,19 +17,17 @@ _LIST_MARK = re.compile(r"^(\s*)([-+]|\d+[.)])(?=\s)")
 
 
 def to_html(text: str) -> str:
-    r"""Write a text as HTML; formulas become MathML, and one that is not covered stays as it is.
-
-    Numbers have a minus sign, intervals are not broken, and ``\$`` is a dollar sign.
+    r"""Write a text as HTML; a formula that is not covered stays as it is, and ``\$`` is a dollar sign.
 
     Examples
     --------
-    >>> to_html("R-MPC <1>, $c$")
-    'R-MPC &lt;1&gt;, <math><mi>c</mi></math>'
+    >>> to_html("R-MPC <1>, $c_1$ [rad^2]")
+    'R-MPC &lt;1&gt;, c<sub>1</sub> [rad<sup>2</sup>]'
     """
     found, end = [], 0
     for formula in _FORMULA.finditer(text):
         try:
-            element = mathml(formula[1])
+            element = formula_html(formula[1])
         except FormulaError:
             continue
         found += [_plain(text[end : formula.start()]), element]
@@ -41,10 +37,7 @@ def to_html(text: str) -> str:
 
 def _plain(text: str) -> str:
     text = _MINUS.sub("\u2212", text.replace(r"\$", "$"))
-    text = _INTERVAL.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
-    return _RAISED.sub(
-        r"<sup>\1</sup>", escape(_PER_CENT.sub(lambda found: found[0].replace(" ", "\u00a0"), text))
-    ).replace("<sup>-", "<sup>\u2212")
+    return _RAISED.sub(r"<sup>\1</sup>", escape(text)).replace("<sup>-", "<sup>\u2212")
 
 
 def to_markdown(text: str) -> str:
@@ -59,7 +52,7 @@ def to_markdown(text: str) -> str:
     found, end = [], 0
     for formula in _FORMULA.finditer(line):
         try:
-            mathml(formula[1])
+            formula_html(formula[1])
         except FormulaError:
             continue
         found += [_literal(line[end : formula.start()]), _inert(formula[0])]
@@ -74,15 +67,3 @@ def _inert(formula: str) -> str:
 
 def _literal(text: str) -> str:
     return _MARKDOWN.sub(r"\\\1", text.replace(r"\$", "$"))
-
-
-def plain_text(text: str) -> str:
-    r"""Write a text without the marks of formulas, for readers who hear it.
-
-    Examples
-    --------
-    >>> plain_text(r"in $\hat{x}_{1}$")
-    'in hat x_1'
-    """
-    words = re.sub(r"\\([A-Za-z]+)\{?", r" \1 ", text.replace(r"\$", "\0"))
-    return " ".join(re.sub(r"[{}$\\]", "", words).replace("\0", "$").split())

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from hashlib import sha256
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.report.page.inline_svg import inline_svg
-from rmpc_bench.report.rich_text import plain_text, to_html, to_markdown
+from rmpc_bench.report.rich_text import to_html, to_markdown
+from rmpc_bench.report.tables import markdown_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
+LONGEST = 24
+"""Characters of a name that is not broken."""
+_FORMULA = r"(?<!\\)\$(?:\\.|[^$\\])+\$"
+_INTERVAL = re.compile(r"(?:\S+ (?:% )?)?\[[^\[\]<>]{1,24}, [^\[\]<>]{1,24}\]")
 
 
 def render_html(template: str, context: Mapping[str, Any]) -> str:
@@ -46,13 +51,13 @@ def _content(name: str) -> str:
 
 
 def _tidied(text: str) -> str:
-    """Take away the blanks that the loops of a template leave at the ends of lines."""
-    return re.sub(r"[ \t]+\n", "\n", text).strip() + "\n"
+    """Take away the blanks and empty lines that the loops of a template leave."""
+    return re.sub(r"\n{2,}", "\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
 @cache
 def _environment(*, html: bool) -> Environment:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
@@ -62,53 +67,52 @@ def _environment(*, html: bool) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["inline"] = _inline_html if html else _inline_markdown
-    environment.filters["picture"] = _picture
-    environment.filters["cell"] = lambda text: _inline_markdown(text).replace("\n", " ")
-    environment.filters["fence"] = _fence
+    environment.filters["rich"] = pass_context(lambda context, text: _markup(said(text, context.get("names", ()))))
+    environment.filters["whole"] = pass_context(lambda context, text: _markup(unbroken(text, context.get("names", ()))))
+    environment.filters["svg"] = _markup
+    environment.filters["text"] = to_markdown
+    environment.filters["code"] = _code
+    environment.filters["grid"] = markdown_table
+    environment.filters["target"] = lambda file: file.replace(" ", "%20").replace("(", "%28").replace(")", "%29")
     return environment
 
 
-def _inline_html(text: Any) -> Any:
-    """Write a text of a block as HTML; only the pieces of `blocks` become elements."""
-    from markupsafe import Markup, escape
+def _markup(text: str) -> Any:
+    from markupsafe import Markup
 
-    if isinstance(text, str):
-        return Markup(to_html(text))
-    found = []
-    for piece in text:
-        if isinstance(piece, str):
-            found.append(Markup(to_html(piece)))
-        elif "code" in piece:
-            found.append(Markup("<code>{}</code>").format(piece["code"]))
-        elif "badge" in piece:
-            found.append(Markup('<span class="badge {}">{}</span>').format(piece["style"], piece["badge"]))
-        elif "strong" in piece:
-            found.append(Markup("<strong>{}</strong>").format(Markup(to_html(piece["strong"]))))
-        else:
-            found.append(Markup('<a href="{}">{}</a>').format(escape(piece["link"]), Markup(to_html(piece["text"]))))
-    return Markup("").join(found)
+    return Markup(text)
 
 
-def _inline_markdown(text: Any) -> str:
-    if isinstance(text, str):
-        return to_markdown(text)
-    found = []
-    for piece in text:
-        if isinstance(piece, str):
-            blank = " " if piece[-1:] == " " else ""
-            lead = " " if piece[:1] == " " else ""
-            found.append(f"{lead if piece.strip() else ''}{to_markdown(piece)}{blank}")
-        elif "code" in piece:
-            found.append(_code(piece["code"]))
-        elif "badge" in piece:
-            found.append(f"**{to_markdown(piece['badge'])}**")
-        elif "strong" in piece:
-            found.append(f"**{to_markdown(piece['strong'])}**")
-        else:
-            target = piece["link"].replace(" ", "%20").replace("(", "%28").replace(")", "%29")
-            found.append(f"[{to_markdown(piece['text'])}]({target})")
-    return "".join(found)
+@cache
+def _pieces(names: Sequence[str]) -> re.Pattern[str]:
+    """Match formulas, and names of methods, which are no formulas whatever they contain."""
+    odd, plain = ([re.escape(name) for name in names if ("$" in name) == has] for has in (True, False))
+    words = [rf"(?<![\w-])(?:{'|'.join(plain)})(?![\w-])"] if plain else []
+    return re.compile(
+        "|".join([f"(?P<name>{'|'.join(odd)})"] * bool(odd) + [_FORMULA] + [f"(?P<word>{words[0]})"] * bool(words))
+    )
+
+
+def said(text: str, names: Sequence[str], name_html: Any = escape) -> str:
+    """Write a text with formulas as HTML, in which names of methods stay as they are."""
+    found, end = [], 0
+    for piece in _pieces(tuple(names)).finditer(text):
+        name = piece.groupdict().get("name") or piece.groupdict().get("word")
+        if name is None:
+            continue
+        found += [to_html(text[end : piece.start()]), name_html(name)]
+        end = piece.end()
+    return "".join([*found, to_html(text[end:])])
+
+
+def unbroken(text: str, names: Sequence[str]) -> str:
+    """Write a text in which names and intervals are not broken into lines."""
+    html = said(text, names, lambda name: _whole(escape(name)) if len(name) <= LONGEST else escape(name))
+    return _INTERVAL.sub(lambda found: _whole(found[0]), html)
+
+
+def _whole(html: str) -> str:
+    return f'<span class="nb">{html}</span>'
 
 
 def _code(text: str) -> str:
@@ -118,16 +122,3 @@ def _code(text: str) -> str:
     mark = "`" * (longest + 1)
     pad = " " if line.startswith("`") or line.endswith("`") else ""
     return f"{mark}{pad}{line}{pad}{mark}"
-
-
-def _fence(text: str) -> str:
-    """Return a fence that is longer than any in a text."""
-    return "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-
-
-def _picture(figure: Mapping[str, Any]) -> Any:
-    from markupsafe import Markup
-
-    caption = plain_text(figure["caption"])
-    title = f"{figure['name']}: {caption.partition('. ')[0].rstrip('.')}"
-    return Markup(inline_svg(figure["svg"], f"figure-{figure['name']}", title, caption))

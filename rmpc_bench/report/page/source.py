@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from rmpc_bench.analysis.rank_rows import Ranking
+from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
@@ -16,6 +18,7 @@ from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.types import MetricInfo
 
 
 class PageFigure(NamedTuple):
@@ -28,14 +31,9 @@ class PageFigure(NamedTuple):
     caption: str
     """What it shows, with formulas as ``$..$``."""
     svg: str
-    """The picture."""
+    """The picture as an element of the page."""
     files: Sequence[str]
     """Its files, relative to the page."""
-
-    @property
-    def pictures(self) -> list[str]:
-        """The file that Markdown can show: SVG, else PNG; none of other formats."""
-        return next(([file] for ending in (".svg", ".png") for file in self.files if file.endswith(ending)), [])
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +48,8 @@ class PageSource:
     verdicts : the finding of every claim
     figures : the figures of the page
     place : directory of the results as commands name it, relative to where they are entered
+    planned : runs that the experiment is to have; 0 for exact moments
+    drawings : changes over a sweep, class of the drawing -> SVG; empty where no number is swept
     left_out : figures that could not be drawn, with the reason
     incomplete : methods of which runs are missing
     overrides : options that changed the configuration
@@ -57,7 +57,6 @@ class PageSource:
     differences : method -> key of the configuration in which methods differ -> its value; empty where it is not known
     shared : what is the same for every method: its name -> how the configuration describes it
     confounded : methods that differ from the baseline in the estimator and in the controller
-    configuration : the configuration with every default, as YAML; empty where it is not known
     drivers : what drives the differences; None where it is not known
     requirements : how many runs meet the requirements; None where it is not known
     ranks : the methods in the order of their ranks; None where it is not known
@@ -73,6 +72,8 @@ class PageSource:
     verdicts: Sequence[ClaimVerdict]
     figures: Sequence[PageFigure]
     place: str
+    planned: int = 0
+    drawings: Mapping[str, str] = field(default_factory=dict)
     left_out: Sequence[str] = ()
     incomplete: Sequence[str] = ()
     overrides: Sequence[str] = ()
@@ -80,7 +81,6 @@ class PageSource:
     differences: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     shared: Mapping[str, str] = field(default_factory=dict)
     confounded: Sequence[str] = ()
-    configuration: str = ""
     drivers: DriversTable | None = None
     requirements: RequirementsTable | None = None
     ranks: RanksTable | None = None
@@ -88,3 +88,41 @@ class PageSource:
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()
     index: str = ""
+
+    @property
+    def info(self) -> MetricInfo | None:
+        """The metric of the main table."""
+        return info_of(self.tables)
+
+    @property
+    def ranked(self) -> Ranking | None:
+        """The ranks, where they are asked for."""
+        return None if self.ranks is None else self.ranks.found
+
+
+def info_of(summary: Summary) -> MetricInfo | None:
+    """Return the primary metric, or the first one where tables do not show it; None without metrics."""
+    shown = summary.points[0].trials
+    return shown.primary_info or next(iter(shown.metrics), None)
+
+
+def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
+    """Return the rows of a metric at every point with runs."""
+    return [] if info is None else [result_table(*each, info) for each in summary.points if len(each.trials.frame)]
+
+
+def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
+    """Return the rows of a metric at all points together, where these are many plants."""
+    return None if info is None or summary.pooled is None else result_table(*summary.pooled, info)
+
+
+def n_common(points: Sequence[Trials]) -> int:
+    """Count the runs that every shown method has, finished or failed, at the point with the fewest.
+
+    A method without any run does not count.
+    """
+    found = []
+    for trials in points:
+        there = [name for name in trials.methods if trials.computed(name).any()]
+        found.append(int(trials.computed(*there).sum()) if there else 0)
+    return min(found, default=0)

@@ -1,0 +1,390 @@
+"""What a page shows on demand: folds with a title that says what they contain, in their order."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from rmpc_bench.analysis.driver_text import gist as drivers_gist
+from rmpc_bench.analysis.driver_text import per_cent
+from rmpc_bench.analysis.drivers import FAILED, REST
+from rmpc_bench.analysis.parameter_text import is_tuned, parameter_groups, parameter_text
+from rmpc_bench.analysis.result_rows import ResultTable
+from rmpc_bench.analysis.shown_numbers import short
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Finding
+from rmpc_bench.figures.sweep_points import short_title
+from rmpc_bench.report.page.matrix import MOST_OPEN, Group, interval_rows, matrices_of
+from rmpc_bench.report.page.source import PageFigure, PageSource, tables_of
+from rmpc_bench.report.ranks_table import LIMITATIONS
+from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
+from rmpc_bench.report.run_notes import (
+    STEP_TIMES,
+    failed_runs,
+    failed_sentences,
+    held_sentences,
+    message_of,
+    of_run,
+    show_command,
+    step_times,
+)
+from rmpc_bench.report.tables import declared_lines, status_lines
+from rmpc_bench.report.tuning_sentences import EXPLANATION
+from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
+
+OVER_TIME = ("signals",)
+"""Kinds of figures that stand among the signals."""
+MOST_LISTED = 6
+"""Entries of a list."""
+MOST_NAMED = 3
+"""Metrics and limits that a title names."""
+MOST_POINTS = 12
+"""Points of a sweep whose tables a fold has; CSV files have all."""
+SHARES = "Share of the variance of the change that a quantity explains; shares need not sum to 100 %. -: not resolved."
+TAILS = (
+    "95 % quantile: interval between order statistics. Mean of the worst 5 % of the runs: bootstrap interval of whole "
+    "runs; none below 72 runs. Failed runs are in neither."
+)
+
+
+class Table(NamedTuple):
+    """Columns, of which the first one names the rows."""
+
+    columns: Mapping[str, Sequence[str]]
+    numeric: bool = True
+    by_method: bool = False
+    """Whether the first column has methods, which are names and no formulas."""
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The cells of every row."""
+        return [*zip(*self.columns.values(), strict=True)]
+
+
+class Part(NamedTuple):
+    """A part of a fold; all but one of its fields are empty."""
+
+    text: str = ""
+    note: str = ""
+    command: str = ""
+    items: Sequence[str] = ()
+    table: Table | None = None
+    groups: Sequence[Group] = ()
+    figure: PageFigure | None = None
+
+
+class Fold(NamedTuple):
+    """A part of the page that is opened on demand."""
+
+    title: str
+    gist: str
+    parts: Sequence[Part]
+
+
+def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
+    """Return the folds that have content, in their order; `tables` are those of the primary metric."""
+    found = [
+        _failures(source),
+        _drivers(source),
+        *_points(source, tables),
+        _metrics(source),
+        _requirements(source),
+        _worst(source, tables),
+        *_figures(source),
+        _settings(source),
+        _limits(source),
+    ]
+    return [fold for fold in found if fold is not None and fold.parts]
+
+
+def _failures(source: PageSource) -> Fold:
+    """Say which runs failed and why, with the command that computes the first one again; held and failed steps."""
+    parts, trials = list[Part](), source.trials
+    failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
+    counts = Counter(message_of(*each) for each in failed)
+    lines = [
+        f"{f'{short_title(table)}: ' if table.title else ''}{text.removeprefix('- ')}"
+        for table in trials.each[:MOST_POINTS]
+        for text in (*status_lines(table), *declared_lines(table))
+    ]
+    parts += [Part(items=lines)] if lines else []
+    if failed:
+        table, method, run = failed[0]
+        parts.append(Part(text=f"First: {'; '.join(of_run(*each) for each in failed[:MOST_NAMED])}. See failures/."))
+        parts.append(Part(command=show_command(table, source.place, method, run)))
+    steps = [f"Held: {text}" for table in trials.each for text in held_sentences(table)]
+    steps += [f"Steps: {text}" for table in trials.each for text in failed_sentences(table)]
+    warned = Counter(text for table in trials.each for notes in table.notes.values() for text in notes.warnings)
+    steps += [f"Warning of a component: {' '.join(text.split())}" for text in [*warned][:MOST_LISTED]]
+    parts += [Part(items=steps[:MOST_LISTED])] if steps else []
+    gist = steps[0].partition(";")[0] if steps else "checks that are meant to fail"
+    if failed:
+        [(message, n)] = counts.most_common(1)
+        names = {method for _, method, _ in failed}
+        gist = f"{message} ({f'all {n}' if n == len(failed) else f'{n} of {len(failed)}'}"
+        gist += f", {names.pop()})" if len(names) == 1 else ")"
+    return Fold("Failures", gist, parts)
+
+
+def _drivers(source: PageSource) -> Fold | None:
+    """Say which quantities explain the change; nothing where no share is resolved."""
+    if source.drivers is None or not source.trials.with_verdicts:
+        return None
+    baseline = source.trials.baseline
+    columns: dict[str, list[str]] = {}
+    every: list[Mapping[Any, Any]] = []
+    for trials, frame in source.drivers.points[:MOST_POINTS]:
+        rows = frame[(frame["quantity"] != REST) & (frame["response"] != FAILED)].to_dict("records")
+        gist = drivers_gist(rows, baseline)
+        rows = [row for row in rows if row["method"] != baseline] or rows
+        every += rows if gist else []
+        for method in dict.fromkeys(row["method"] for row in rows) if gist else ():
+            cells = {"method": method} | ({"point": short_title(trials)} if trials.title else {})
+            cells |= {row["quantity"]: _share(row) for row in rows if row["method"] == method}
+            for head, cell in cells.items():
+                columns.setdefault(head, []).append(cell)
+    if not columns:
+        return None
+    by_method = Table(columns, by_method=True)
+    return Fold("What drives the change", drivers_gist(every, baseline), [Part(table=by_method), Part(note=SHARES)])
+
+
+def _share(row: Mapping[Any, Any]) -> str:
+    return f"{per_cent(max(row['share'], 0.0))} %" if row["resolved"] else "-"
+
+
+def _points(source: PageSource, tables: Sequence[ResultTable]) -> Iterator[Fold]:
+    """List the intervals of a sweep, and its points where ranks or all points together stand above."""
+    if len(tables) < 2 or not source.trials.with_verdicts:
+        return
+    n = f"{len(tables)} points"
+    if source.ranked is not None or source.tables.pooled is not None:
+        yield Fold("Points of the sweep", n, [Part(groups=matrices_of(tables))])
+    columns = interval_rows(tables)
+    rows = sum(len(table.rows) for table in tables)
+    left = rows - len(next(iter(columns.values()), ()))
+    more = [Part(note=f"{left} more rows are in comparisons.csv.")] if left > 0 and columns else []
+    yield Fold("Intervals and means of all points", n, [Part(table=Table(columns)), *more] if columns else [])
+
+
+def _metrics(source: PageSource) -> Fold | None:
+    """Show the other metrics: of one point their means, of a sweep the changes."""
+    primary = source.info
+    infos = [info for info in source.tables.points[0].trials.metrics if info != primary]
+    every = {info.name: tables_of(source.tables, info) for info in infos}
+    every = {name: tables for name, tables in every.items() if tables}
+    if not every or not source.trials.with_verdicts:
+        return None
+    parts = list[Part]()
+    first = next(iter(every.values()))
+    if len(first) == 1:
+        methods = [row.method for row in first[0].ordered]
+        columns = {"method": methods}
+        for (table,) in every.values():
+            rows = {row.method: row for row in table.rows}
+            unit = f" [{table.info.unit}]" if table.info.unit else ""
+            occurred = "; occurred, median" if table.may_not_occur else ""
+            columns[f"{table.info.words}{unit}{occurred}"] = [table.mean_text(rows[name]) for name in methods]
+        times = step_times(first[0].trials, methods)
+        columns |= {"time per step": times} if times else {}
+        parts = [Part(table=Table(columns, by_method=True)), *([Part(note=f"{STEP_TIMES}.")] if times else [])]
+    elif len(first) <= MOST_OPEN:
+        for tables in every.values():
+            unit = f" [{tables[0].info.unit}]" if tables[0].info.unit else ""
+            parts += [Part(text=f"{tables[0].info.words}{unit}:"), Part(groups=matrices_of(tables))]
+    else:
+        parts = [Part(text="summary.csv and comparisons.csv have them at every point.")]
+    return Fold("Other metrics", _best_of([*every.values()]), parts)
+
+
+def _best_of(every: Sequence[Sequence[ResultTable]]) -> str:
+    """Name who has the best median in each metric at one point; the metrics alone for a sweep."""
+    words, left = [], len(every) - MOST_NAMED
+    more = f" and {left} more" if left > 0 else ""
+    if len(every[0]) > 1:
+        return ", ".join(tables[0].info.words for tables in every[:MOST_NAMED]) + more
+    for (table,) in every[:MOST_NAMED]:
+        medians = {row.method: _distance(table, row.quantiles[2]) for row in table.rows if row.n and not row.is_oracle}
+        if medians and len(table.rows) > 1 and math.isfinite(min(medians.values())):
+            best = "highest" if table.info.direction == "higher" else "lowest"
+            words.append((best, f"{table.quantity}: {min(medians, key=lambda name: medians[name])}"))
+    said = [f"{best} {text}" if k == 0 or best != words[k - 1][0] else text for k, (best, text) in enumerate(words)]
+    return ", ".join(said) + more if said else ", ".join(tables[0].info.words for tables in every[:MOST_NAMED])
+
+
+def _distance(table: ResultTable, median: float) -> float:
+    direction = table.info.direction
+    if direction == "one":
+        return max(median, 1 / median) if median > 0 else math.inf
+    return -median if direction == "higher" else abs(median) if direction == "zero" else median
+
+
+def _requirements(source: PageSource) -> Fold | None:
+    if source.requirements is None or not source.trials.with_verdicts:
+        return None
+    parts = list[Part]()
+    points = [(trials, frame) for trials, frame in source.requirements.points if len(frame)]
+    for trials, frame in points[:MOST_POINTS]:
+        parts += [Part(text=f"{short_title(trials)}:")] if trials.title else []
+        parts.append(Part(table=Table(requirement_columns(trials, frame, plain=True))))
+    left = len(points) - MOST_POINTS
+    parts += [Part(note=f"{left} more points are in requirements.csv.")] if left > 0 else []
+    parts += [Part(note=REQUIREMENTS_NOTE)] if parts else []
+    return Fold("Requirements", source.requirements.gist.partition(": tables/")[0], parts)
+
+
+def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
+    """Name the worst run of every method with the command that shows it, and the worst 5 % of the runs."""
+    points = [table.trials for table in tables if not table.trials.alike and len(table.trials.runs) > 1]
+    if not points or not source.trials.with_verdicts:
+        return None
+    sign = -1.0 if source.info is not None and source.info.direction == "higher" else 1.0
+    found: dict[str, tuple[float, int, Trials]] = {}
+    for trials in points:
+        for method, (value, run) in worst_runs(trials, tables[0].info).items():
+            if method not in found or sign * value > sign * found[method][0]:
+                found[method] = value, run, trials
+    if not found:
+        return None
+    columns = {
+        "method": [*found],
+        f"worst {tables[0].quantity_with_unit}": [short(value, 4) for value, _, _ in found.values()],
+        "run": [str(run) for _, run, _ in found.values()],
+    }
+    if len(points) > 1:
+        columns["point"] = [short_title(trials) for _, _, trials in found.values()]
+    else:
+        of_tails = worst_runs_columns(points[0], [tables[0].info])
+        for head in ("95 % quantile", "mean of the worst 5 %") if of_tails else ():
+            by_method = dict(zip(points[0].methods, of_tails[head], strict=True))
+            columns[head] = [by_method[name] for name in found]
+    method = source.trials.baseline if source.trials.baseline in found else next(iter(found))
+    _, run, trials = found[method]
+    where = f" at {short_title(trials)}" if len(points) > 1 else ""
+    of = "every method" if len({(each[1], each[2].title) for each in found.values()}) == 1 < len(found) else method
+    parts = [Part(table=Table(columns, by_method=True)), Part(command=show_command(trials, source.place, method, run))]
+    return Fold(
+        "Worst runs",
+        f"run {run}{where} is the worst of {of}",
+        [*parts, *([Part(note=TAILS)] if len(columns) > 4 else [])],
+    )
+
+
+def _figures(source: PageSource) -> Iterator[Fold]:
+    """Show signals, the tuned values, then what the configuration asks for."""
+    over_time = [each for each in source.figures if each.kind in OVER_TIME]
+    n = max((len(trace.runs) for table in source.trials.each for trace in table.traces.values()), default=0)
+    gist = f"{n} recorded run{'s' * (n > 1)}" if n else "series of the designs"
+    yield Fold("Signals", gist, [Part(figure=each) for each in over_time])
+    yield _tuning(source, [each for each in source.figures if each.kind == "tuning"])
+    for figure in source.figures:
+        if figure not in over_time and figure.kind != "tuning":
+            yield Fold(f"Figure {figure.name}", _first_sentence(figure.caption), [Part(figure=figure)])
+
+
+def _first_sentence(text: str) -> str:
+    return text.partition(". ")[0].rstrip(".")
+
+
+def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:
+    tuning, parts = source.tuning, [Part(figure=each) for each in figures]
+    if tuning is None or not tuning.outcomes:
+        return Fold("Tuning", "tried values", parts)
+    tables = [Part(text=tuning.protocol)]
+    for title, values, ranks, sentences in tuning.tables:
+        tables += [Part(text=f"{title}:")] if title else []
+        tables += [Part(table=Table(each, by_method=True)) for each in (values, ranks) if each]
+        tables += [Part(items=sentences)]
+    left = f" {tuning.n_left} more points are in tuning.csv." if tuning.n_left else ""
+    tables += [Part(text=f"Cost: {tuning.cost}.{left}"), Part(note=EXPLANATION)]
+    return Fold("Tuning", tuning.gist.removeprefix("tuned: ").replace(" (tables/tuning.md)", ""), [*tables, *parts])
+
+
+def _settings(source: PageSource) -> Fold:
+    """Show the keys in which the methods differ, and what they share."""
+    trials, differences, parts = source.trials, source.differences, list[Part]()
+    keys = [*dict.fromkeys(key for row in differences.values() for key in row)]
+    if keys and len(differences) > 1:
+        columns = {"method": [*differences]}
+        origins = [parameter_text(trials, name) or "-" for name in differences]
+        columns |= {"parameters": origins} if len(set(origins)) > 1 else {}
+        columns |= {key: [row.get(key, "-") for row in differences.values()] for key in keys}
+        parts.append(Part(table=Table(columns, numeric=False, by_method=True)))
+    parts += [Part(items=[f"{name}: {text}" for name, text in source.shared.items()])] if source.shared else []
+    if trials.points:
+        parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
+    if len(source.timings):
+        columns = {str(name): [_cell(each) for each in source.timings[name]] for name in source.timings.columns}
+        parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
+    n = len(trials.methods)
+    uncertain = len(trials.each[0].uncertainty.columns) - 1
+    gist = f"{n} method{'s' * (n > 1)}"
+    gist += f", {uncertain} uncertain quantit{'y' if uncertain == 1 else 'ies'}" if uncertain > 0 else ""
+    return Fold("Settings", gist, parts)
+
+
+def _cell(value: Any) -> str:
+    return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _limits(source: PageSource) -> Fold:
+    """Say what the comparison cannot show."""
+    items = [*_status_limits(source), *_comparison_limits(source)]
+    gist = "; ".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
+    more = len(items) - 1
+    return Fold(
+        "Limits of this comparison",
+        f"{gist} (and {more} more)" if more > 0 else gist,
+        [Part(items=items)] if items else [],
+    )
+
+
+def _status_limits(source: PageSource) -> Iterator[str]:
+    """Say where these are not the results of the configuration as it stands, and where findings have changed."""
+    if source.overrides:
+        yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
+    if source.incomplete:
+        yield f"Runs are missing ({', '.join(source.incomplete)}); findings do not count."
+    changed = sum(each.differs for each in source.verdicts)
+    if changed and source.trials.with_verdicts:
+        yield f"{changed} finding{'s' * (changed > 1)} changed since it was recorded."
+    if source.trials.n_failed_trials:
+        yield "Averages rest on the runs that both methods finished."
+    yield from (f"A figure is missing: {text}." for text in source.left_out)
+    if (source.manifest.get("git") or {}).get("dirty"):
+        yield "The working tree had uncommitted changes when this was computed."
+
+
+def _comparison_limits(source: PageSource) -> Iterator[str]:
+    trials = source.trials
+    if len(trials.methods) > 1:
+        yield from _untuned(trials)
+    yield from () if source.tuning is None else source.tuning.limitations
+    yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
+    for name in sorted(trials.oracles):
+        yield f"{name} knows the true parameters; no real estimator can do that."
+    if source.confounded:
+        yield (
+            f"Both the estimator and the controller differ between {trials.baseline} and "
+            f"{', '.join(source.confounded)}; the effect of one alone is not known."
+        )
+    yield from LIMITATIONS if source.ranked is not None else ()
+    for verdict in source.verdicts:
+        if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
+            yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
+    if trials.with_verdicts and len(trials.frame):
+        yield "All numbers hold for this plant and these laws of its uncertain quantities and noises only."
+
+
+def _untuned(trials: Trials) -> list[str]:
+    """Name the methods that are not tuned, by where their parameters come from."""
+    groups = parameter_groups(trials, trials.methods)
+    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
+    if len(left) == len(groups) == 1:
+        word = next(iter(left)).removesuffix(", not tuned")
+        return [f"No parameter was tuned: all are {word}. Other parameters may change a verdict."]
+    return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]

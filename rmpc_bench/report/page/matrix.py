@@ -1,0 +1,187 @@
+"""Sweeps as tables of cells: methods against points, heat tables of two paths, and the list of all intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
+from rmpc_bench.analysis.shown_numbers import short
+from rmpc_bench.figures.sweep_points import printed, short_title
+from rmpc_bench.report.answer import sweep_of
+
+MOST_OPEN = 60
+"""Points of a sweep up to which a matrix is not folded."""
+MOST_METHODS = 6
+"""Heat tables that are not folded; of more the first ones."""
+FIRST_METHODS = 2
+MOST_BESIDE = 7
+"""Columns of a matrix that fits beside the lines."""
+MOST_ROWS = 600
+"""Rows of the list of intervals; comparisons.csv has all."""
+
+
+class MatrixCell(NamedTuple):
+    """The change of a method at a point."""
+
+    text: str
+    css: str = ""
+    method: str = ""
+    tip: str = ""
+
+
+class MatrixRow(NamedTuple):
+    """A point, or a method."""
+
+    name: str
+    cells: Sequence[MatrixCell]
+    css: str = ""
+    method: str = ""
+
+
+class Matrix(NamedTuple):
+    """Cells with their heads."""
+
+    corner: str
+    heads: Sequence[MatrixCell]
+    rows: Sequence[MatrixRow]
+    caption: str = ""
+    method: str = ""
+    """The only method that it shows."""
+    names: bool = False
+    """Whether heads are names, which are broken into lines."""
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """Head -> texts, as Markdown shows them."""
+        found = {self.corner or "point": [row.name for row in self.rows]}
+        for k, head in enumerate(self.heads):
+            found[head.text] = [row.cells[k].text for row in self.rows]
+        return found
+
+
+class Group(NamedTuple):
+    """Matrices behind one title, folded if it is not empty."""
+
+    title: str
+    matrices: Sequence[Matrix]
+
+
+def matrices_of(tables: Sequence[ResultTable]) -> list[Group]:
+    """Lay out a sweep: two paths as a table per method, else methods against points."""
+    paths = [*dict.fromkeys(path for table in tables for path in table.trials.point)]
+    if len(paths) == 2 and all(table.trials.point.keys() == {*paths} for table in tables):
+        downs, acrosses = ([*dict.fromkeys(table.trials.point[path] for table in tables)] for path in paths)
+        if len(downs) > 1 and len(acrosses) > 1:
+            return _heat_tables(tables, paths)
+    if len(tables) <= MOST_OPEN:
+        return [Group("", [_matrix(tables)])]
+    parts: dict[str, list[ResultTable]] = {}
+    for table in tables:
+        parts.setdefault(table.trials.point.get(paths[0], "") if len(paths) > 1 else "", []).append(table)
+    if len(parts) == 1:
+        return [Group("", [_matrix(tables[:MOST_OPEN])]), Group("further points", [_matrix(tables[MOST_OPEN:])])]
+    name = _last(paths[0])
+    return [Group(f"{name} {printed(value)}", [_matrix(part)]) for value, part in parts.items()]
+
+
+def methods_of(tables: Sequence[ResultTable]) -> list[ResultRow]:
+    """Return a row of every method besides the baseline, oracles last."""
+    found = {row.method: row for table in reversed(tables) for row in table.rows if not row.is_baseline}
+    order = [*dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline)]
+    return sorted((found[name] for name in order), key=lambda row: row.is_oracle)
+
+
+def _row_at(table: ResultTable, method: str) -> ResultRow | None:
+    return next((row for row in table.rows if row.method == method), None)
+
+
+def _matrix(tables: Sequence[ResultTable]) -> Matrix:
+    methods, first = methods_of(tables), tables[0]
+    sweep = sweep_of(tables)
+    titles = [*map(printed, sweep.points)] if len(first.trials.point) == 1 else [short_title(t.trials) for t in tables]
+    lowest = [_lowest(table) for table in tables]
+    places = [*zip(tables, titles, lowest, strict=True)]
+    cells = {row.method: [_cell(table, row.method, title, best) for table, title, best in places] for row in methods}
+    means = [_mean(table, table.baseline) for table in tables]
+    base = f"{first.baseline}, mean" if any(means) else ""
+    if len(tables) >= len(methods):
+        heads = [*([MatrixCell(base)] if base else [])]
+        heads += [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
+        rows = [
+            MatrixRow(title, [*([MatrixCell(means[k])] if base else []), *(cells[row.method][k] for row in methods)])
+            for k, title in enumerate(titles)
+        ]
+        corner = _last(next(iter(first.trials.point))) if len(first.trials.point) == 1 else "point"
+        return Matrix(corner, heads, rows, names=len(heads) > MOST_BESIDE or max(map(len, titles)) > MOST_BESIDE)
+    rows = [MatrixRow(base, [MatrixCell(text) for text in means])] if base else []
+    for row in methods:
+        plain = [cell._replace(method="") for cell in cells[row.method]]
+        rows.append(MatrixRow(row.method, plain, "oracle" * row.is_oracle, row.method))
+    return Matrix("method", [MatrixCell(title) for title in titles], rows, names=True)
+
+
+def _last(path: str) -> str:
+    return path.rpartition(".")[2]
+
+
+def _mean(table: ResultTable, method: str) -> str:
+    """Write the mean of a method at a point."""
+    row = _row_at(table, method)
+    if row is None or not row.n:
+        return ""
+    return table.mean_text(row) if table.may_not_occur else short(row.mean.value)
+
+
+def _lowest(table: ResultTable) -> str:
+    """Name the best method of a point if it is better than the baseline, by its estimate."""
+    best = table.best
+    return best.method if best is not None and table.rank(best) < (50 if table.form == "share" else 0) else ""
+
+
+def _cell(table: ResultTable, method: str, title: str, lowest: str) -> MatrixCell:
+    row = _row_at(table, method)
+    if table.form == "alone":
+        return MatrixCell(_mean(table, method), "", method)
+    if row is None:
+        return MatrixCell("", "", method)
+    css = [row.word] if row.word in (BETTER, WORSE) else ["fails"] if row.word == "fails more" else []
+    text = table.short_change(row) if row.n else "failed" if row.n_failed else ""
+    tip = ": ".join(filter(None, [f"{method} at {title}", table.change_text(row), row.word]))
+    return MatrixCell(text, " ".join([*css, *["best"] * (method == lowest)]), method, tip)
+
+
+def _heat_tables(tables: Sequence[ResultTable], paths: Sequence[str]) -> list[Group]:
+    """Lay out a table per method: the values of the longer path go down."""
+    values = {path: [*dict.fromkeys(table.trials.point[path] for table in tables)] for path in paths}
+    down, across = sorted(paths, key=lambda path: -len(values[path]))
+    at = {(table.trials.point[down], table.trials.point[across]): table for table in tables}
+    found = []
+    for method in methods_of(tables):
+        rows = []
+        for value in values[down]:
+            cells = [
+                _cell(at[value, other], method.method, f"{printed(value)}, {printed(other)}", "")._replace(method="")
+                if (value, other) in at
+                else MatrixCell("")
+                for other in values[across]
+            ]
+            rows.append(MatrixRow(printed(value), cells))
+        heads = [MatrixCell(printed(value)) for value in values[across]]
+        caption = f"{method.method}, by {_last(across)}"
+        found.append(Matrix(_last(down), heads, rows, caption, method.method))
+    if len(found) <= MOST_METHODS:
+        return [Group("", found)]
+    rest = found[FIRST_METHODS:]
+    return [Group("", found[:FIRST_METHODS]), Group(f"{len(rest)} more methods", rest)]
+
+
+def interval_rows(tables: Sequence[ResultTable]) -> dict[str, list[str]]:
+    """Return head -> cells with point, method, mean, change and verdict of every row, `MOST_ROWS` at most."""
+    rows = [(table, row) for table in tables for row in table.rows if row.n + row.n_failed]
+    columns: dict[str, list[str]] = {head: [] for head in ("point", "method", "mean", "change", "verdict")}
+    for table, row in rows[:MOST_ROWS]:
+        cells = (short_title(table.trials), row.method, table.mean_text(row), table.change_text(row), row.word)
+        for texts, text in zip(columns.values(), cells, strict=True):
+            texts.append(text)
+    return columns if any(map(any, columns.values())) else {}

@@ -1,0 +1,266 @@
+"""The main table of one point: a row per method with its mean, runs, change and verdict, as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rmpc_bench.analysis.comparison_text import about
+from rmpc_bench.analysis.lost_runs import lost_runs
+from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
+from rmpc_bench.analysis.result_rows import BASELINE, INCONCLUSIVE, ResultRow, ResultTable
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, number, places, short
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.scales import ratio_axis
+from rmpc_bench.report.page.strips import Changes, Runs, Strip, drawn_change
+
+MANY = 10
+"""Methods above which rows are low and labels are cut."""
+BETTER_IF = {"higher": "higher is better"}
+STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
+"""Word of a verdict -> class of its cell, where it is not the word."""
+OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
+AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
+UNKNOWN = "Infinity"
+"""Sorts a cell without a number behind the others."""
+
+
+class Cell(NamedTuple):
+    """A cell of numbers or words."""
+
+    css: str
+    text: str = ""
+    value: str = ""
+    """By which the script sorts."""
+    remark: str = ""
+    strip: Strip | None = None
+    tip: str = ""
+
+
+class Head(NamedTuple):
+    """Head of a column."""
+
+    text: str
+    css: str
+    sort: bool = False
+    strip: Strip | None = None
+    """Its ticks."""
+
+
+class Row(NamedTuple):
+    """A method."""
+
+    method: str
+    label: str
+    css: str
+    cells: Sequence[Cell]
+
+
+class Rows(NamedTuple):
+    """The main table."""
+
+    heads: Sequence[Head]
+    rows: Sequence[Row]
+
+    @property
+    def css(self) -> str:
+        """How high the rows are."""
+        return "many" if len(self.rows) > MANY else "few"
+
+    @property
+    def has_more(self) -> bool:
+        """Whether columns are shown on demand."""
+        return any("more" in head.css for head in self.heads)
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """Head -> texts of the columns that Markdown shows."""
+        shown = [k for k, head in enumerate(self.heads) if head.css in ("n m", "n c", "v")]
+        found = {"method": [row.method for row in self.rows]}
+        for k in shown:
+            cells = [row.cells[k] for row in self.rows]
+            found[self.heads[k].text] = [" ".join(filter(None, [cell.text, cell.remark])) for cell in cells]
+        return found
+
+
+def style_of(word: str) -> str:
+    """Return the class of a cell with a verdict."""
+    return STYLES.get(word, word)
+
+
+def label_behind(method: str, label: str) -> str:
+    """Return what a label says besides the key, which stands in front of it."""
+    return label.removeprefix(method).lstrip(" ,:")
+
+
+def rows_of(table: ResultTable) -> Rows:
+    """Lay out the table of one point."""
+    shown = table.ordered
+    if not table.trials.with_verdicts:
+        return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
+    runs, changes = Runs(shown), Changes.of(table) if table.form != "alone" else None
+    more = _more(table, shown)
+    heads = [_mean_head(table), _runs_head(runs)]
+    if changes is not None:
+        heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
+        heads += [Head("verdict", "v")]
+    rows = []
+    for k, row in enumerate(shown):
+        style = style_of(row.word) if not row.is_baseline else ""
+        cells = [Cell("n m", table.mean_text(row), _number(row.mean.value))]
+        cells.append(Cell(f"d0 {style}", strip=runs.strip(row)))
+        if changes is not None:
+            strip = changes.strip(drawn_change(row, table)) if row.n else None
+            cells += [Cell(f"s0 {style}", strip=strip), _change(table, row), _verdict(row, len(shown))]
+        rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
+    return Rows([*heads, *(Head(head, "n more") for head in more)], rows)
+
+
+def _row(row: ResultRow, cells: Sequence[Cell]) -> Row:
+    css = " ".join(["base"] * row.is_baseline + ["oracle"] * row.is_oracle)
+    return Row(row.method, label_behind(row.method, row.label), css, cells)
+
+
+def _number(value: float) -> str:
+    return UNKNOWN if math.isnan(value) else f"{value:.6g}"
+
+
+def _mean_head(table: ResultTable) -> Head:
+    unit = f" [{table.info.unit}]" if table.info.unit else ""
+    words = "occurred; median " if table.may_not_occur else "mean "
+    return Head(f"{words}{table.info.words}{unit}", "n m", True)
+
+
+def _runs_head(runs: Runs) -> Head:
+    return Head(f"runs: 5 %, quartiles, 95 %{' (log)' * runs.axis.log}", "d0", strip=Strip(runs.grid))
+
+
+def _change_head(table: ResultTable, changes: Changes) -> Head:
+    if table.form == "share":
+        text = f"better than {table.baseline}, share of the runs"
+    else:
+        unit = f" [{table.info.unit}]" if table.form == "difference" and table.info.unit else ""
+        what = "difference from" if table.form == "difference" else "change against"
+        text = f"{what} {table.baseline}{unit}, {BETTER_IF.get(table.info.direction, 'lower is better')}"
+    return Head(text, "s0", strip=Strip(changes.grid))
+
+
+def _change(table: ResultTable, row: ResultRow) -> Cell:
+    value = 0.0 if row.is_baseline else row.change.value
+    value = -table.rank(row) if table.form == "share" else value
+    return Cell("n c", table.change_text(row) if row.n else "", _number(value))
+
+
+def _verdict(row: ResultRow, n: int) -> Cell:
+    remark = row.remark if n <= MANY else ""
+    return Cell(f"v {style_of(row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
+
+
+def _more(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]]:
+    """Return head -> cells of the columns that are shown on demand."""
+    found = {"median (quartiles)": [_median(row) for row in shown]}
+    if table.form != "alone":
+        found["won/lost/tied"] = [row.counts for row in shown]
+        found |= _other_average(shown)
+        found["superiority"] = [_superiority(row.superiority) for row in shown]
+    found |= _lost(table, shown)
+    found["worst run"] = [_places(row.worst, row) for row in shown]
+    if any(row.word == INCONCLUSIVE for row in shown):
+        found["runs needed"] = [_needed(row) for row in shown]
+    found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
+    return {head: texts for head, texts in found.items() if any(texts)}
+
+
+def _places(value: float, row: ResultRow) -> str:
+    """Write a value of the runs with the decimals of their mean."""
+    if math.isnan(value):
+        return ""
+    d = places(row.mean.half)
+    return number(value, d) if 0 <= d <= 6 and not math.isnan(row.mean.half) else short(value)
+
+
+def _median(row: ResultRow) -> str:
+    if not row.quantiles:
+        return ""
+    low, middle, high = (_places(each, row) for each in row.quantiles[1:4])
+    return f"{middle} ({low} to {high})"
+
+
+def _superiority(share: Estimate) -> str:
+    if math.isnan(share.value):
+        return ""
+    value, low, high = (number(each, 0) for each in share)
+    return f"{value} %" if math.isnan(share.half) else f"{value} % [{low}, {high}]"
+
+
+def _other_average(shown: Sequence[ResultRow]) -> dict[str, list[str]]:
+    """Return the average that the verdict does not rest on, where it was computed."""
+    average = next((str(row.compared["average"]) for row in shown if row.compared and row.compared["average"]), "")
+    name = OTHER_AVERAGE.get(average)
+    if name is None:
+        return {}
+    texts = [" ".join(filter(None, change_texts(_estimate(row.compared, name)))) for row in shown]
+    return {AVERAGE_HEADS[name]: texts}
+
+
+def _estimate(compared: Mapping[str, Any], name: str) -> Estimate:
+    return Estimate(*(float(compared[f"{name}_{end}"]) for end in ("pct", "low", "high"))) if compared else Estimate()
+
+
+def _lost(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]]:
+    """Return the lost runs of every method, where the configuration says what a lost run is."""
+    if table.trials.lost is None or table.info != table.trials.primary_info:
+        return {}
+    rows = {row["method"]: row for row in lost_runs(table.trials).to_dict("records")}
+    return {"lost": [f"{rows[row.method]['n_lost']} of {rows[row.method]['n']}" for row in shown]}
+
+
+def _needed(row: ResultRow) -> str:
+    found = row.compared.get("runs_for_direction", math.nan)
+    return about(float(found)) if row.word == INCONCLUSIVE and found == found and found is not None else ""
+
+
+def ranked_rows(found: Ranking, trials: Trials) -> Rows:
+    """Lay out the ranks: a row per method with its ratio to the baseline over all points, and the rank as verdict."""
+    ratios = [_relative(row.ratio) for row in found.rows]
+    axis = ratio_axis([each for each in ratios if not math.isnan(each.value)], trials.relevant)
+    changes = Changes.on(axis, 0.0, math.log1p(trials.relevant))
+    info = trials.primary_info
+    what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
+    heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
+    several = found.n_values > 1
+    more = ["smallest", "largest", "better/worse"] if several else []
+    heads += [Head(text, "n more") for text in [*more, "runs"]]
+    rows = []
+    for row, ratio in zip(found.rows, ratios, strict=True):
+        base = row.method == trials.baseline
+        style = "" if base else "better" if ratio.high < 0 else "worse" if ratio.low > 0 else INCONCLUSIVE
+        text = "" if base else " ".join(filter(None, change_texts(ratio)))
+        drawn = Estimate() if base else Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high)
+        cells = [
+            Cell(f"s0 {style}", strip=changes.strip(drawn)),
+            Cell("n c", text, _number(0.0 if base else ratio.value)),
+        ]
+        rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
+        cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
+        cells += [Cell("n more", each) for each in [*(_extremes(row, base=base) if several else []), _finished(row)]]
+        css = " ".join(["base"] * base + ["oracle"] * (row.method in trials.oracles))
+        label = label_behind(row.method, trials.labels.get(row.method, ""))
+        rows.append(Row(row.method, label, css, cells))
+    return Rows(heads, rows)
+
+
+def _relative(ratio: Ratio) -> Estimate:
+    return Estimate(*(100 * (each - 1) for each in (ratio.ratio, ratio.low, ratio.high)))
+
+
+def _extremes(row: RankRow, *, base: bool) -> list[str]:
+    if base:
+        return ["", "", ""]
+    ends = ["" if each is None else f"\u00d7{short(each.ratio)} ({each.value})" for each in (row.smallest, row.largest)]
+    return [*ends, f"{row.better}/{row.worse}"]
+
+
+def _finished(row: RankRow) -> str:
+    return f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}"
