@@ -1,6 +1,5 @@
 """A page of a small table of trials, with hostile texts wherever a user writes them."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +14,7 @@ from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import MetricInfo
 
 HOSTILE = "<script>alert('x')</script> \"|` [a](http://evil) $\\href{http://evil}$"
-SVG = """<?xml version="1.0"?>
-<svg xmlns:xlink="http://www.w3.org/1999/xlink" width="252pt" height="180pt" viewBox="0 0 252 180"
- xmlns="http://www.w3.org/2000/svg" version="1.1">
- <defs><path id="m1" d="M 0 0"/></defs>
- <g id="method-1-line"><use xlink:href="#m1" x="3"/></g>
-</svg>
-"""
+SVG = '<svg class="boxplot" aria-hidden="true" viewBox="0 0 9 9"><g data-method="B"><path d="M 0 0"/></g></svg>'
 INFOS = (MetricInfo("mse", "rad^2", "lower"), MetricInfo("power", "V^2", "lower"))
 
 
@@ -53,8 +46,7 @@ def make_source(make_trials):
         )
         figures = [
             PageFigure("boxplot", "boxplot", f"Boxes of $c_1$ {HOSTILE}", SVG, ["figures/boxplot.svg"]),
-            PageFigure("paired", "paired", "Changes.", SVG, ["figures/paired.svg"]),
-            PageFigure("signals", "signals", "Over time.", SVG, ["figures/signals.svg"]),
+            PageFigure("signals", "signals", "Over time.", SVG.replace("boxplot", "signals"), ["figures/signals.svg"]),
         ]
         usual = {
             "record": {
@@ -77,14 +69,14 @@ def make_source(make_trials):
             "place": "results/zenere2018/tiny",
             "differences": {"A": {"estimator.kind": "kalman"}, "B": {"estimator.kind": HOSTILE}},
             "shared": {"Plant": HOSTILE},
-            "configuration": f"title: {HOSTILE}\n```\n</code></pre><b>",
             "manifest": {
                 "platform": {"system": "Linux", "cores": 2},
                 "git": {"commit": "a" * 40, "dirty": True},
                 "versions": {"python": "3.11.7"},
                 "sessions": [{"start": "2026-01-02T03:04:05+00:00", "stop": "2026-01-02T03:04:08+00:00"}],
             },
-            "files": ["trials.csv", "tables/summary.md"],
+            "files": ["trials.csv", "tables/summary.md", "report.md"],
+            "planned": n,
         }
         return PageSource(**(usual | fields))
 
@@ -101,8 +93,3 @@ def html(make_source):
 def markdown(make_source):
     """Return the same as Markdown."""
     return render_markdown("page.md", page_context(make_source(labels={"B": HOSTILE})))
-
-
-def headings(html):
-    """Level and text of every heading."""
-    return [(int(level), re.sub("<[^>]+>", "", text)) for level, text in re.findall(r"<h(\d)[^>]*>(.*?)</h\d>", html)]

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from claim_tables import make_trials as make_trials
+from rmpc_bench.report.page.rank_table import LIMITATIONS, rank_blocks
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
 from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.report.page.rank_table import LIMITATIONS, rank_blocks
 from rmpc_bench.report.ranks_table import ranks_table
 from rmpc_bench.report.screen_tables import rank_lines
 from rmpc_bench.types import ConfigError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -44,7 +45,10 @@ MOST_NAMED = 3
 """Metrics and limits that a title names."""
 MOST_POINTS = 12
 """Points of a sweep whose tables a fold has; CSV files have all."""
-SHARES = "Share of the variance of the change that a quantity explains; shares need not sum to 100 %. -: not resolved."
+SHARES = (
+    "Share of the variance of the change that a quantity explains; shares need not sum to 100 %. "
+    "-: too uncertain to be shown."
+)
 TAILS = (
     "95 % quantile: interval between order statistics. Mean of the worst 5 % of the runs: bootstrap interval of whole "
     "runs; none below 72 runs. Failed runs are in neither."
@@ -283,11 +287,12 @@ def _figures(source: PageSource) -> Iterator[Fold]:
     yield _tuning(source, [each for each in source.figures if each.kind == "tuning"])
     for figure in source.figures:
         if figure not in over_time and figure.kind != "tuning":
-            yield Fold(f"Figure {figure.name}", _first_sentence(figure.caption), [Part(figure=figure)])
+            yield Fold(f"Figure {figure.name}", _subject(figure.caption), [Part(figure=figure)])
 
 
-def _first_sentence(text: str) -> str:
-    return text.partition(". ")[0].rstrip(".")
+def _subject(caption: str) -> str:
+    """Return what a caption says first."""
+    return re.split(r"[:;]\s|\.\s", caption, maxsplit=1)[0].rstrip(".")
 
 
 def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:

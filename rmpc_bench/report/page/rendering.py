@@ -87,10 +87,9 @@ def _markup(text: str) -> Any:
 def _pieces(names: Sequence[str]) -> re.Pattern[str]:
     """Match formulas, and names of methods, which are no formulas whatever they contain."""
     odd, plain = ([re.escape(name) for name in names if ("$" in name) == has] for has in (True, False))
-    words = [rf"(?<![\w-])(?:{'|'.join(plain)})(?![\w-])"] if plain else []
-    return re.compile(
-        "|".join([f"(?P<name>{'|'.join(odd)})"] * bool(odd) + [_FORMULA] + [f"(?P<word>{words[0]})"] * bool(words))
-    )
+    found = [f"(?P<name>{'|'.join(odd)})"] * bool(odd) + [_FORMULA]
+    found += [rf"(?P<word>(?<![\w-])(?:{'|'.join(plain)})(?![\w-]))"] * bool(plain)
+    return re.compile("|".join(found))
 
 
 def said(text: str, names: Sequence[str], name_html: Any = escape) -> str:

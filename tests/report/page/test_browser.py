@@ -21,34 +21,21 @@ OPTIONS = (
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")]
 PROBE = """<script>
 addEventListener("load", () => setTimeout(() => {
-  const shown = [...document.querySelectorAll("tbody tr")].filter((row) => row.getClientRects().length);
-  const first = document.querySelector("table");
+  const of = (q) => [...document.querySelectorAll(q)], shown = (e) => e.getClientRects().length > 0;
   document.title = JSON.stringify({
     wide: document.documentElement.scrollWidth - innerWidth,
-    rows: shown.length,
-    of_b: shown.filter((row) => row.dataset.method === "1").length,
-    curves: [...document.querySelectorAll("svg [data-method='1']")]
-      .filter((part) => getComputedStyle(part).display !== "none").length,
-    order: [...first.tBodies[0].rows].map((row) => row.cells[0].textContent),
-    checked: [...document.querySelectorAll("[name=method]")].map((box) => box.checked),
-    metrics: [...new Set([...document.querySelectorAll(".of-metric")]
-      .filter((each) => each.getClientRects().length).map((each) => each.dataset.metric))],
+    rows: of("table.rows tbody tr").filter(shown).map((row) => row.dataset.method),
+    parts: of("svg [data-method='B']").filter((part) => getComputedStyle(part).display !== "none").length,
+    buttons: of(".tools button, th button").length,
+    more: of("table.rows .more").filter(shown).length,
+    words: document.body.innerText.split(/\\s+/).length,
+    intervals: document.body.innerText.match(/\\[[^\\]]+\\]/g),
+    answer: document.querySelector(".answer").getBoundingClientRect().bottom,
+    table: document.querySelector("table.rows tbody").getBoundingClientRect().bottom,
     back: getComputedStyle(document.body).backgroundColor,
     hash: location.hash,
   });
 }, 200));
-</script>"""
-BY_HAND = """<script>
-addEventListener("load", () => {
-  const box = document.querySelectorAll("[name=method]")[1];
-  box.checked = false;
-  box.dispatchEvent(new Event("change", { bubbles: true }));
-  const hidden = location.hash;
-  addEventListener("popstate", () => setTimeout(() => {
-    document.title = JSON.stringify({ hidden, after: location.hash, checked: box.checked });
-  }, 50));
-  history.back();
-});
 </script>"""
 
 
@@ -85,22 +72,27 @@ def test_no_page_is_wider_than_its_window(tmp_path, page, width):
     assert found["wide"] <= 0
 
 
+def test_the_first_screen(tmp_path, page):
+    """Answer and table stand on it, columns on demand are not shown, and the interval stands twice."""
+    found = visited(tmp_path, page, "--window-size=1280,900")
+    assert found["wide"] <= 0 and found["answer"] <= 300 and found["table"] <= 900 and found["more"] == 0
+    assert found["rows"] == ["A", "B"] and found["buttons"] == 4 and found["words"] < 400
+    assert all(found["intervals"].count(text) <= 2 for text in found["intervals"])
+
+
 def test_the_fragment_holds_the_state(tmp_path, page):
-    plain = visited(tmp_path, page)
-    assert plain["checked"] == [True, True] and plain["of_b"] > 1 and plain["curves"] == 3
-    found = visited(tmp_path, page, fragment="#metric=power&hide=1&sort=0.1.up")
-    assert found["checked"] == [True, False] and found["of_b"] == 0 and found["curves"] == 0
-    assert found["metrics"] == ["power"] and len(plain["metrics"]) > 1
+    """Methods that are hidden, and the column by which rows are sorted."""
+    found = visited(tmp_path, page, fragment="#hide=A&sort=1")
+    assert found["rows"] == ["B"] and found["hash"] == "#hide=A&sort=1"
+    assert visited(tmp_path, page, fragment="#sort=1")["rows"] == ["B", "A"]
+    assert visited(tmp_path, page, fragment="#hide=B")["parts"] == 0 < visited(tmp_path, page)["parts"]
 
 
-def test_a_table_is_sorted_by_a_column_of_numbers(tmp_path, page):
-    up, down = (visited(tmp_path, page, fragment=f"#sort=0.1.{way}")["order"] for way in ("up", "down"))
-    assert sorted(up) == sorted(down) and up == down[::-1]
-
-
-def test_the_back_button_takes_back_a_choice(tmp_path, page):
-    found = visited(tmp_path, page, probe=BY_HAND)
-    assert found == {"hidden": "#hide=1", "after": "", "checked": True}
+def test_nothing_is_lost_without_a_script(tmp_path, page):
+    with_script = visited(tmp_path, page)
+    without = visited(tmp_path, re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL))
+    assert without["rows"] == with_script["rows"] and abs(without["words"] - with_script["words"]) <= 15
+    assert without["buttons"] == 0
 
 
 def test_dark_mode(tmp_path, page):
@@ -142,7 +134,7 @@ def test_the_page_makes_no_request(tmp_path, page):
     """A proxy that all requests go through sees none, and the policy blocks nothing of the page."""
     seen, done = requests_of(tmp_path, page)
     assert seen == []
-    assert "hidden" not in re.search(r'<form id="controls"[^>]*>', done.stdout)[0], "the script has run"
+    assert "copy table</button>" in done.stdout, "the script has run"
     assert "Content Security Policy" not in done.stderr
 
 

@@ -1,72 +1,221 @@
-"""The page of an experiment: valid, self-contained, in its order, and safe with any text."""
+"""The page of an experiment: its structure, its parts in their order, and safe with any text."""
 
 import re
 from base64 import b64encode
-from collections import Counter
 from dataclasses import replace
 from hashlib import sha256
 
 import html5lib
+import numpy as np
 import pytest
-from page_sources import HOSTILE, headings
+from page_reader import Page, faults
 from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import page_context
-from rmpc_bench.report.page.headline import _counted
-from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
-from rmpc_bench.report.page.result_tables import result_blocks
+from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.requirements_table import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Limit, Requirement
 
-SECTIONS = [
-    "summary",
-    "result",
-    "table",
-    "claims",
-    "trajectories",
-    "methods",
-    "limitations",
-    "failures",
-    "trust",
-    "files",
-]
+FOLDS = ["Other metrics", "Worst runs", "Signals", "Figure boxplot", "Settings", "Limits of this comparison"]
 
 
-def parsed(text):
-    """Parse a page; an error of the parser fails the test.  The namespace of MathML and SVG is kept."""
-    parser = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False)
-    return parser.parse(text)
+def page_of(source):
+    """Read the page of a source."""
+    return Page(render_html("page.html", page_context(source)))
+
+
+@pytest.fixture
+def with_trials(make_source):
+    """Return a function that makes a source of other trials, with more fields."""
+
+    def make(trials, **fields):
+        usual = {"trials": trials, "tables": summarise(trials), "verdicts": [], "figures": [], "differences": {}}
+        usual["planned"] = len(trials.each[0].runs)
+        return make_source(**usual | fields)
+
+    return make
+
+
+def values(n, factor=1.0, seed=1):
+    """Log-normal values whose ratios to those of another factor are random."""
+    rng = np.random.default_rng(seed)
+    return (
+        factor * np.exp(rng.normal(size=n) + 0.1 * np.random.default_rng(int(100 * factor)).normal(size=n))
+    ).tolist()
+
+
+@pytest.fixture
+def sweep_of(make_trials, make_sweep):
+    """Return a function that makes a sweep of points, each path -> value, over methods with factors."""
+
+    def make(points, factors, n=30):
+        tables = []
+        for k, point in enumerate(points):
+            columns = {name: values(n, 1 + (factor - 1) * (k + 1) / len(points), k) for name, factor in factors.items()}
+            title = ", ".join(f"{path}={value}" for path, value in point.items())
+            tables.append((point, replace(make_trials({"mse": columns}), title=title)))
+        return make_sweep(*tables)
+
+    return make
+
+
+SWEEPS = {
+    "number": [{"plant.a": text} for text in ("0", "0.1", "0.2")],
+    "names": [{"noise": text} for text in ("biased", "white")],
+    "two paths": [{"plant.a": a, "noise.b": b} for a in ("0", "1", "2") for b in ("x", "y")],
+    "three paths": [{"plant.a": a, "noise.b": b, "t": c} for a in ("0", "1") for b in ("x", "y") for c in ("5", "6")],
+}
+
+
+@pytest.mark.parametrize("kind", SWEEPS)
+def test_sweeps(with_trials, sweep_of, kind):
+    """A matrix of methods against points, or a table per method for two paths; every number once in a tip."""
+    trials = sweep_of(SWEEPS[kind], {"A": 1.0, "B": 0.8, "C-1": 1.3})
+    page = page_of(with_trials(trials, drawings={"wide": "<svg></svg>"} if kind == "number" else {}))
+    assert faults(page, trials.methods if kind != "two paths" else ()) == []
+    rows = [page.rows(table) for table in page.tables]
+    if kind == "two paths":
+        assert [table.attributes["class"] for table in page.tables] == ["matrix"] * 2
+        assert rows[0][0] == ["a", "x", "y"] and [row[0] for row in rows[0][1:]] == ["0", "1", "2"]
+        assert [next(table.all("caption")).text for table in page.tables] == ["B, by b", "C-1, by b"]
+    elif kind == "names":
+        assert rows[0][0] == ["noise", "A, mean", "B", "C-1"] and rows[0][1][0] == "biased"
+    else:
+        assert rows[0][0] == ["a" if kind == "number" else "point", "A, mean", "B", "C-1"]
+        assert len(rows[0]) == 1 + len(trials.points)
+    cells = [cell for table in page.tables for cell in table.all("td") if cell.attributes.get("data-tip")]
+    assert len(cells) == 2 * len(trials.points)
+    for cell in cells:
+        tip, style = cell.attributes["data-tip"], cell.classes
+        word = tip.rpartition(": ")[2]
+        assert word in ("better", "worse", "inconclusive", "equivalent") and (word in style) == (
+            word in ("better", "worse")
+        )
+        assert cell.text.endswith("?") == (word == "inconclusive") and re.match(r"(B|C-1) at ", tip)
+    assert "Intervals and means of all points" in page.folds
+    assert ("two" in [each for div in page.root.all("div") for each in div.classes]) == (
+        kind in ("number", "two paths")
+    )
+
+
+def test_the_longer_of_points_and_methods_goes_down(with_trials, sweep_of):
+    factors = {name: 1 + 0.1 * k for k, name in enumerate("ABCD")}
+    page = page_of(with_trials(sweep_of(SWEEPS["names"], factors)))
+    rows = page.rows(page.tables[0])
+    assert rows[0] == ["method", "biased", "white"] and [row[0] for row in rows[1:]] == ["A, mean", "B", "C", "D"]
+
+
+def test_many_points_are_folded_by_the_first_path(with_trials, sweep_of):
+    points = [{"p": f"{a}", "q": f"{b}", "s": f"{c}"} for a in range(2) for b in range(4) for c in range(8)]
+    page = page_of(with_trials(sweep_of(points, {"A": 1.0, "B": 0.7}, n=4)))
+    groups = [each for each in page.root.all("details") if next(each.all("summary")).text in ("p 0", "p 1")]
+    assert [len(page.rows(next(each.all("table")))) for each in groups] == [33, 33]
+
+
+def test_one_point(make_source):
+    """Answer, one table, note, claims and folds in their order; the interval of B in answer, table and nowhere else."""
+    page = page_of(make_source(labels={"B": "B, $c=10^{-1}$"}))
+    assert faults(page, ["A", "B"]) == [] and [*page.folds] == FOLDS
+    heads, *rows = page.rows(page.tables[0])
+    assert heads[0] == "method" and [row[0] for row in rows] == ["A", "B c = 10 \u22121"] and rows[1][5] == "better"
+    assert page.folds["Other metrics"] == "lowest power: A"
+    assert re.fullmatch(r"run \d+ is the worst of every method", page.folds["Worst runs"])
+    ticks = [each.text for each in page.of_class("s")[1].all("span")]
+    assert "0" in ticks and any("%" in tick for tick in ticks)
+
+
+def test_the_place_of_an_estimate_is_that_of_its_axis(make_source):
+    """Bar and dot lie in per cent of the cell; -20 % without spread is a dot on its tick."""
+    page = page_of(make_source())
+    strip = next(each for each in page.of_class("s0") if each.tag == "td" and list(each.all("b")))
+    left = {each.tag: float(re.search(r"left:([\d.]+)%", each.attributes["style"])[1]) for each in strip.all("b")}
+    lines = page.of_class("s0")[0]
+    ticks = {each.text: float(re.search(r"left:([\d.]+)%", each.attributes["style"])[1]) for each in lines.all("span")}
+    assert left["b"] == pytest.approx(ticks["\u221220 %"], abs=0.01)
+
+
+def test_more_than_ten_methods_are_sorted_and_low(with_trials, make_trials):
+    names = [f"M{k}" for k in range(12)]
+    columns = {name: values(30, 1.0 if name == "M0" else 0.5 + k / 8) for k, name in enumerate(names)}
+    trials = replace(make_trials({"mse": columns}, labels={"M3": "a label " * 9}), oracles=frozenset({"M11"}))
+    page = page_of(with_trials(trials))
+    assert faults(page, names) == [] and "many" in page.tables[0].classes
+    rows = [row for row in page.tables[0].all("tr") if row.attributes.get("data-method")]
+    changes = [float(cell.attributes["data-v"]) for row in rows[:-1] for cell in row.all("td") if "c" in cell.classes]
+    assert changes == sorted(changes) and rows[-1].attributes["data-method"] == "M11" and "oracle" in rows[-1].classes
+    assert "Of 10 methods" in page.of_class("answer")[0].text
+
+
+def test_a_method_far_away_is_an_arrow(with_trials, make_trials):
+    """It does not squeeze the others, and one in which every run failed has empty cells."""
+    a = values(40)
+    columns = {"A": a, "B": [0.9 * x for x in a], "C": [0.8 * x for x in a], "far": [1000 * x for x in a]}
+    page = page_of(with_trials(make_trials({"mse": columns | {"dead": ["diverged"] * 40}})))
+    assert faults(page, columns) == []
+    rows = {row.attributes["data-method"]: row for row in page.tables[0].all("tr") if row.attributes.get("data-method")}
+    assert [each.classes for each in rows["far"].all("b")][-1] == ["right"] and "\u00d71000" in rows["far"].text
+    cells = [each.text for each in rows["dead"].all("th", "td") if "more" not in each.classes]
+    assert cells == ["dead", "", "", "", "", "fails more 40 of 40 failed"] and not list(rows["dead"].all("b"))
+    assert "Arrow: beyond the axis." in page.of_class("note")[0].text
+    assert page.folds["Failures"] == "diverged (all 40, dead)"
+
+
+def test_an_event_that_does_not_occur(with_trials, make_trials):
+    """Counts and median in place of the mean, shares of the runs in place of a change."""
+    info = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
+    columns = {"A": [np.inf] * 20 + [5.0] * 20, "B": np.linspace(1, 4, 40).tolist()}
+    page = page_of(with_trials(make_trials({"settling_time": columns}, infos=(info,))))
+    assert faults(page, ["A", "B"]) == []
+    heads, first, second = page.rows(page.tables[0])
+    assert heads[1] == "occurred; median settling time [s]" and heads[4] == "better in"
+    assert first[1] == "20 of 40; -" and second[1].startswith("40 of 40; 2.5") and second[4].startswith("100 % [")
+    assert "ties count half" in page.of_class("note")[0].text
+
+
+def test_differences_have_the_unit_of_the_metric(with_trials, make_trials):
+    info = MetricInfo("bias", "rad", "lower")
+    columns = {"A": np.linspace(-1, 1, 40).tolist(), "B": np.linspace(-2, 0.5, 40).tolist()}
+    page = page_of(with_trials(make_trials({"bias": columns}, infos=(info,))))
+    heads, _, row = page.rows(page.tables[0])
+    assert any(head.startswith("difference from A [rad]") for head in heads) and " rad [" in row[4]
+
+
+def test_a_smoke_run_says_what_ran(with_trials, make_trials):
+    trials = replace(make_trials({"mse": {"A": [1.0, 2.0], "B": [1.0, "diverged"]}}), with_verdicts=False)
+    page = page_of(with_trials(trials))
+    assert faults(page, ["A", "B"]) == [] and page.of_class("banner")[0].text.startswith("Smoke run.")
+    assert page.rows(page.tables[0])[1:] == [["A", "ran 2 runs"], ["B", "failed 1 of 2 runs failed"]]
+
+
+@pytest.mark.parametrize("failed", [False, True])
+def test_an_unfinished_experiment(with_trials, make_trials, failed):
+    """48 runs of A, 47 of B, of 60: a banner and no failure but the one that failed."""
+    a = values(48)
+    b = [0.8 * x for x in a]
+    if failed:
+        b[5] = "diverged"
+    trials = make_trials({"mse": {"A": a, "B": b}})
+    trials = replace(trials, frame=trials.frame.iloc[:-1])
+    page = page_of(with_trials(trials, planned=60, incomplete=("B",)))
+    assert "Unfinished: 47 of 60 runs." in page.of_class("banner")[0].text
+    assert page.of_class("answer")[0].text.startswith("So far B is better than A")
+    assert ("Failures" in page.folds) == failed and "47 runs per method" in page.of_class("note")[0].text
+
+
+def test_moments_without_runs(with_trials, make_trials):
+    """The table of the error is the main one; the answer says what it is."""
+    trials = make_trials({"mse": {"A": [], "B": []}})
+    page = page_of(with_trials(replace(trials, frame=trials.frame.reindex(columns=["method", "run", "status", "mse"]))))
+    assert page.of_class("answer")[0].text.startswith("Exact moments")
 
 
 def test_the_page_is_valid_html(html):
-    tree = parsed(html)
+    tree = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(html)
     ids = [element.get("id") for element in tree.iter() if element.get("id")]
-    assert len(ids) == len(set(ids)) > 10
-    targets = {element.get("href")[1:] for element in tree.iter("a") if element.get("href", "").startswith("#")}
-    named = {word for element in tree.iter() for word in (element.get("aria-labelledby") or "").split()}
-    assert targets | named <= set(ids)
-
-
-def test_sections_stand_in_their_order_and_headings_have_no_gap(html):
-    assert re.findall(r'<section id="(\w+)"', html) == SECTIONS
-    levels = [level for level, _ in headings(html)]
-    assert levels[0] == 1 and levels.count(1) == 1
-    assert all(after - before <= 1 for before, after in zip(levels, levels[1:], strict=False))
-
-
-def test_a_section_without_content_is_left_out(make_source):
-    source = make_source(verdicts=[], figures=[], differences={}, shared={})
-    found = re.findall(r'<section id="(\w+)"', render_html("page.html", page_context(source)))
-    # Without differences the section of the methods still says where their parameters come from.
-    assert found == [name for name in SECTIONS if name not in ("result", "claims")]
-
-
-def test_markdown_has_the_same_sections(html, markdown):
-    titles = [text for level, text in headings(html) if level == 2]
-    assert re.findall(r"^## (.*)$", markdown, re.MULTILINE) == titles
-    assert "![boxplot](figures/boxplot.svg)" in markdown and "<svg" not in markdown and "<style" not in markdown
+    assert len(ids) == len(set(ids)) and {"claims", "figure-boxplot"} <= set(ids)
 
 
 def test_the_policy_allows_this_script_alone(html):
@@ -74,212 +223,99 @@ def test_the_policy_allows_this_script_alone(html):
     script = re.search(r"<script>(.*?)</script>", html, re.DOTALL)[1]
     digest = b64encode(sha256(script.encode()).digest()).decode()
     assert policy.startswith(f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{digest}'")
-    assert html.count("<script") == 1
-
-
-def test_the_page_loads_nothing(html):
-    """No element has a source, links are those of anchors, and no style refers to a file."""
-    tree = parsed(html)
-    for element in tree.iter():
-        assert not {"src", "srcset", "data", "poster", "background", "action"} & set(element.attrib), element.tag
-        assert element.tag not in ("link", "iframe", "object", "embed", "img", "base"), element.tag
-        href = element.get("href", "") + element.get("{http://www.w3.org/1999/xlink}href", "")
-        assert element.tag == "a" or not href or href.startswith("#"), href
-    assert not re.search(r"@import|url\((?!#)", html)
+    assert html.count("<script") == 1 and len(script) < 4000 and not re.search(r"@import|url\((?!#)", html)
 
 
 @pytest.mark.parametrize("name", ["html", "markdown"])
 def test_texts_of_a_user_are_escaped(request, name):
     """They stand on the page as they are, and none of them becomes an element, a link or a cell of its own."""
     text = request.getfixturevalue(name)
-    assert "alert(" in text and "<script>alert" not in text.split("```")[0]
+    assert "alert(" in text and "<script>alert" not in text
     if name == "html":
-        assert "<b>" not in text.split("<pre")[1].split("</pre>")[0] and 'href="http://evil' not in text
+        assert 'href="http://evil' not in text and faults(Page(text), ["A", "B"]) == []
     else:
-        prose = text.split("````")[0]
-        assert "](http://evil" not in prose.replace("\\](http", "")
-        assert not re.search(r"(?<!\\)<script", prose)
+        assert "](http://evil" not in text.replace("\\](http", "") and not re.search(r"(?<!\\)<script", text)
+        for block in re.findall(r"(?:^\|.*\n)+", re.sub(r"\\\|", "", text), re.MULTILINE):
+            assert len({line.count("|") for line in block.splitlines()}) == 1, block
 
 
-def test_tables_of_markdown_have_one_number_of_cells(markdown):
-    """A bar in a label does not add a cell."""
-    prose = re.sub(r"\\\|", "", markdown.split("````")[0])
-    for block in re.findall(r"(?:^\|.*\n)+", prose, re.MULTILINE):
-        assert len({line.count("|") for line in block.splitlines()}) == 1, block
+NAMES = ["$Q'Q$", "a % b", "<b>x</b>", 'say "so"', "x" * 60, "back\\slash", "$x_{k|k}$ & y"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_text_and_a_label_may_have_formulas(with_trials, make_trials, name):
+    """On the page, in its answer, in the script's attributes and in Markdown."""
+    a = values(40)
+    trials = make_trials({"mse": {"A": a, name: [0.8 * x for x in a]}}, labels={name: r"$\delta_v^2$ and <i>"})
+    source = with_trials(trials)
+    page = page_of(source)
+    [row] = [each for each in page.tables[0].all("tr") if each.attributes.get("data-method") == name]
+    assert row.inside[0].inside[0] == name and "".join(page.of_class("answer")[0].shown.split()).count(
+        "".join(name.split())
+    )
+    small = next(row.all("small"))
+    assert small.text.replace(" ", "") == "\u03b4v2and<i>" and [each.tag for each in small.all()] == ["sub", "sup"]
+    assert render_markdown("page.md", page_context(source)).count("\n| ") == 4
+
+
+def test_claims_stand_open_with_their_assumptions_folded(html, markdown):
+    page = Page(html)
+    [claims] = page.of_class("claims")
+    items = [each for each in claims.inside if getattr(each, "tag", "") == "li"]
+    assert len(items) == 2 and "ours, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
+    assert "One." not in items[0].shown and "One." in items[0].text and "**confirmed**" in markdown
+
+
+def test_the_foot_has_what_is_needed_to_repeat(html, markdown):
+    page = Page(html)
+    foot = next(page.root.all("footer"))
+    found = dict(zip([e.text for e in foot.all("dt")], [e.text for e in foot.all("dd")], strict=True))
+    assert found["command"] == "rmpc-bench run configs/zenere2018/tiny.yaml" and found["seed"] == "7"
+    assert (
+        found["hash"] == "0123456789ab"
+        and found["computed"] == "2026-01-02"
+        and found["version"].startswith("rmpc-bench 0.1.0")
+    )
+    assert {each.attributes["href"] for each in foot.all("a")} == {"trials.csv", "report.md", "tables/"}
+    assert (
+        "- command: `rmpc-bench run configs/zenere2018/tiny.yaml`" in markdown
+        and "[report.html](report.html)" in markdown
+    )
+
+
+def test_limits(make_source):
+    page = page_of(make_source(overrides=("--runs 3",), left_out=("boxplot: too small",), confounded=("B",)))
+    [fold] = [each for each in page.of_class("fold") if "Limits" in each.inside[0].text]
+    for words in ("overridden", "figure is missing", "uncommitted changes", "Both the estimator and the controller"):
+        assert words in fold.text
+    assert "For information only" in page.root.text and "No parameter was tuned: all are as published" in fold.text
+
+
+def test_requirements_and_the_worst_runs(make_source):
+    requirement = Requirement("mse < 1", "mse", (Limit("<", 1.0),))
+    plain = make_source(n=80)
+    trials = replace(plain.trials, requirements=(requirement,))
+    page = page_of(replace(plain, trials=trials, requirements=requirements_table(trials)))
+    assert page.folds["Requirements"].startswith("mse < 1 in ") and [*page.folds][1] == "Requirements"
+    [worst] = [each for each in page.of_class("fold") if "Worst" in each.inside[0].text]
+    rows = page.rows(next(worst.all("table")))
+    assert rows[0][3:] == ["95 % quantile", "mean of the worst 5 %"] and all("[" in row[3] for row in rows[1:])
+    assert "rmpc-bench show results/zenere2018/tiny --run" in worst.text
+
+
+def test_tuning_has_values_ranks_and_cost(make_source):
+    plain = make_source()
+    found = tuning(search("B", constant([2, 1]), constant([2, 1, 9], 40), values=[1.0, 10.0], seconds=12.0))
+    trials = replace(plain.trials, parameters={"A": "default", **found.parameters})
+    page = page_of(replace(plain, trials=trials, tuning=TuningTable(trials, found)))
+    [fold] = [each for each in page.of_class("fold") if each.inside[0].text.startswith("Tuning")]
+    assert [[row[0] for row in page.rows(each)[1:]] for each in fold.all("table")] == [["B"], ["A", "B"]]
+    # 2 values in 3 tuning runs, and these and the default in 40 runs.
+    assert "Cost: 126 trials, 12 s of computing time." in fold.text and "rank" in fold.text
+    limits = next(each for each in page.of_class("fold") if "Limits" in each.inside[0].text)
+    assert "Tuned values at the end of their range: B" in limits.text and "A: default, not tuned" in limits.text
 
 
 def test_the_same_source_gives_the_same_bytes(make_source):
     pages = [render_html("page.html", page_context(make_source())) for _ in range(2)]
-    assert pages[0] == pages[1]
-
-
-def test_tables_have_captions_and_scopes(html):
-    tree = parsed(html)
-    for table in tree.iter("table"):
-        assert table.find("caption") is not None
-        assert {cell.get("scope") for cell in table.find("thead").iter("th")} == {"col"}
-        assert {row.find("th").get("scope") for row in table.find("tbody").iter("tr")} == {"row"}
-    assert {row.get("data-method") for row in tree.iter("tr")} >= {"0", "1"}
-
-
-def test_figures_have_a_text_and_groups_of_methods(html):
-    tree = parsed(html)
-    pictures = [element for element in tree.iter() if str(element.tag).endswith("svg")]
-    assert len(pictures) == 3
-    for picture in pictures:
-        assert picture.get("role") == "img" and picture.get("aria-labelledby")
-    assert html.count('data-method="1"') > 3 and '<a class="skip" href="#content">' in html
-
-
-def test_claims_name_the_figure_and_the_numbers(html):
-    claim = html[html.index('<article class="claim') :]
-    assert '<a href="#figure-boxplot">boxplot</a>' in claim and "interval of the difference" in claim
-    assert "2 assumptions" in claim and "Additional results" in claim
-
-
-def test_limits_name_failures_and_the_working_tree(make_source):
-    source = make_source(overrides=("--runs 3",), left_out=("boxplot: too small",), confounded=("B",))
-    text = render_markdown("page.md", page_context(source))
-    limits = text[text.index("## Known limitations") : text.index("## Failures")]
-    for words in ("overridden", "figure is missing", "uncommitted changes", "Both the estimator and the controller"):
-        assert words in limits
-    assert "For information only" in text
-
-
-def test_limits_of_a_clean_experiment(make_source):
-    """Failed runs, tuning, assumptions and the machine are named even where nothing went wrong."""
-    text = render_markdown("page.md", page_context(make_source()))
-    limits = text[text.index("## Known limitations") : text.index("## Failures")]
-    for words in (
-        "No run failed",
-        "No method is tuned: all parameters are as published",
-        "2 assumptions",
-        "one machine",
-    ):
-        assert words in limits
-
-
-def test_runs_that_are_not_computed_are_named_apart_from_failed_ones(make_source):
-    """An interrupted experiment whose last run of B is missing: no run failed, and a comparison leaves one out."""
-    plain = make_source(incomplete=("B",))
-    last = plain.trials.frame[plain.trials.frame["method"] == "B"].index[-1]
-    trials = replace(plain.trials, frame=plain.trials.frame.drop(last))
-    text = render_markdown("page.md", page_context(replace(plain, trials=trials, tables=summarise(trials))))
-    assert "Comparisons leave out the runs that are not computed for both methods" in text
-    assert "no average leaves a run out" not in text and "in which a method failed" not in text
-
-
-@pytest.mark.parametrize(
-    ("words", "n_points", "text"),
-    [
-        ({"better": 3}, 3, "better at all 3 points"),
-        ({"better": 1}, 1, "better at 1 point"),
-        ({"better": 2}, 3, "better at 2 points"),
-        ({"better": 2, "worse": 1}, 3, "better at 2 points, worse at 1"),
-    ],
-)
-def test_all_points_are_named_where_all_have_the_verdict(words, n_points, text):
-    """A point that is not computed has no verdict."""
-    assert _counted(Counter(words), n_points) == text
-
-
-def test_every_method_says_where_its_parameters_come_from(make_source):
-    """In the summary for a baseline that is not tuned, in the table of the methods and among the limitations."""
-    plain = make_source()
-    words = {"A": "default", "B": "tuned (budget 16, 40 runs)"}
-    trials = replace(plain.trials, parameters=words)
-    source = replace(plain, trials=trials, tables=summarise(trials), verdicts=[])
-    text = render_markdown("page.md", page_context(source))
-    parts = dict(re.findall(r"^## (.*)\n((?:(?!## ).*\n)*)", text, re.MULTILINE))
-    assert "Compared with A (default, not tuned) in MSE" in parts["Summary"]
-    methods = parts["What differs between the methods, and what was assumed"]
-    assert "| A | default, not tuned |" in methods and "| B | tuned (budget 16, 40 runs) |" in methods
-    limits = parts["Known limitations of this comparison"]
-    assert "- A: default, not tuned; other parameters may change a verdict." in limits and "- B: " not in limits
-
-
-def test_worst_runs_and_requirements_stand_beside_the_means(make_source):
-    """In the section of the table: those of the primary metric open, those of the others folded."""
-    requirement = Requirement("mse < 1", "mse", (Limit("<", 1.0),))
-    plain = make_source(n=80)
-    trials = replace(plain.trials, requirements=(requirement,))
-    source = replace(plain, trials=trials, requirements=requirements_table(trials))
-    (section,) = [part for part in page_context(source)["sections"] if part["id"] == "table"]
-    captions = [block.get("caption", "") for block in section["blocks"]]
-    assert any(text.startswith("Worst runs, mse") for text in captions)
-    assert "Runs that meet the requirements" in captions
-    folded = [block["title"] for block in section["blocks"] if block["kind"] == "folded"]
-    assert "Worst runs in the other metrics" in folded
-    (worst,) = [block for block in section["blocks"] if block.get("caption", "").startswith("Worst runs")]
-    assert [row["method"] for row in worst["rows"]] == [0, 1] and "[" in worst["rows"][0]["cells"][2]
-
-
-def test_failed_runs_have_a_command(make_trials, make_source):
-    """Counted with the meaning of the status, the first ones with the command that replays them."""
-    values = [1.0] * 25
-    trials = make_trials({"mse": {"A": values, "B": [*values[:-1], "diverged"]}})
-    source = replace(make_source(), trials=trials, tables=summarise(trials), verdicts=[])
-    text = render_markdown("page.md", page_context(source))
-    failures = text[text.index("## Failures") :]
-    assert "B: 1 run diverged" in failures
-    assert "`rmpc-bench show results/zenere2018/tiny --run 24 --method B`" in failures
-
-
-def luminance(colour):
-    """Relative luminance of WCAG 2."""
-    parts = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(a, b):
-    low, high = sorted([luminance(a), luminance(b)])
-    return (high + 0.05) / (low + 0.05)
-
-
-@pytest.mark.parametrize("theme", [0, 1, 2], ids=["light", "dark", "print"])
-def test_contrast(theme):
-    """At least 4.5 to 1 for every colour of a text on every colour that is behind it."""
-    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
-    blocks = re.findall(r":root \{(.*?)\}", style, re.DOTALL)
-    assert len(blocks) == 3
-    colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", blocks[theme]))
-    pairs = [(text, back) for text in ("text", "muted", "link") for back in ("page", "raised")]
-    pairs += [(word, f"{word}-back") for word in ("yes", "no", "open")]
-    for text, back in pairs:
-        assert contrast(colours[text], colours[back]) >= 4.5, (text, back)
-
-
-def test_hostile_text_is_what_it_says():
-    assert contrast("#000000", "#ffffff") == 21 and "<script>" in HOSTILE
-
-
-def test_the_table_of_a_large_sweep_says_where_parameters_come_from(make_trials, make_sweep):
-    """A column where methods differ, and the word of a baseline that is not tuned in the note."""
-    words = {"A": "default", "B": "tuned (budget 16, 40 runs)"}
-    table = replace(make_trials({"mse": {"A": [1.0, 2.0, 3.0], "B": [1.1, 1.9, 3.3]}}), parameters=words)
-    sweep = make_sweep(*[({"s": str(i)}, replace(table, title=f"s={i}")) for i in range(8)])
-    (block,) = [each for each in result_blocks(summarise(sweep), ["A", "B"]) if each["kind"] == "table"]
-    heads = [head["text"] for head in block["heads"]]
-    assert heads[:3] == ["point", "method", "parameters"] and heads[-1] == "verdict"
-    assert [row["cells"][2] for row in block["rows"]] == ["default", "tuned"] * 8
-    assert block["notes"] == ["tuned = budget 16, 40 runs; A: default, not tuned"]
-
-
-def test_tuning_has_a_section_with_values_ranks_and_cost(make_source):
-    """Valid HTML with a row per method, and what it leaves open among the limitations."""
-    plain = make_source()
-    first = search("B", constant([2, 1]), constant([2, 1, 9], 40), values=[1.0, 10.0], seconds=12.0)
-    found = tuning(first)
-    trials = replace(plain.trials, parameters={"A": "default", **found.parameters})
-    source = replace(plain, trials=trials, tuning=TuningTable(trials, found))
-    context = page_context(source)
-    (section,) = [part for part in context["sections"] if part["id"] == "tuning"]
-    tables = [block for block in section["blocks"] if block["kind"] == "table"]
-    assert [[row["method"] for row in each["rows"]] for each in tables] == [[1], [0, 1]]
-    text = render_markdown("page.md", context)
-    # 2 values in 3 tuning runs, and these and the default in 40 runs.
-    assert "Cost: 126 trials, 12 s of computing time." in text and "| A | default, not tuned |" in text
-    limits = text[text.index("## Known limitations of this") : text.index("## Failures")]
-    assert "Tuned values at the end of their range: B" in limits and "A larger budget, more tuning runs" in limits
-    parsed(render_html("page.html", context))
+    assert pages[0] == pages[1] and len(pages[0]) < 40_000
