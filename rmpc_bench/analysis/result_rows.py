@@ -203,8 +203,22 @@ def result_table(trials: Trials, described: pd.DataFrame, compared: pd.DataFrame
     of_summary = _by_method(described, info)
     of_pairs = _by_method(compared, info)
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())
-    rows = [_row(trials, info, name, of_summary[name], of_pairs.get(name, {})) for name in trials.methods]
+    rows = [_row(trials, info, name, of_summary.get(name, _NONE), of_pairs.get(name, {})) for name in _names(trials)]
     return ResultTable(trials, info, rows, _form(of_pairs), may_not_occur)
+
+
+_NONE = {"n": 0, "n_failed": 0, "mean": math.nan, "ci_low": math.nan, "ci_high": math.nan}
+"""Row of summary.csv of a method that is not computed."""
+
+
+def _names(trials: Trials) -> list[str]:
+    """Return the methods of a table, with those that are not computed unless it shows some of the methods only."""
+    if not len(trials.frame) or not {*trials.frame["method"].unique()} <= {*trials.methods}:
+        return [*trials.methods]
+    known = [name for name in trials.all_methods if name in trials.methods]
+    if known == [*trials.methods]:
+        return [*trials.all_methods]
+    return [*trials.methods, *(name for name in trials.all_methods if name not in trials.methods)]
 
 
 def _by_method(table: pd.DataFrame, info: MetricInfo) -> dict[str, dict[str, Any]]:

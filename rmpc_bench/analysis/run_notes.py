@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from rmpc_bench.types import RunFailure, Status
+from rmpc_bench.types import Array, RunFailure, Status
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,16 @@ class RunNotes:
     seconds_per_step: float | None = None
     optimises: bool = False
     failed_steps: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
+
+    def of_runs(self, runs: Array) -> RunNotes:
+        """Return the notes on some of the runs; warnings are counted over all runs."""
+        chosen = {*runs.tolist()}
+        return replace(
+            self,
+            failures=tuple(each for each in self.failures if each.run in chosen),
+            held={run: n for run, n in self.held.items() if run in chosen},
+            failed_steps={run: steps for run, steps in self.failed_steps.items() if run in chosen},
+        )
 
     @property
     def n_held(self) -> int:

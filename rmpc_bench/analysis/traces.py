@@ -43,6 +43,13 @@ class Traces(NamedTuple):
                 values[row, last[run] + 1 :] = np.nan
         return self._replace(signals=signals)
 
+    def of_runs(self, runs: Array) -> Traces:
+        """Return those of the runs that are recorded."""
+        rows = np.isin(self.runs, runs)
+        return self._replace(
+            runs=self.runs[rows], signals={name: values[rows] for name, values in self.signals.items()}
+        )
+
     def groups(self, finished: Array) -> RunGroups | None:
         """Take the runs that were finished as groups; None where the state is not recorded."""
         rows, estimate = np.isin(self.runs, finished), self.signals.get("x_hat")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.common_runs import common_runs
 from rmpc_bench.analysis.looks import PlannedLook
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
@@ -138,19 +139,51 @@ class Trials:
         return next((info for info in self.metrics if info.name == self.primary), None)
 
     def relevant_of(self, metric: str, *, default: float | None = None) -> float:
-        """Return the smallest difference of a metric that matters.
-
-        Parameters
-        ----------
-        metric : name of a metric
-        default : for a metric without a margin of its own; `relevant` if None
-        """
+        """Return the smallest difference of a metric that matters; `default`, or `relevant`, without its own margin."""
         return self.margins.get(metric, self.relevant if default is None else default)
 
     @property
     def each(self) -> tuple[Trials, ...]:
         """The tables of all points; the table itself where there is no sweep."""
         return self.points or (self,)
+
+    @cached_property
+    def common(self) -> Trials:
+        """The same trials in the runs that every method with rows has, finished or failed: statistics rest on these.
+
+        A method without a row leaves no run out.  Points of a sweep without a common run are left out.
+        """
+        if self.points:
+            points = tuple(point.common for point in self.points)
+            if all(new is old for new, old in zip(points, self.points, strict=True)):
+                return self
+            return self.with_points([point for point in points if len(point.runs)] or points[:1])
+        runs = common_runs([self.runs[places] for _, places, _ in self._rows.values()])
+        return self if runs is None else self._of_runs(runs)
+
+    def _of_runs(self, runs: Array) -> Trials:
+        def kept(table: pd.DataFrame) -> pd.DataFrame:
+            return table[table["run"].isin(runs)].reset_index(drop=True) if "run" in table else table
+
+        return replace(
+            self,
+            frame=kept(self.frame),
+            uncertainty=kept(self.uncertainty),
+            traces={name: traces.of_runs(runs) for name, traces in self.traces.items()},
+            notes={name: notes.of_runs(runs) for name, notes in self.notes.items()},
+        )
+
+    def with_points(self, points: Sequence[Trials]) -> Trials:
+        """Return the table of a sweep with other tables of its points, and the methods that these have."""
+        present = {method for point in points for method in point.methods}
+        methods = tuple(name for name in self.methods if name in present)
+        return replace(
+            self,
+            methods=methods,
+            frame=stacked_rows([with_point(point.frame, point.point) for point in points]),
+            baseline=self.baseline if self.baseline in methods else (*methods, "")[0],
+            points=tuple(points),
+        )
 
     @property
     def is_population(self) -> bool:
@@ -208,13 +241,7 @@ class Trials:
         return bool((self.frame[metric].to_numpy(dtype=float)[self._finished] < 0).any())
 
     def with_numbers(self, frame: pd.DataFrame, **changes: Any) -> Trials:
-        """Return the same trials with other values of the metrics.
-
-        Parameters
-        ----------
-        frame : with methods, runs and statuses as they are in `frame`
-        changes : other fields that change
-        """
+        """Return the same trials with other values of the metrics; methods, runs and statuses are those of `frame`."""
         made = replace(self, frame=frame, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
         for name in {"runs", "_rows", "_complete", "_finished"} & set(self.__dict__):
@@ -231,7 +258,7 @@ class Trials:
 
         Returns
         -------
-        (n_runs,) values in the order of `runs`; NaN where the run failed or is absent, inf without the event
+        (n_runs,) values in the order of `runs`; NaN where the run failed or has no value, inf without the event
         """
         if method in self._complete:
             return np.array(self.frame[metric].to_numpy(dtype=float)[self._complete[method]])
@@ -265,11 +292,6 @@ class Trials:
             found[places[~ok]] = True
         return found
 
-    def computed(self, *methods: str) -> Array:
-        """Return which runs are computed, finished or failed, for every one of the methods."""
-        own = [np.isin(np.arange(len(self.runs)), self._rows[name][1]) for name in methods if name in self._rows]
-        return np.all(own, axis=0) if len(own) == len(methods) else np.zeros(len(self.runs), dtype=bool)
-
     def n_failed(self, method: str) -> int:
         """Count the runs of `method` that ended with any status but ok."""
         return int((~self._rows[method][2]).sum()) if method in self._rows else 0
@@ -297,16 +319,9 @@ class Trials:
         return 0 if (n == 0).any() else int(n.max(initial=0))
 
     def run_groups(self, quantity: str, method: str) -> RunGroups | None:
-        """Groups of runs that can be left out of a moment of the ensemble.
+        """Groups of runs that can be left out of a moment of the ensemble, such as ``cov(e)``.
 
-        Parameters
-        ----------
-        quantity : such as ``cov(e)``
-        method : name of a method
-
-        Returns
-        -------
-        single runs where the trajectories of every finished run are recorded, else the stored groups; None without any
+        Single runs where the trajectories of every finished run are recorded, else the stored groups; None without any.
         """
         found = (self._recorded(method), self.groups.get(method))
         return next((groups for groups in found if groups is not None and groups.has(quantity)), None)
@@ -367,6 +382,11 @@ class Trials:
         values = np.full((len(samples), *(entries.max(axis=0) + 1)), np.nan)
         values[(position, *entries.T)] = rows["value"].to_numpy(dtype=float)
         return values
+
+
+def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:
+    """Put the columns of a sweep in front of a table."""
+    return pd.concat([pd.DataFrame(dict(point), index=frame.index, dtype=object), frame], axis=1)
 
 
 def stacked_rows(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -31,7 +31,7 @@ class ComparisonResult:
     holds : None when the interval of the difference contains the border, so that the runs do not decide
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
-    n_excluded : runs that one of them failed or has not computed
+    n_excluded : runs that one of them failed
     at : the point of a sweep in words, where the claim is checked at several
     operator : of the comparison
     k, entry : where in a series, vector or matrix the given entries stand; None where there is no such place

@@ -45,7 +45,7 @@ def summarise(results: Results | Trials) -> summary.Summary:
     >>> summarise(results).described["method"].unique().tolist()
     ['S-MPC', 'R-MPC', 'RS-MPC']
     """
-    return summary.summarise(results if isinstance(results, Trials) else results.trials)
+    return summary.summarise(_common(results))
 
 
 def compare(
@@ -111,7 +111,7 @@ def drivers(results: Results | Trials) -> DriversTable:
     >>> drivers(results).frame["resolved"].any().item()
     False
     """
-    return drivers_table(results if isinstance(results, Trials) else results.trials)
+    return drivers_table(_common(results))
 
 
 def requirements(results: Results | Trials) -> RequirementsTable:
@@ -136,7 +136,7 @@ def requirements(results: Results | Trials) -> RequirementsTable:
     >>> requirements(results).frame["n"].tolist()
     [4, 4]
     """
-    return requirements_table(results if isinstance(results, Trials) else results.trials)
+    return requirements_table(_common(results))
 
 
 def ranks(results: Results | Trials) -> RanksTable:
@@ -159,7 +159,11 @@ def ranks(results: Results | Trials) -> RanksTable:
     >>> sorted(ranks(results).columns["method"])
     ['R-MPC', 'RS-MPC', 'S-MPC']
     """
-    return ranks_table(results if isinstance(results, Trials) else results.trials)
+    return ranks_table(_common(results))
+
+
+def _common(results: Results | Trials) -> Trials:
+    return results.common if isinstance(results, Trials) else results.trials
 
 
 def judge(results: Results) -> tuple[ClaimVerdict, ...]:

@@ -154,7 +154,7 @@ def _refuse_stale(results: Results, directory: Path) -> None:
             raise ArchiveError(f"{directory}: there is no {name}; {way_out}")
     with TemporaryDirectory() as temporary:
         fresh = Path(temporary) / "trials.csv"
-        trials_csv(results.trials, fresh)
+        trials_csv(results.stored, fresh)
         if fresh.read_bytes() != (directory / "trials.csv").read_bytes():
             raise ArchiveError(f"{directory}: trials.csv differs from the stored trials; {way_out}")
 

@@ -184,10 +184,10 @@ class PackedFiles:
         file = self._directory / TIMINGS
         try:
             timings = read_rows(file) if file.is_file() else pd.DataFrame()
-            trials = with_timings(results.trials, timings) if len(timings) else results.trials
+            trials = with_timings(results.stored, timings) if len(timings) else results.stored
         except (ValueError, KeyError, TypeError) as error:
             raise ArchiveError(f"{self._path}: {TIMINGS} cannot be read ({error})") from None
-        return replace(results, timings=timings, trials=trials)
+        return replace(results, timings=timings, stored=trials)
 
     def _name_files(self, resolved: Path, known: Collection[str]) -> None:
         """Write the configuration that the page shows, with data files as the packed directory named them."""

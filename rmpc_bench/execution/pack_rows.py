@@ -83,12 +83,19 @@ def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]
     if len(rows) and not len(summary):
         return ["summary.csv has no line"]
     paths = [name for name in summary.columns[: list(summary.columns).index("method")] if name in rows]
+    rows = _common(rows, paths)
     return [
         f"{' '.join(str(line[name]) for name in [*paths, 'method', 'metric'])} {what}: "
         f"summary.csv {stated:g}, its rows {found:.6g}"
         for _, line in summary.iterrows()
         for what, stated, found in _against_rows(rows, line, paths)
     ]
+
+
+def _common(rows: pd.DataFrame, paths: Sequence[str]) -> pd.DataFrame:
+    """Leave out the runs that not every method of a point has; summary.csv rests on the others."""
+    n_methods = rows.groupby(paths)["method"].transform("nunique") if paths else rows["method"].nunique()
+    return rows[rows.groupby([*paths, "run"])["method"].transform("nunique") == n_methods]
 
 
 def _against_rows(rows: pd.DataFrame, line: pd.Series, paths: Sequence[str]) -> Iterator[tuple[str, float, float]]:

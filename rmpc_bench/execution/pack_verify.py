@@ -143,21 +143,21 @@ class _Packed:
         if claim:
             config, wanted = only_claim(config, claim, wanted)
         here = run(config, directory=temporary / "again", jobs=jobs, only=wanted, progress=progress)
-        extent = extent._replace(complete=extent.complete and len(here.trials.runs) in (0, extent.n_packed))
-        found, packed = self._compared(here.trials, rows[rows["run"] < extent.n_runs], complete=extent.complete)
+        extent = extent._replace(complete=extent.complete and len(here.stored.runs) in (0, extent.n_packed))
+        found, packed = self._compared(here.stored, rows[rows["run"] < extent.n_runs], complete=extent.complete)
         if claim:
-            both = (replace(here, trials=self._with_look(each, stated)) for each in (here.trials, packed))
+            both = (replace(here, stored=self._with_look(each, stated)) for each in (here.stored, packed))
             texts, n_claims = self._claim(*both, all_runs=extent.n_runs == extent.n_packed)
             found = replace(found, findings=texts, n_claims=n_claims)
             outcomes = self._hashed("is not made for one claim")
         elif extent.complete:
             # On another machine the files are made from the packed rows: last digits would change what is printed.
-            trials = here.trials if files.exact or found.differences else packed
-            outcomes = files.outcomes(replace(here, trials=trials), stated, temporary)
+            trials = here.stored if files.exact or found.differences else packed
+            outcomes = files.outcomes(replace(here, stored=trials), stated, temporary)
             outcomes = [_of_rows(each, found, exact=files.exact) for each in outcomes]
         else:
-            every = self._with_look(with_rows(here.trials, rows), stated)
-            here = replace(_as_packed(here, stated, rows), trials=every)
+            every = self._with_look(with_rows(here.stored, rows), stated)
+            here = replace(_as_packed(here, stated, rows), stored=every)
             outcomes = files.outcomes(here, stated, temporary, extent.n_runs)
         scope = f"{extent}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
         return replace(found, scope=scope, remarks=extent.remarks(claim), files=tuple(outcomes))
@@ -172,7 +172,7 @@ class _Packed:
         """Give a table the look at which the packed tables were made, and its level."""
         rule = stop_of(config, None)
         level = config.statistics.confidence if rule is None else rule.level
-        look = number_of_look(self._manifest.get("looks", []), max(len(table.runs) for table in trials.each))
+        look = number_of_look(self._manifest.get("looks", []), max(len(table.runs) for table in trials.common.each))
         points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
         return replace(trials, look=look, confidence=level, points=points)
 

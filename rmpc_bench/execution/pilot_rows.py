@@ -13,7 +13,7 @@ from rmpc_bench.execution.results import Results
 
 def enlarged(results: Results, n_runs: int) -> Results:
     """Repeat the rows of the first runs up to a number of runs, to measure what a report of so many costs."""
-    trials = results.trials
+    trials = results.stored
     n = max((len(table.runs) for table in trials.each), default=0)
     if not n or n >= n_runs:
         return results
@@ -27,7 +27,7 @@ def enlarged(results: Results, n_runs: int) -> Results:
     )
     frame = _sorted(repeated(trials.frame), trials.methods)
     larger = replace(trials, frame=frame, uncertainty=repeated(trials.uncertainty), points=points)
-    return replace(results, trials=larger, uncertainty=repeated(results.uncertainty))
+    return replace(results, stored=larger, uncertainty=repeated(results.uncertainty))
 
 
 def _repeated(frame: pd.DataFrame, n: int, n_runs: int) -> pd.DataFrame:

@@ -184,7 +184,7 @@ def _published(
         *_write_table(lost_table(results.trials), directory, "lost"),
         *_write_table(ranked, directory, "ranks"),
         *_write_table(tuned, directory, "tuning"),
-        *_write_traces(results.trials, directory / "traces.npz"),
+        *_write_traces(results.stored, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
         *_write_failures(results, directory / "failures", place),
@@ -244,7 +244,7 @@ def _way(results: Results, place: str, file: str) -> dict[str, Any]:
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:
-    trials_csv(results.trials, directory / "trials.csv")
+    trials_csv(results.stored, directory / "trials.csv")
     write_csv(results.uncertainty, directory / "uncertainty.csv")
     write_csv(results.series, directory / "series.csv")
     write_csv(summary_table(tables.described), directory / "summary.csv")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import pandas as pd
 
+from rmpc_bench.analysis.common_runs import Extent, PointExtent
 from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
@@ -37,7 +38,7 @@ class Results:
     ----------
     experiment : names, settings, figures and claims of the experiment, as they are stored beside its trials
     directory : where the trials are stored
-    trials : metrics and status of every run, series of the designs, recorded runs
+    stored : metrics and status of every stored run, series of the designs, recorded runs
     uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
     timings : sweep columns, method, component, and quantiles of the durations of its calls [s]
@@ -48,13 +49,18 @@ class Results:
 
     experiment: StoredExperiment
     directory: Path
-    trials: Trials
+    stored: Trials
     uncertainty: pd.DataFrame
     n_complete: Mapping[str, int]
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     other_code: str = ""
     tuning: Tuning | None = None
     components: Mapping[int, Component] = field(default_factory=dict)
+
+    @property
+    def trials(self) -> Trials:
+        """The stored runs that every method has, finished or failed; tables, figures and claims rest on these."""
+        return self.stored.common
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -75,6 +81,18 @@ class Results:
     def plotted(self) -> Trials:
         """The trials with six digits, from which figures are drawn, so that every CPU draws the same."""
         return rounded_trials(self.trials)
+
+    @property
+    def extent(self) -> Extent:
+        """How many of the planned runs count at every point of the experiment, and which methods have none."""
+        counted = {tuple(table.point.items()): table for table in self.trials.each}
+        points = []
+        for point in self.experiment.points:
+            table = counted.get(tuple(point.coordinates.items()))
+            n, there = (0, ()) if table is None else (len(table.runs), table.methods)
+            absent = tuple(name for name in point.methods if name not in there)
+            points.append(PointExtent(point.title, point.coordinates, n, absent))
+        return Extent(self.experiment.n_wanted, points)
 
     @property
     def incomplete(self) -> tuple[str, ...]:
@@ -218,7 +236,7 @@ def load_results(directory: str | Path) -> Results:
         return Results(
             experiment=experiment,
             directory=place,
-            trials=stored_trials(experiment, store).with_tuning(tuning),
+            stored=stored_trials(experiment, store).with_tuning(tuning),
             uncertainty=uncertainty(experiment, store),
             n_complete=n_complete(experiment, store),
             timings=timings(experiment, store),

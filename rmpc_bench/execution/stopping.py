@@ -97,7 +97,7 @@ class Stopping:
 
     def _open_claims(self, experiment: StoredExperiment) -> list[str]:
         """Name the claims that are inconclusive."""
-        trials = stored_trials(experiment, self._store)
+        trials = stored_trials(experiment, self._store).common
         verdicts = [judge(claim, trials) for claim in experiment.claims if claim.is_testable]
         return [f"inconclusive: {each.claim.says}" for each in verdicts if each.finding is Finding.INCONCLUSIVE]
 
@@ -107,7 +107,7 @@ class Stopping:
         from rmpc_bench.analysis.resolution import half_widths
 
         # Earlier published verdicts widen the intervals of a report, not those of the rule.
-        table = replace(stored_trials(_of_primary(experiment), self._store), look=1)
+        table = replace(stored_trials(_of_primary(experiment), self._store).common, look=1)
         table = replace(table, points=tuple(replace(point, look=1) for point in table.points))
         wide = sorted((each for each in half_widths(table) if each.value > resolve), key=lambda each: -each.value)
         texts = [

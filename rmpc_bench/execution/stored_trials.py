@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.common_runs import common_runs
 from rmpc_bench.analysis.looks import number_of_look
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.analysis.trials import Trials, stacked_rows
+from rmpc_bench.analysis.trials import Trials, stacked_rows, with_point
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.other_code import rows_kept_apart
-from rmpc_bench.execution.series import SeriesReader, with_point
+from rmpc_bench.execution.series import SeriesReader, groups_within
 from rmpc_bench.execution.step_times import with_step_times
 from rmpc_bench.execution.store import WORDS, Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.execution.traces import traces_of, with_estimates
+from rmpc_bench.types import Array
 
 
 def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
@@ -27,48 +29,55 @@ def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
 
     Raises a MissingError if there are none.
     """
-    series = SeriesReader(experiment, store)
+    frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in experiment.points]
+    common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in frames]
+    series = SeriesReader(experiment, store, common)
     quantities: dict[str, pd.DataFrame] = {}
-    tables = [_table(experiment, point, store, series, quantities) for point in experiment.points]
+    tables = [
+        _table(experiment, number, store, found, series, common[number], quantities)
+        for number, found in enumerate(frames)
+    ]
     filled = [table for table in tables if len(table.methods)]
     if not filled:
         apart = other_code(experiment, store)
         stored = f"{apart}; no trial" if apart else "no trial of this configuration"
         raise MissingError(f"{store.directory}: {stored} is stored; continue with `rmpc-bench run`")
-    look = number_of_look(manifest.looks_of_store(store), max(len(table.runs) for table in filled))
+    n_runs = max(len(table.common.runs) for table in filled)
+    if experiment.has_runs and not n_runs:
+        text = "no run is stored of every method yet; continue with `rmpc-bench run`"
+        raise MissingError(f"{store.directory}: {text}")
+    look = number_of_look(manifest.looks_of_store(store), n_runs)
     filled = [replace(table, look=look) for table in filled]
     return _joined(experiment, filled, series) if experiment.paths else filled[0]
 
 
 def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: SeriesReader) -> Trials:
     """Put the tables of all points of a sweep into one."""
-    present = {method for table in tables for method in table.methods}
-    methods = tuple(name for name in experiment.methods if name in present)
-    return replace(
+    whole = replace(
         tables[0],
-        methods=methods,
-        frame=stacked_rows([with_point(table.frame, table.point) for table in tables]),
-        series=series.of_sweep(methods),
-        baseline=experiment.baseline if experiment.baseline in methods else methods[0],
+        methods=experiment.methods,
+        baseline=experiment.baseline,
         traces={},
         paths=experiment.paths,
-        points=tuple(tables),
         alike=experiment.alike,
         point={},
         title="",
         keys={},
-    )
+    ).with_points(tables)
+    return replace(whole, series=series.of_sweep(whole.methods))
 
 
 def _table(
     experiment: StoredExperiment,
-    point: StoredPoint,
+    number: int,
     store: Store,
+    frames: Mapping[str, pd.DataFrame],
     series: SeriesReader,
+    common: Array | None,
     quantities: dict[str, pd.DataFrame],
 ) -> Trials:
     """Read the table of one point; `quantities` keeps what points share."""
-    frames = {name: _frame(experiment, point, store, name) for name in point.methods}
+    point = experiment.points[number]
     methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
     notes = {name: _notes(experiment, point, store, name) for name in methods}
     traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
@@ -78,7 +87,7 @@ def _table(
         labels=experiment.labels,
         metrics=point.metrics,
         frame=stacked_rows([*frames.values()]),
-        series=series.at_point(point, methods),
+        series=series.at_point(number, methods),
         baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
         confidence=experiment.level,
         planned=None if experiment.stop is None else experiment.stop.planned,
@@ -98,7 +107,9 @@ def _table(
         title=point.title,
         keys={name: method.key for name, method in point.methods.items()},
         oracles=frozenset(name for name, method in point.methods.items() if method.is_oracle),
-        groups={name: groups for name in methods if (groups := _groups(experiment, point, store, name)) is not None},
+        groups={
+            name: groups for name in methods if (groups := _groups(experiment, point, store, name, common)) is not None
+        },
         with_verdicts=not experiment.is_smoke,
         expected_failures=experiment.expected_failures,
         notes=with_step_times(notes, experiment, point, store),
@@ -121,11 +132,13 @@ def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name:
     return RunNotes(point.n_steps, method.holds, failures, held, warnings, None, method.optimises, failed)
 
 
-def _groups(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunGroups | None:
+def _groups(
+    experiment: StoredExperiment, point: StoredPoint, store: Store, name: str, common: Array | None
+) -> RunGroups | None:
     """Read the moments over the runs, group by group; None where none are stored, or fewer than two groups."""
     if not point.has_ensemble:
         return None
-    stored = store.ensemble(point.methods[name].key, experiment.n_runs)
+    stored = groups_within(store.ensemble(point.methods[name].key, experiment.n_runs), common)
     parts = [part for part in stored if part.n]
     whole = [part for part in parts if not part.is_single] or parts
     if len(whole) < 2:

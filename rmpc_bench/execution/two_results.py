@@ -52,7 +52,7 @@ def compare_results(a: Results, b: Results, *, tolerance: float = 0.0) -> Result
         names=_names(a, b),
         sizes=(_size(a), _size(b)),
         settings=tuple(setting_differences(a, b)),
-        trials=trial_differences(a.trials, b.trials, tolerance),
+        trials=trial_differences(a.stored, b.stored, tolerance),
         findings=tuple(_finding_differences(a, b)),
         beside=tuple(_beside(a, b)),
     )

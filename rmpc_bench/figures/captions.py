@@ -51,8 +51,7 @@ def span_of(window: TimeWindow) -> str:
 
 def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
     """Say how many runs there are, and which methods failed in how many of them."""
-    sizes = sorted({int(point.computed(name).sum()) for point in points for name in methods if name in point.methods})
-    sizes = sizes or [0]
+    sizes = sorted({len(point.runs) for point in points}) or [0]
     n = f"n = {sizes[0]}" if len(sizes) == 1 else f"n = {sizes[0]} to {sizes[-1]}"
     noun = "run" if sizes == [1] else "runs"
     failed = []

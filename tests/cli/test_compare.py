@@ -133,6 +133,6 @@ def test_the_parameters_of_both_directories_are_named(directories):
     (text,) = compare_improvements(a, b, "R-MPC").sentences
     assert "intervals; both default, not tuned)" in text
     words = {"S-MPC": "default", "R-MPC": "tuned (budget 9, 50 runs)"}
-    (text,) = compare_improvements(a, replace(b, trials=replace(b.trials, parameters=words)), "R-MPC").sentences
+    (text,) = compare_improvements(a, replace(b, stored=replace(b.stored, parameters=words)), "R-MPC").sentences
     tuned = "R-MPC: tuned (budget 9, 50 runs), S-MPC: default, not tuned"
     assert f"intervals; in A both default, not tuned; in B {tuned})" in text

@@ -29,7 +29,7 @@ def tuned(results):
     """Return the same with a record of two values of one method, of which the first has a regret of 100 %."""
     record = tuning(search("R-MPC", constant([1, 2]), constant([0.4, 0.2, 0.9], N_RUNS), values=[0.05, 0.5]))
     trials = replace(results.trials, parameters={"S-MPC": "default", **record.parameters})
-    return replace(results, trials=trials.with_tuning(record), tuning=record)
+    return replace(results, stored=trials.with_tuning(record), tuning=record)
 
 
 def test_an_experiment_says_that_nothing_is_tuned(results, tmp_path):
@@ -70,7 +70,7 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
 
 def test_files_of_an_earlier_tuning_are_removed(tuned, tmp_path):
     publish(tuned, to=tmp_path)
-    untuned = replace(tuned, tuning=None, trials=tuned.trials.with_tuning(None))
+    untuned = replace(tuned, tuning=None, stored=tuned.trials.with_tuning(None))
     written = publish(untuned, to=tmp_path)
     assert not [*tmp_path.glob("tuning.*"), *tmp_path.glob("tables/tuning.*")]
     assert tmp_path / "figures" / "tuning.svg" not in written.paths

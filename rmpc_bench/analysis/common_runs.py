@@ -1,0 +1,93 @@
+"""Which runs count, and how many of the planned ones there are.
+
+At every point of a sweep those runs count that every method has, finished or failed.  A method without a row leaves no
+run out: it is not computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.types import Array
+
+
+def common_runs(found: Iterable[Array]) -> Array | None:
+    """Return the run indices that all methods with runs have; None where these are all indices of all methods.
+
+    Examples
+    --------
+    >>> runs = np.arange(48)
+    >>> common_runs([runs, runs[:47], runs[:0]]).max().item(), common_runs([runs, runs, runs[:0]])
+    (46, None)
+    """
+    known = [runs for runs in found if len(runs)]
+    if not known or all(np.array_equal(runs, known[0]) for runs in known):
+        return None
+    return np.asarray(reduce(np.intersect1d, known))
+
+
+class PointExtent(NamedTuple):
+    """What is there of one point of a sweep, or of an experiment without one."""
+
+    title: str
+    """The point in words; empty without a sweep."""
+    coordinates: Mapping[str, str]
+    n: int
+    """Runs that count."""
+    absent: tuple[str, ...]
+    """Methods without any run."""
+
+
+class Extent(NamedTuple):
+    """What is there of an experiment."""
+
+    planned: int
+    """Runs of every method at every point; with a stopping rule those up to its next look."""
+    points: Sequence[PointExtent]
+    """All points, also those without a run."""
+
+    @property
+    def n(self) -> int:
+        """Runs that count, of all points."""
+        return sum(point.n for point in self.points)
+
+    @property
+    def total(self) -> int:
+        """Planned runs of all points."""
+        return self.planned * len(self.points)
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Methods that are not computed at any point."""
+        first = self.points[0].absent
+        return tuple(name for name in first if all(name in point.absent for point in self.points))
+
+    @property
+    def blank(self) -> tuple[PointExtent, ...]:
+        """Points without a run that counts."""
+        return tuple(point for point in self.points if not point.n) if self.planned else ()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every planned run of every method is there."""
+        return self.n >= self.total and not any(point.absent for point in self.points)
+
+    @property
+    def text(self) -> str:
+        """How far the experiment is, such as ``400 of 1000 runs``, and the methods that are not computed.
+
+        Examples
+        --------
+        >>> [Extent(9, [PointExtent(str(n), {}, n, absent) for n in sizes]).text
+        ...  for sizes, absent in (([4], ()), ([9], ("B",)), ([4, 4], ()), ([9, 4, 0], ()))]
+        ['4 of 9 runs', '9 of 9 runs, B not computed', '4 of 9 runs at each of 2 points', '13 of 27 runs at 3 points']
+        """
+        k, each = len(self.points), {point.n for point in self.points}
+        text = f"{self.n} of {self.total} runs{f' at {k} points' if k > 1 else ''}"
+        if k > 1 and len(each) == 1:
+            text = f"{each.pop()} of {self.planned} runs at each of {k} points"
+        return f"{text}, {' and '.join(self.absent)} not computed" if self.absent else text
