@@ -114,7 +114,7 @@ def ran_lines(trials: Trials, width: int) -> list[str]:
     rows = []
     for method in trials.methods[:n]:
         failed = sum(table.n_failed(method) for table in trials.each if method in table.methods)
-        total = sum(int(table.computed(method).sum()) for table in trials.each if method in table.methods)
+        total = sum(int((table.frame["method"] == method).sum()) for table in trials.each)
         rows.append((method, f"failed {failed} of {total} runs" if failed else "ran" if total else NOT_COMPUTED))
     names = _cut_names([name for name, _ in rows], NAME)
     short_rows = [(name, word) for name, (_, word) in zip(names, rows, strict=True)]

@@ -117,12 +117,5 @@ def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
 
 
 def n_common(points: Sequence[Trials]) -> int:
-    """Count the runs that every shown method has, finished or failed, at the point with the fewest.
-
-    A method without any run does not count.
-    """
-    found = []
-    for trials in points:
-        there = [name for name in trials.methods if trials.computed(name).any()]
-        found.append(int(trials.computed(*there).sum()) if there else 0)
-    return min(found, default=0)
+    """Count the runs that every shown method has, finished or failed, at the point with the fewest."""
+    return min((len(trials.common.runs) for trials in points), default=0)
