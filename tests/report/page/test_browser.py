@@ -11,6 +11,7 @@ import pytest
 
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html
+from rmpc_bench.report.summary import summarise
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 OPTIONS = (
@@ -29,7 +30,7 @@ addEventListener("load", () => setTimeout(() => {
     buttons: of(".tools button, th button").length,
     more: of("table.rows .more").filter(shown).length,
     words: document.body.innerText.split(/\\s+/).length,
-    intervals: document.body.innerText.match(/\\[[^\\]]+\\]/g),
+    intervals: document.body.innerText.match(/\\[[^\\]a-z]+, [^\\]a-z]+\\]/g),
     answer: document.querySelector(".answer").getBoundingClientRect().bottom,
     table: document.querySelector("table.rows tbody").getBoundingClientRect().bottom,
     back: getComputedStyle(document.body).backgroundColor,
@@ -80,12 +81,17 @@ def test_the_first_screen(tmp_path, page):
     assert all(found["intervals"].count(text) <= 2 for text in found["intervals"])
 
 
-def test_the_fragment_holds_the_state(tmp_path, page):
+def test_the_fragment_holds_the_state(tmp_path, make_trials, make_source):
     """Methods that are hidden, and the column by which rows are sorted."""
-    found = visited(tmp_path, page, fragment="#hide=A&sort=1")
-    assert found["rows"] == ["B"] and found["hash"] == "#hide=A&sort=1"
-    assert visited(tmp_path, page, fragment="#sort=1")["rows"] == ["B", "A"]
+    values = [1.0 + k / 9 for k in range(30)]
+    trials = make_trials({"mse": {"A": values, "B": [0.8 * x for x in values], "c,d": [0.9 * x for x in values]}})
+    three = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={}, planned=30)
+    page = render_html("page.html", page_context(three))
+    found = visited(tmp_path, page, fragment="#hide=c%252Cd&sort=1")
+    assert found["rows"] == ["B", "A"] and found["hash"] == "#hide=c%252Cd&sort=1"
+    assert visited(tmp_path, page, fragment="#sort=1")["rows"] == ["B", "c,d", "A"]
     assert visited(tmp_path, page, fragment="#hide=B")["parts"] == 0 < visited(tmp_path, page)["parts"]
+    assert visited(tmp_path, page, fragment="#claims")["hash"] == "#claims"
 
 
 def test_nothing_is_lost_without_a_script(tmp_path, page):
