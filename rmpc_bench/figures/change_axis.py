@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.result_rows import Form
 
-Log = Literal["auto"] | bool
+Log = bool | Literal["auto"]
 NONE: dict[str, float] = {"ratio": 1.0, "share": 0.5}
 """Form of a change -> where there is none, else 0."""
 
