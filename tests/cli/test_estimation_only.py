@@ -76,7 +76,7 @@ def test_a_dry_run_of_moments(tmp_path):
 
 def test_report_of_what_is_stored(tmp_path, monkeypatch):
     """From the directory alone, without a simulation: tables, series and figures of runs and moments, by bytes."""
-    path = write_estimation(tmp_path, **BOTH, figures="[{kind: signals, signals: [variance]}, boxplot, means]")
+    path = write_estimation(tmp_path, **BOTH, figures="[{kind: signals, signals: [variance]}, boxplot]")
     ran(path, tmp_path / "out")
     names = ("trials.csv", "series.csv", "summary.csv", "tables/summary.md", "figures/signals.svg")
     before = {name: (tmp_path / "out" / name).read_bytes() for name in names}

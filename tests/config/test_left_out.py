@@ -18,7 +18,7 @@ CLAIMS = (
     " {says: one, source: s, check: 'mean(input_power[S-MPC]) > 0', finding: confirmed}]"
 )
 STATISTICS = "{primary: mse, baseline: S-MPC, relevant: {mse: 2%, input_power: 3%}, requirement: [mse < 1]}"
-FIGURES = "[boxplot, {kind: boxplot, metric: input_power}, trajectories]"
+FIGURES = "[boxplot, {kind: boxplot, metric: input_power}, signals]"
 ONE = "methods={S-MPC: {estimator: {kind: kalman}}}"
 OTHER = "methods={K: {estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
 
@@ -57,7 +57,7 @@ def path(tmp_path):
         ),
         ("sweep={grid: {controller.Hp: [5, 10]}}", 0, 3, ("2 of 2 claims (claims.0.check: mse[R-MPC] may be at any",)),
         ("time.steps=3", 2, 3, ()),
-        ("record={runs: none}", 2, 2, ("figure trajectories: ",)),
+        ("record={runs: none}", 2, 2, ("figure signals: ",)),
     ],
 )
 def test_what_does_not_fit_an_override_is_left_out(path, override, n_claims, n_figures, named):
