@@ -6,12 +6,14 @@ groups ``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on.  A program ad
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import notices
+from rmpc_bench.short_texts import SHORT
 
 if TYPE_CHECKING:
     from rmpc_bench.installed import InstalledComponent
@@ -164,6 +166,14 @@ RENAMED_FIGURES = {
 }
 """Earlier kind of a figure -> what takes its place."""
 
+NONLINEAR: Mapping[str, frozenset[str]] = {
+    "estimators": frozenset({"extended-kalman", "unscented-kalman"}),
+    "controllers": frozenset({"pid"}),
+}
+"""Kinds that take a nonlinear design model; the others of these groups need a linear one."""
+OF_ONE_PAPER: Mapping[str, tuple[str, ...]] = {"estimators": ("lp-window", "mixed")}
+"""Kinds that reproduce one paper and hardly serve anything else; `list` shows them in one line."""
+
 _REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUILT_IN}
 
 
@@ -224,6 +234,15 @@ def names(group: str) -> list[str]:
 def is_known(group: str, name: str) -> bool:
     """Whether a configuration may write a name after ``kind:``; ``package:name`` is one for every installed one."""
     return name in BUILT_IN[group] or name in _REGISTERED[group] or name in _entry_points(group)
+
+
+def short(group: str, name: str) -> str:
+    """Say what a component is: its text, else the package that it comes from, or what its docstring begins with."""
+    if name in SHORT[group]:
+        return SHORT[group][name]
+    if package := package_of(group, name):
+        return package
+    return (inspect.getdoc(get(group, name)) or "").partition("\n")[0]
 
 
 def package_of(group: str, name: str) -> str:

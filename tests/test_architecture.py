@@ -52,7 +52,8 @@ MAY_IMPORT = {
     # Everything stored or received is read here, before any room that uses it.
     # A name that is replaced or refused is said where a notebook shows it.
     "received": {"types", "replaced_file"},
-    "registry": {"notices", "types", "installed"},
+    "registry": {"notices", "types", "installed", "short_texts"},
+    "short_texts": set(),
     "installed": set(),
     "extras": set(),
     # A system of another library is integrated as an own equation is, and made from the designs of the bench.

@@ -4,13 +4,48 @@ import inspect
 
 import numpy as np
 import pytest
+from small_experiment import write
 
-from rmpc_bench import Estimator, registry, single_run
+from rmpc_bench import Estimator, load_config, registry, single_run
 from rmpc_bench.components import by_kind
 from rmpc_bench.config.schema import PROVIDED, model_of
+from rmpc_bench.extras import missing_for
 from rmpc_bench.installed import InstalledComponent
 from rmpc_bench.models.servo import ServoNoise
+from rmpc_bench.short_texts import SHORT
+from rmpc_bench.types import ConfigError
 
+PENDULUM = """
+def rhs(x, u, p): return [x[1], -0.5 * x[1] - x[0] ** 3 + u[0]]
+def out(x, p): return [x[0]]
+"""
+NONLINEAR = {
+    "uncertainty": None,
+    "plant": "{ode: 'own.py:rhs', output: 'own.py:out', states: [a, b], inputs: [f], outputs: [h]}",
+    "model": "{nonlinear: plant, noise: {process: 1e-4, measurement: 1e-4}}",
+    "initial": "{x: [0.1, 0], x_hat: [0.1, 0], P: 0.01}",
+    "metrics": "[estimation_mse]",
+}
+OPEN = {"input": "{kind: sine, amplitude: 1, period: 5}", "controller": None, "reference": None}
+LOOP = {"reference": "{kind: constant, value: 1}", "controller": None}
+WEIGHTS = ", Q_x: 1, R_u: 1"
+REQUIRED = {
+    **{name: f"{WEIGHTS}, horizon: 5" for name in ("lqr", "game-gain", "minimax-lq")},
+    "tube-mpc": f"{WEIGHTS}, horizon: 5, limits: {{u: [-1, 1]}}",
+    "control-lqr": WEIGHTS,
+    "lqg": f"{WEIGHTS}, Q_i: 1",
+    "mpc": ", Hp: 5, Hu: 2, Q: 1, R: 1",
+    "gpc": ", Np: 5, Q_yw: 1, Q_u: 1",
+    "pid": ", Kp: 1",
+    "robust-kalman": ", c: 0.1",
+    "fading-kalman": ", alpha: 1.01",
+    "wasserstein-kalman": ", radius: 0.1",
+    "directional-kalman": ", q: 1",
+    "robust-h-infinity": ", alpha: 0.9",
+    "risk-sensitive": ", theta: 0.01",
+    "h-infinity": ", gamma: 10",
+}
+"""Keys that a component needs besides its kind."""
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
 
@@ -32,6 +67,33 @@ def test_every_name_leads_to_a_documented_design(group, name):
     keys = [key for key in inspect.signature(found).parameters.values() if key.name not in PROVIDED[group]]
     assert all(key.kind is inspect.Parameter.KEYWORD_ONLY for key in keys)
     assert all(key.annotation is not inspect.Parameter.empty for key in keys)
+
+
+@pytest.mark.parametrize(("group", "name"), PARTS)
+def test_every_component_has_a_short_text(group, name):
+    """At most 55 characters without a full stop; no other component of its group has the same."""
+    text = registry.short(group, name)
+    assert 0 < len(text) <= 55 and text == text.strip() and not text.endswith(".") and text.isascii()
+    assert [*SHORT[group].values()].count(text) == 1
+
+
+@pytest.mark.parametrize(("group", "name"), [part for part in PARTS if part[0] in registry.NONLINEAR])
+def test_which_components_take_a_nonlinear_model(group, name, tmp_path):
+    """Oracle: whether a configuration with a nonlinear model without an operating point is valid."""
+    if missing_for(group, name):
+        pytest.skip("needs an extra")
+    (tmp_path / "own.py").write_text(PENDULUM, encoding="utf-8")
+    component = f"{{kind: {name}{REQUIRED.get(name, '')}}}"
+    methods = f"{{M: {{estimator: {component}}}}}"
+    if group == "controllers":
+        methods = f"{{M: {{estimator: {{kind: extended-kalman}}, controller: {component}}}}}"
+    path = write(tmp_path, **NONLINEAR, methods=methods, **(LOOP if group == "controllers" else OPEN))
+    if name in registry.NONLINEAR[group]:
+        assert load_config(path).methods
+        return
+    reasons = "needs a linear model|uncertain matrices|no uncertainty of A"
+    with pytest.raises(ConfigError, match=reasons):
+        load_config(path)
 
 
 @pytest.mark.parametrize(("group", "name"), PARTS)
