@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -61,12 +62,14 @@ def call(installed):
 
 def test_list_shows_package_and_version_and_what_is_broken(call):
     done = call("list", "estimators")
-    lines = {line.split()[0]: line for line in done.stdout.splitlines()}
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    entries = re.split(r"\n (?=\S)", done.stdout)
+    lines = {entry.split()[0]: " ".join(entry.split()) for entry in entries}
     assert lines["exponential"].split(maxsplit=1)[1] == "example-parts 1.2.3"
     assert "cannot be loaded" in lines["broken"]
     assert "no_such_library_of_anybody" in lines["broken"]
     assert "NoSuchName" in lines["missing"]
-    assert lines["kalman"] == "kalman"
+    assert lines["kalman"] == "kalman Kalman filter of the nominal model"
     assert "the estimator 'kalman' of example-parts 1.2.3 is not used" in done.stderr
 
 
@@ -136,7 +139,7 @@ def test_two_packages_with_one_name_are_told_apart(call, installed, tmp_path):
         assert "methods.EXP.estimator.kind: 'exponential' is in example-parts and second-parts; " in done.stderr
         assert "write example-parts:exponential or second-parts:exponential" in done.stderr
         assert "methods.NAMED" not in done.stderr
-        names = [line.split()[0] for line in call("list", "estimators").stdout.splitlines()]
+        names = re.findall(r"^ (\S+)", call("list", "estimators").stdout, re.MULTILINE)
         assert {"example-parts:exponential", "second-parts:exponential"} <= {*names}
     finally:
         for path in second.iterdir():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import shutil
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +18,17 @@ from rmpc_bench.cli.component_text import show, show_own
 from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
-from rmpc_bench.extras import need
+from rmpc_bench.extras import NEEDED_BY, missing_for
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}
 """Values for the plot of a plant, which does not depend on them."""
+WIDTH = 80
+"""Columns of a line at most."""
+MOST_NAME = 24
+"""Columns of a name, which an installed component with a longer one exceeds."""
 NEAR = 0.7
 """Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
 
@@ -35,46 +41,73 @@ _LISTS = (*registry.BUILT_IN, "functions", "configs")
 @own_code.import_option
 @exits.guarded
 def list_(group: str | None) -> int:
-    """List the names a configuration may use.
+    """List the names a configuration may use, with what each of them is.
 
-    Without an argument all of them; `functions` are those of claims, `configs` lists the files under configs and the
-    installed configurations.  FILE.py lists the components that a Python file defines.
+    Without an argument the kinds and how many there are of each; `functions` are those of claims, `configs` lists the
+    files under configs and the installed configurations.  FILE.py lists the components that a Python file defines.
     """
     if group and group.endswith(".py"):
         click.echo("\n".join(own_code.entries(group)))
         return 0
     if group and group not in _LISTS:
         raise click.BadParameter(registry.unknown(group, _LISTS, "list"))
-    for name in [group] if group else _LISTS:
-        if not group:
-            click.echo(f"{name}:")
-        entries = _entries(name)
-        for entry in entries:
-            click.echo(entry if group else f"  {entry}")
+    click.echo("\n".join(_entries(group) if group else _kinds()))
     return 0
 
 
-def _entries(name: str) -> list[str]:
-    if name == "functions":
-        from rmpc_bench.claims.tree import FUNCTION_HELP
+def _kinds() -> list[str]:
+    """Name the kinds, and count what there is of each."""
+    rows = [(name, len(registry.names(name))) for name in registry.BUILT_IN]
+    rows += [("functions", len(_functions())), ("configs", len(known_configs()))]
+    return [*(f" {name:12}{n:4}" for name, n in rows), "", " their names: rmpc-bench list KIND"]
 
-        return [*FUNCTION_HELP.values()]
-    return known_configs() if name == "configs" else [_entry(name, kind) for kind in registry.names(name)]
+
+def _functions() -> list[str]:
+    from rmpc_bench.claims.tree import FUNCTION_HELP
+
+    return [*FUNCTION_HELP.values()]
 
 
-def _entry(group: str, kind: str) -> str:
-    """Name of a component, with the extra it needs or the package and version of an installed one, and its error."""
-    package = registry.package_of(group, kind)
-    if not package:
-        return f"{kind}  {need(group, kind)}".rstrip()
+def _entries(group: str) -> list[str]:
+    """Return a line per name; those that need a library that is missing, and those of one paper, are last."""
+    if group == "configs":
+        return known_configs()
+    if group == "functions":
+        return [line for text in _functions() for line in _wrapped(f" {text}", 4)]
+    kinds = registry.names(group)
+    lacking = {kind: text for kind in kinds if (text := missing_for(group, kind))}
+    together = [kind for kind in registry.OF_ONE_PAPER.get(group, ()) if kind in kinds]
+    usual = [kind for kind in kinds if kind not in lacking and kind not in together]
+    nonlinear = registry.NONLINEAR.get(group, frozenset())
+    rows = [(kind, "*" if kind in nonlinear else "", _text(group, kind)) for kind in usual]
+    if together:
+        rows.append((", ".join(together), "", f"of one paper each: rmpc-bench describe {together[0]}"))
+    rows += [(kind, "", f"needs rmpc-bench[{NEEDED_BY[group, kind]}]") for kind in lacking]
+    width = min(max((len(name) for name, *_ in rows), default=0) + 2, MOST_NAME)
+    names = [f" {name:{width}}{f'{mark:2}' if nonlinear else ''}" for name, mark, _ in rows]
+    lines = [f"{name}{text}" for name, (_, _, text) in zip(names, rows, strict=True)]
+    head = f"{group}   (* takes a nonlinear design model, the others a linear one)" if nonlinear else group
+    return [head, "", *(part for line in lines for part in _wrapped(line, len(names[0])))]
+
+
+def _wrapped(line: str, indent: int) -> list[str]:
+    """Break a line that the terminal, or 80 columns, cannot hold."""
+    columns = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
+    return textwrap.wrap(line, columns, subsequent_indent=" " * indent) if len(line) > columns else [line]
+
+
+def _text(group: str, kind: str) -> str:
+    """What a component is; of an installed one its package and version, and why it cannot be loaded."""
     from rmpc_bench.components.code import CodeError
-    from rmpc_bench.components.designs import registered_design
 
-    try:
-        registered_design(group, kind)
-    except CodeError as error:
-        return f"{kind}  {error}"
-    return f"{kind}  {package}"
+    if registry.package_of(group, kind):
+        from rmpc_bench.components.designs import registered_design
+
+        try:
+            registered_design(group, kind)
+        except CodeError as error:
+            return str(error)
+    return registry.short(group, kind)
 
 
 @click.command()

@@ -8,7 +8,7 @@ from small_experiment import cli, write
 
 from rmpc_bench import registry
 from rmpc_bench.config.schema import PROVIDED, model_of
-from rmpc_bench.extras import NEEDED_BY, is_installed, need
+from rmpc_bench.extras import NEEDED_BY, missing_for, need
 from rmpc_bench.types import Line, Panel, Plant
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
@@ -16,21 +16,46 @@ PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names
 
 @pytest.mark.parametrize("group", registry.BUILT_IN)
 def test_list_of_a_group(group):
-    """One name a line, sorted, first in its line: made for scripts.  An extra that it needs follows."""
-    lines = cli("list", group).stdout.splitlines()
-    assert [line.split()[0] for line in lines] == registry.names(group)
-    assert [line for line in lines if " " in line] == [
-        f"{kind}  needs the extra {extra}" + ("" if is_installed(extra) else ", which is not installed")
-        for (of, kind), extra in sorted(NEEDED_BY.items())
-        if of == group
-    ]
+    """A line per name with its text, at most 80 columns; components of one paper share a line."""
+    head, empty, *lines = cli("list", group).stdout.splitlines()
+    assert head.split()[0] == group and empty == "" and all(len(line) <= 80 for line in [head, *lines])
+    together = registry.OF_ONE_PAPER.get(group, ())
+    lacking = [kind for kind in registry.names(group) if missing_for(group, kind)]
+    alone = [kind for kind in registry.names(group) if kind not in (*together, *lacking)]
+    names = [*alone, *[", ".join(together)][: bool(together)], *lacking]
+    assert [re.split(r"  +|\*", line.strip())[0] for line in lines] == names
+    texts = {name: line for name, line in zip(names, lines, strict=True)}
+    assert all(texts[kind].endswith(f" {registry.short(group, kind)}") for kind in alone)
+    assert all(texts[kind].endswith(f"needs rmpc-bench[{NEEDED_BY[group, kind]}]") for kind in lacking)
+    marked = {kind for kind in alone if re.search(rf" {re.escape(kind)} +\* ", texts[kind])}
+    assert marked == registry.NONLINEAR.get(group, set())
+
+
+def test_list_of_the_mock():
+    """Some lines of estimators, character by character."""
+    lines = cli("list", "estimators").stdout.splitlines()
+    assert lines[0] == "estimators   (* takes a nonlinear design model, the others a linear one)"
+    for line in (
+        " extended-kalman     * linearises at every estimate",
+        " kalman                Kalman filter of the nominal model",
+        " lp-window, mixed      of one paper each: rmpc-bench describe lp-window",
+    ):
+        assert line in lines
 
 
 def test_list_of_everything():
-    """The groups with their names below."""
-    shown = cli("list").stdout
-    for group, name in PARTS:
-        assert re.search(rf"^  {re.escape(name)}(  needs .*)?$", shown.split(f"{group}:")[1], re.MULTILINE)
+    """The kinds and how many there are of each."""
+    counts = dict(line.split() for line in cli("list").stdout.splitlines() if line[-1:].isdigit())
+    assert [*counts] == [*registry.BUILT_IN, "functions", "configs"]
+    assert all(int(counts[group]) == len(registry.names(group)) for group in registry.BUILT_IN)
+
+
+def test_a_narrow_terminal(monkeypatch):
+    """Lines are broken, and nothing is lost."""
+    wide = cli("list", "metrics").stdout
+    monkeypatch.setenv("COLUMNS", "60")
+    narrow = cli("list", "metrics").stdout
+    assert max(map(len, narrow.splitlines())) <= 60 and narrow.split() == wide.split()
 
 
 def test_list_of_configurations(tmp_path, monkeypatch):
@@ -114,7 +139,7 @@ def test_a_registered_part_is_in_the_manual(monkeypatch):
         """
 
     registry.register("estimator", "half", design)
-    assert "half" in cli("list", "estimators").stdout.splitlines()
+    assert re.search("^ half +Take half of the innovation.$", cli("list", "estimators").stdout, re.MULTILINE)
     shown = cli("describe", "half").stdout
     assert "Take half of the innovation." in shown
     assert "  gain  (default 0.5)  number\n      how much of it, exactly\n" in shown
@@ -311,7 +336,8 @@ def test_list_of_the_functions_of_claims():
     from rmpc_bench.claims.tree import FUNCTIONS
 
     lines = cli("list", "functions").stdout.splitlines()
-    assert [line.split("(")[0] for line in lines] == [*FUNCTIONS]
+    assert [line.split("(")[0].strip() for line in lines if line[1] != " "] == [*FUNCTIONS]
+    assert all(len(line) <= 80 for line in lines)
 
 
 def test_keys_inside_a_key_are_described():

@@ -22,7 +22,7 @@ _PAPER = re.compile(r"\b[a-z]+\d{4}\b")
 INTRODUCTION = """# Components
 
 What a configuration may name: plants, design models, estimators, controllers, references, inputs, noise laws, metrics
-and figures. `rmpc-bench describe GROUP/NAME` shows the same text on the screen, and `rmpc-bench list` the names,
+and figures. `rmpc-bench describe GROUP/NAME` shows the same text on the screen, and `rmpc-bench list KIND` the names,
 those of installed packages included. [own-components.md](own-components.md) describes how to write one.
 
 Names: x state, u input, y output, r reference, w process noise, v measurement noise, k index of the sample, N number of
