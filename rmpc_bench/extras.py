@@ -69,13 +69,7 @@ def install(*extras: str) -> str:
 
 
 def need(group: str, kind: str) -> str:
-    """Say which extra a built-in component needs, and whether it is installed; empty where it needs none.
-
-    Parameters
-    ----------
-    group : of the registry
-    kind : of the component
-    """
+    """Say which extra a built-in component needs, and whether it is installed; empty where it needs none."""
     extra = NEEDED_BY.get((group, kind))
     if extra is None:
         return ""
@@ -83,13 +77,7 @@ def need(group: str, kind: str) -> str:
 
 
 def missing_for(group: str, kind: str) -> str:
-    """Say that the library of a built-in component is not installed; empty where nothing is missing.
-
-    Parameters
-    ----------
-    group : of the registry
-    kind : of the component
-    """
+    """Say that the library of a built-in component is not installed; empty where nothing is missing."""
     extra = NEEDED_BY.get((group, kind))
     return "" if extra is None or is_installed(extra) else missing(extra)
 

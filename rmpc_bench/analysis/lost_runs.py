@@ -53,13 +53,8 @@ COLUMNS = [field.name for field in fields(LostRuns)]
 def lost_runs(trials: Trials) -> pd.DataFrame:
     """Count the lost runs of every method.
 
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point; the baseline need not be among its methods
-
-    Returns
-    -------
-    one row per method with the fields of `LostRuns` as columns; empty where no factor is given
+    One row per method with the fields of `LostRuns` as columns; none without a factor.  The baseline need not be
+    among the methods of the table, which is that of one point.
     """
     info, factor = trials.primary_info, trials.lost
     if info is None or factor is None:

@@ -51,15 +51,8 @@ def untuned_name(trials: Trials, method: str, name: str) -> str:
 def pair_text(trials: Trials, method: str, baseline: str) -> str:
     """Say where the parameters of two compared methods come from, once where both are alike.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    method, baseline : names of the methods
-
-    Returns
-    -------
-    such as "both default, not tuned" or "WKF: tuned (budget 16, 40 runs), S-MPC: default, not tuned"; empty where it
-    is not known
+    The text is such as "both default, not tuned" or "WKF: tuned (budget 16, 40 runs), S-MPC: default, not tuned"; empty
+    where it is not known.
     """
     first, second = parameter_text(trials, method), parameter_text(trials, baseline)
     if not second:
@@ -88,11 +81,6 @@ def parameter_cells(trials: Trials, methods: Sequence[str]) -> list[str]:
     """Return ``tuned``, ``default`` or ``as published`` for every method; nothing where all methods are alike.
 
     Where methods were tuned with different budgets, each has its own, such as ``tuned (budget 9, 50 runs)``.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    methods : names in the order of the lines
     """
     words = [trials.parameters.get(method, "-") for method in methods]
     if len(_tuned_words(trials)) == 1:
@@ -103,14 +91,8 @@ def parameter_cells(trials: Trials, methods: Sequence[str]) -> list[str]:
 def parameter_legend(trials: Trials) -> list[str]:
     """Return the parts of the legend of a table of comparisons that say where parameters come from.
 
-    Parameters
-    ----------
-    trials : the table of trials
-
-    Returns
-    -------
-    one text where all methods are alike; else the protocol of the tuned ones, and the word of a baseline that is not
-    tuned; nothing where it is not known
+    One text where all methods are alike; else the protocol of the tuned ones, and the word of a baseline that is not
+    tuned; nothing where it is not known.
     """
     groups = parameter_groups(trials, trials.methods)
     if len(groups) == 1:

@@ -35,10 +35,6 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
     metric is relative to the mean absolute value of the metric in both methods.  Where counts decide it is that of the
     probability of superiority.  It takes two runs that both methods finished.  Without a second method it is that of
     the mean of the metric, relative to the mean.
-
-    Parameters
-    ----------
-    trials : the table of an experiment
     """
     of, found = levels(trials), list[HalfWidth]()
     for point in trials.each:

@@ -82,13 +82,7 @@ def standardised(values: Array) -> Array:
 def surface_for(values: Array) -> Surface | None:
     """Choose the terms that so many runs can determine.
 
-    Parameters
-    ----------
-    values : (n, quantities), none of them constant
-
-    Returns
-    -------
-    the surface; None where even the linear terms are too many
+    None where even the linear terms are too many.  No column of the values (n, quantities) is constant.
     """
     n, n_quantities = values.shape
     linear: list[Term] = [(i,) for i in range(n_quantities)]

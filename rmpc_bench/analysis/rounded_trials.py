@@ -11,16 +11,7 @@ from rmpc_bench.types import Array
 
 
 def rounded_trials(trials: Trials) -> Trials:
-    """Round all numbers to six digits; nothing becomes 0, which a logarithmic axis cannot show.
-
-    Parameters
-    ----------
-    trials : the table of trials, with its points in a sweep
-
-    Returns
-    -------
-    the same table with rounded numbers
-    """
+    """Round all numbers to six digits; nothing becomes 0, which a logarithmic axis cannot show."""
     metrics = [info.name for info in trials.metrics]
     # Points of a sweep share the series of designs that do not depend on it.
     series: dict[int, pd.DataFrame] = {}

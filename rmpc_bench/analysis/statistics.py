@@ -19,15 +19,8 @@ SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min ma
 def summary(trials: Trials) -> pd.DataFrame:
     """Describe every metric of every method.
 
-    Parameters
-    ----------
-    trials : the table of trials
-
-    Returns
-    -------
-    one row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and
-    `did_not_occur` those of them that are inf; where there is one, or could be, mean, se and interval (Student t) are
-    NaN
+    One row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and `did_not_occur`
+    those of them that are inf.  Where there is one, or could be, mean, se and interval (Student t) are NaN.
     """
     rows = [_describe(trials, method, info) for method in trials.methods for info in trials.metrics]
     return pd.DataFrame(rows, columns=SUMMARY)

@@ -47,15 +47,9 @@ def tails(trials: Trials) -> pd.DataFrame:
     What is described is the distance from the best value: the size of a metric that is best at 0, max(x, 1/x) of one
     that is best at 1.  Where higher values are better, the worst runs have the lowest ones.
 
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-
-    Returns
-    -------
-    one row per method and metric with the columns `COLUMNS`, from the `n` finished runs; the worst 5 % of them
-    begin at `tail_quantile` and have the mean `cvar`; the share of runs in which the event did not occur has its
-    Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, <NA> without one
+    One row per method and metric with the columns `COLUMNS`, from the `n` finished runs of one point; the worst 5 % of
+    them begin at `tail_quantile` and have the mean `cvar`; the share of runs in which the event did not occur has its
+    Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, <NA> without one.
     """
     rows = [_row(trials, method, info) for method in trials.methods for info in trials.metrics]
     return pd.DataFrame(rows, columns=COLUMNS).astype({"worst_run": "Int64"})

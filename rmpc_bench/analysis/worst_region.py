@@ -115,15 +115,7 @@ def worst_means(
 def most_failures(values: Mapping[str, Array], failed: Array, confidence: float) -> RegionMean | None:
     """Find the region with the largest share of failed runs.
 
-    Parameters
-    ----------
-    values : quantity -> (n,) values
-    failed : (n,) whether a run failed
-    confidence : simultaneous level of the intervals of all regions
-
-    Returns
-    -------
-    the region with the share and its Wilson interval; None with fewer than `FEWEST_FAILED` failed runs
+    It has the share and its simultaneous Wilson interval; None with fewer than `FEWEST_FAILED` failures.
     """
     found = list(regions(values)) if failed.sum() >= FEWEST_FAILED else []
     if not found:
