@@ -88,7 +88,6 @@ def write_page(
     methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
     files = [path.relative_to(directory).as_posix() for path in [*paths, *written]]
-    files += [CONFIGURATION] if (directory / CONFIGURATION).is_file() else []
     source = PageSource(
         **evaluated._asdict(),
         trials=results.trials,

@@ -58,12 +58,6 @@ def short_time(seconds: float) -> str:
     return f"{number:.{2 if number < 1 else 1 if number < 10 else 0}f} {unit}"
 
 
-STEP_TIMES = (
-    "time per step = median time of estimator and controller for one sample of one run; it differs from machine to "
-    "machine, and that of a built-in or batch component is the time for a block of runs divided by their number"
-)
-
-
 def held_sentences(trials: Trials) -> list[str]:
     """Say how many steps of which method were held."""
     n_runs = len(trials.runs)

@@ -66,7 +66,7 @@ def test_only_figures_that_are_asked_for_are_files(stored, tmp_path):
         assert names == {"boxplot.caption.tex", *(f"boxplot.{ending}" for ending in formats.split(","))}
         # What Markdown cannot show is linked.
         markdown = (tmp_path / formats / "report.md").read_text()
-        link = "![boxplot](figures/boxplot.svg)" if there else "\n[figures/boxplot.pdf](figures/boxplot.pdf)"
+        link = "![boxplot](figures/boxplot.svg)" if there else "\n[boxplot](figures/boxplot.pdf)"
         assert link in markdown
 
 

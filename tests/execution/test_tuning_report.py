@@ -36,7 +36,7 @@ def test_an_experiment_says_that_nothing_is_tuned(results, tmp_path):
     """On the screen and on the page, also where the record of the experiment says nothing."""
     written = publish(results, to=tmp_path)
     assert "; default parameters" in written.summary() and "tuned" not in written.summary()
-    assert "No method is tuned: all parameters are default" in (tmp_path / "report.md").read_text()
+    assert "No parameter was tuned: all are default" in (tmp_path / "report.html").read_text()
     assert results.experiment.origins == {"S-MPC": "default", "R-MPC": "default"}
     older = replace(results.experiment, parameters={}, paper="zenere2018")
     assert older.origins == {"S-MPC": "as published", "R-MPC": "as published"}
@@ -57,12 +57,10 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
     assert table["regret_pct"].tolist() == [100.0] and table["tuned"].tolist() == [0.05]
     assert (tmp_path / "tables" / "tuning.md").read_text().startswith("# tiny: tuning\n")
     assert {tmp_path / "tuning.csv", tmp_path / "tables" / "tuning.md"} <= set(written.paths)
-    page = (tmp_path / "report.md").read_text()
-    assert (
-        "## How the parameters were chosen" in page and "## How the parameters" not in page.split("## Claims")[0][:200]
-    )
-    assert "- S-MPC: default, not tuned; other parameters may change a verdict." in page
-    assert {tmp_path / "figures" / "tuning.svg"} <= set(written.paths) and "![tuning](figures/tuning.svg)" in page
+    page = (tmp_path / "report.html").read_text()
+    assert "<summary><b>Tuning</b><span>R-MPC radius 0.05; budget 4, 3 runs</span>" in page
+    assert "S-MPC: default, not tuned; other parameters may change a verdict." in page
+    assert 'id="figure-tuning"' in page and not [*tmp_path.glob("figures/tuning.*")]
     screen = written.summary()
     assert " tuned: R-MPC radius 0.05; budget 4, 3 runs (tables/tuning.md)\n" in screen
     assert "parameters default, not tuned: S-MPC; tuned: R-MPC" in " ".join(screen.split())

@@ -88,7 +88,7 @@ def test_a_run_writes_the_shares(tmp_path):
     pd.testing.assert_frame_equal(one.drop(columns=lost), other.drop(columns=lost))
     assert (one.loc[0, "far_worse_runs"], other.loc[0, "far_worse_runs"]) == (0, found.loc["R-MPC", "n_lost"])
     assert "| lost |" in (counted / "tables" / "summary.md").read_text()
-    assert "lost = failed" in (counted / "report.html").read_text()
+    assert '<th scope="col" class="n more"><div>lost</div>' in (counted / "report.html").read_text()
 
 
 @pytest.mark.parametrize(("metric", "why"), [("inside", "a larger one is better"), ("nees", "it is best at 1")])

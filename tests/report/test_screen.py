@@ -50,7 +50,7 @@ def shown(trials, width=80, **others):
         "page": Path("results/tiny/report.html"),
         "n_complete": n,
         "n_runs": n,
-        "driven": DriversTable(trials, [], ()),
+        "driven": DriversTable([]),
         "tuned": TuningTable(trials, None),
         "demanded": requirements_table(trials),
         "ranked": ranks_table(trials),

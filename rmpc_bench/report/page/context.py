@@ -20,7 +20,7 @@ from rmpc_bench.report.page.source import PageSource, info_of, n_common, pooled_
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."
-FILES = ("comparisons.csv", "summary.csv", "trials.csv", "config.resolved.yaml", "claims.md", "report.md")
+FILES = ("comparisons.csv", "summary.csv", "trials.csv", "claims.md", "report.md")
 """Files that the foot links, then directories."""
 
 
@@ -65,6 +65,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "command": record["command"],
         "foot": _foot(source),
         "files": _files(source.files),
+        "pictures": [(each.name, *_picture(each.files)) for each in source.figures if each.files],
     }
 
 
@@ -157,6 +158,12 @@ def _foot(source: PageSource) -> list[tuple[str, str]]:
     date = sessions[0]["start"][:10] if sessions else ""
     cite = f"rmpc-bench {record['version']}, {record['name']} ({record['hash'][:12]}), seed {record['seed']}"
     return [*items, *([("computed", date)] if date else []), ("cite", f"{cite}, n = {record['runs']}")]
+
+
+def _picture(files: Sequence[str]) -> tuple[str, bool]:
+    """Return the file of a figure that Markdown can show, or another one to link."""
+    shown = [file for ending in (".svg", ".png") for file in files if file.endswith(ending)]
+    return (shown or list(files))[0], bool(shown)
 
 
 def _files(files: Sequence[str]) -> list[str]:

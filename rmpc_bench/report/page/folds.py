@@ -24,14 +24,12 @@ from rmpc_bench.report.page.source import PageFigure, PageSource, tables_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import (
-    STEP_TIMES,
     failed_runs,
     failed_sentences,
     held_sentences,
     message_of,
     of_run,
     show_command,
-    step_times,
 )
 from rmpc_bench.report.tables import declared_lines, status_lines
 from rmpc_bench.report.tuning_sentences import EXPLANATION
@@ -193,9 +191,7 @@ def _metrics(source: PageSource) -> Fold | None:
             unit = f" [{table.info.unit}]" if table.info.unit else ""
             occurred = "; occurred, median" if table.may_not_occur else ""
             columns[f"{table.info.words}{unit}{occurred}"] = [table.mean_text(rows[name]) for name in methods]
-        times = step_times(first[0].trials, methods)
-        columns |= {"time per step": times} if times else {}
-        parts = [Part(table=Table(columns, by_method=True)), *([Part(note=f"{STEP_TIMES}.")] if times else [])]
+        parts = [Part(table=Table(columns, by_method=True))]
     elif len(first) <= MOST_OPEN:
         for tables in every.values():
             unit = f" [{tables[0].info.unit}]" if tables[0].info.unit else ""
@@ -325,6 +321,7 @@ def _settings(source: PageSource) -> Fold:
     if len(source.timings):
         columns = {str(name): [_cell(each) for each in source.timings[name]] for name in source.timings.columns}
         parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
+    parts.append(Part(note="config.resolved.yaml has every key with its default."))
     n = len(trials.methods)
     uncertain = len(trials.each[0].uncertainty.columns) - 1
     gist = f"{n} method{'s' * (n > 1)}"

@@ -157,19 +157,19 @@ def _heat_tables(tables: Sequence[ResultTable], paths: Sequence[str]) -> list[Gr
     down, across = sorted(paths, key=lambda path: -len(values[path]))
     at = {(table.trials.point[down], table.trials.point[across]): table for table in tables}
     found = []
-    for method in methods_of(tables):
+    # A method alone has its means.
+    for name in [row.method for row in methods_of(tables)] or [tables[0].baseline]:
         rows = []
         for value in values[down]:
             cells = [
-                _cell(at[value, other], method.method, f"{printed(value)}, {printed(other)}", "")._replace(method="")
+                _cell(at[value, other], name, f"{printed(value)}, {printed(other)}", "")._replace(method="")
                 if (value, other) in at
                 else MatrixCell("")
                 for other in values[across]
             ]
             rows.append(MatrixRow(printed(value), cells))
         heads = [MatrixCell(printed(value)) for value in values[across]]
-        caption = f"{method.method}, by {_last(across)}"
-        found.append(Matrix(_last(down), heads, rows, caption, method.method))
+        found.append(Matrix(_last(down), heads, rows, f"{name}, by {_last(across)}", name))
     if len(found) <= MOST_METHODS:
         return [Group("", found)]
     rest = found[FIRST_METHODS:]

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 from rmpc_bench.analysis.comparison_text import about
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
-from rmpc_bench.analysis.result_rows import BASELINE, INCONCLUSIVE, ResultRow, ResultTable
+from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, number, places, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.scales import ratio_axis
 from rmpc_bench.report.page.strips import Changes, Runs, Strip, drawn_change
+from rmpc_bench.report.run_notes import step_times
 
 MANY = 10
 """Methods above which rows are low and labels are cut."""
@@ -168,6 +169,8 @@ def _more(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]
     found["worst run"] = [_places(row.worst, row) for row in shown]
     if any(row.word == INCONCLUSIVE for row in shown):
         found["runs needed"] = [_needed(row) for row in shown]
+    times = step_times(table.trials, [row.method for row in shown])
+    found |= {"time per step": times} if times else {}
     found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
 
@@ -229,38 +232,40 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     info = trials.primary_info
     what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
     heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
-    several = found.n_values > 1
-    more = ["smallest", "largest", "better/worse"] if several else []
-    heads += [Head(text, "n more") for text in [*more, "runs"]]
+    more = {row.method: _more_of_ranks(row, found, base=row.method == trials.baseline) for row in found.rows}
+    heads += [Head(text, "n more") for text in dict.fromkeys(head for cells in more.values() for head in cells)]
     rows = []
     for row, ratio in zip(found.rows, ratios, strict=True):
         base = row.method == trials.baseline
-        style = "" if base else "better" if ratio.high < 0 else "worse" if ratio.low > 0 else INCONCLUSIVE
+        style = "" if base else BETTER if ratio.high < 0 else WORSE if ratio.low > 0 else INCONCLUSIVE
         text = "" if base else " ".join(filter(None, change_texts(ratio)))
         drawn = Estimate() if base else Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high)
-        cells = [
-            Cell(f"s0 {style}", strip=changes.strip(drawn)),
-            Cell("n c", text, _number(0.0 if base else ratio.value)),
-        ]
+        cells = [Cell(f"s0 {style}", strip=changes.strip(drawn))]
+        cells.append(Cell("n c", text, _number(0.0 if base else ratio.value)))
         rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
-        cells += [Cell("n more", each) for each in [*(_extremes(row, base=base) if several else []), _finished(row)]]
+        cells += [Cell("n more", more[row.method].get(head.text, "")) for head in heads[3:]]
         css = " ".join(["base"] * base + ["oracle"] * (row.method in trials.oracles))
-        label = label_behind(row.method, trials.labels.get(row.method, ""))
-        rows.append(Row(row.method, label, css, cells))
+        rows.append(Row(row.method, label_behind(row.method, trials.labels.get(row.method, "")), css, cells))
     return Rows(heads, rows)
+
+
+def _more_of_ranks(row: RankRow, found: Ranking, *, base: bool) -> dict[str, str]:
+    """Return head -> cell of the columns on demand: ratios of parts of the sweep, and runs."""
+    cells = {each.value: _factor(each) for each in row.by_value}
+    if found.n_values > 1 and not base:
+        ends = {"smallest": row.smallest, "largest": row.largest}
+        cells |= {head: "" if each is None else f"{_factor(each)} ({each.value})" for head, each in ends.items()}
+        cells["better/worse"] = f"{row.better}/{row.worse}"
+    return cells | {"runs": f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}"}
+
+
+def _factor(ratio: Ratio) -> str:
+    """Write the ratio of a part of the sweep, with a mark where its interval contains 1."""
+    if math.isnan(ratio.ratio):
+        return ""
+    return f"\u00d7{short(ratio.ratio)}{'' if ratio.high < 1 or ratio.low > 1 else ' ?'}"
 
 
 def _relative(ratio: Ratio) -> Estimate:
     return Estimate(*(100 * (each - 1) for each in (ratio.ratio, ratio.low, ratio.high)))
-
-
-def _extremes(row: RankRow, *, base: bool) -> list[str]:
-    if base:
-        return ["", "", ""]
-    ends = ["" if each is None else f"\u00d7{short(each.ratio)} ({each.value})" for each in (row.smallest, row.largest)]
-    return [*ends, f"{row.better}/{row.worse}"]
-
-
-def _finished(row: RankRow) -> str:
-    return f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}"

@@ -107,7 +107,7 @@ class Changes(NamedTuple):
 
 
 def drawn_change(row: ResultRow, table: ResultTable) -> Estimate:
-    """Return what is drawn of a row: a ratio, a difference or a share."""
+    """Return the ratio, the difference or the share that a row shows."""
     if table.form == "share":
         return Estimate(*(each / 100 for each in row.superiority))
     return row.change if table.form == "difference" else Estimate(*(1 + each / 100 for each in row.change))
