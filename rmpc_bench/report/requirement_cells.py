@@ -28,7 +28,7 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = Fa
         return {}
     columns = {
         "requirement": [str(row["requirement"]) if plain else f"`{row['requirement']}`" for row in rows],
-        "method": [marked(trials, row["method"]) for row in rows],
+        "method": [row["method"] if plain else marked(trials, row["method"]) for row in rows],
         "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
         "share": [share(row) for row in rows],
         "miss it, at most (95 %)": [per_cent(row["miss_upper"]) for row in rows],

@@ -10,9 +10,8 @@ from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
-from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.claim_items import MOST_OPEN, claim_items
-from rmpc_bench.report.page.folds import Table, folds_of
+from rmpc_bench.report.page.folds import Table, folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.notes import note_of
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
@@ -99,7 +98,7 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     """Choose what stands below the answer."""
     trials = source.trials
     if not tables:
-        return Main(moments=_moments(source))
+        return Main(moments=moments_of(trials, short=len(trials.each) > 1))
     if not trials.with_verdicts:
         return Main(rows=_ran(tables))
     if source.ranked is not None:
@@ -111,7 +110,7 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     if len(tables) == 1 or pooled is not None:
         rows = rows_of(pooled or tables[0])
         note = f"One run of each method at each of {len(tables)} points." if pooled else note_of(tables, n, rows)
-        return Main(rows=rows, note=note, moments=_moments(source))
+        return Main(rows=rows, note=note)
     groups = matrices_of(tables)
     first = groups[0].matrices[0]
     lowest = "" if first.method or tables[0].form == "alone" else "column" if first.corner == "method" else "row"
@@ -130,20 +129,6 @@ def _ran(tables: Sequence[ResultTable]) -> Rows:
         css = "fails" if failed else "base"
         rows.append(Row(row.method, label_behind(row.method, row.label), "", [Cell(f"v {css}", word, "", text)]))
     return Rows([Head("result", "v")], rows)
-
-
-def _moments(source: PageSource) -> Table | None:
-    """Return bias and variance of the error at the end, where moments were evaluated."""
-    columns: dict[str, list[str]] = {}
-    points = [table for table in source.trials.each if ensemble_rows(table)]
-    for table in points:
-        heads, *rows = ensemble_rows(table)
-        for row in rows:
-            cells = {"method": row[0], **({"point": table.title} if table.title else {})}
-            cells |= {head or "basis": cell for head, cell in zip(heads[1:], row[1:], strict=True)}
-            for head, cell in cells.items():
-                columns.setdefault(head, []).append(cell)
-    return Table(columns) if columns else None
 
 
 def _foot(source: PageSource) -> list[tuple[str, str]]:

@@ -19,6 +19,7 @@ from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.sweep_points import short_title
+from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.matrix import MOST_OPEN, Group, interval_rows, matrices_of
 from rmpc_bench.report.page.source import PageFigure, PageSource, tables_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
@@ -94,6 +95,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
         _drivers(source),
         *_points(source, tables),
         _metrics(source),
+        _moments(source),
         _requirements(source),
         _worst(source, tables),
         *_figures(source),
@@ -221,6 +223,27 @@ def _distance(table: ResultTable, median: float) -> float:
     if direction == "one":
         return max(median, 1 / median) if median > 0 else math.inf
     return -median if direction == "higher" else abs(median) if direction == "zero" else median
+
+
+def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
+    """Return bias and variance of the error at the end, where moments were evaluated; in short its mean square."""
+    columns: dict[str, list[str]] = {}
+    for table in trials.each:
+        heads, *rows = ensemble_rows(table) or [[]]
+        for row in rows:
+            cells = {"method": row[0].removesuffix(" (oracle)"), **({"point": short_title(table)} if table.title else {})}
+            named = {head or "basis": cell for head, cell in zip(heads[1:], row[1:], strict=True)}
+            cells |= {"mean square": named["mean square"]} if short else named
+            for head, cell in cells.items():
+                columns.setdefault(head, []).append(cell)
+    return Table(columns) if columns else None
+
+
+def _moments(source: PageSource) -> Fold | None:
+    table = moments_of(source.trials)
+    if table is None or (not len(source.trials.frame) and len(source.trials.each) == 1):
+        return None
+    return Fold("Error at the end", "bias, variance and reported covariance by component", [Part(table=table)])
 
 
 def _requirements(source: PageSource) -> Fold | None:
