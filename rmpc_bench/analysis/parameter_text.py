@@ -35,19 +35,6 @@ def untuned_text(trials: Trials, method: str) -> str:
     return "" if is_tuned(trials, method) else parameter_text(trials, method)
 
 
-def untuned_name(trials: Trials, method: str, name: str) -> str:
-    """Write a name with ``(as published, not tuned)`` or ``(default, not tuned)`` behind it where this is so.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    method : name of the method
-    name : what is written for it, such as its label
-    """
-    word = untuned_text(trials, method)
-    return f"{name} ({word})" if word else name
-
-
 def pair_text(trials: Trials, method: str, baseline: str) -> str:
     """Say where the parameters of two compared methods come from, once where both are alike.
 

@@ -12,7 +12,6 @@ from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_
 from rmpc_bench.analysis.number_text import decimals, median_text, with_error
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.types import MetricInfo
 
 
@@ -126,13 +125,3 @@ def sizes(table: MetricTable) -> list[str]:
 def pairs(table: MetricTable) -> list[str]:
     """Runs that a comparison rests on."""
     return [str(line.compared["n_pairs"]) if line.compared else "-" for line in table.lines]
-
-
-def change_head(table: MetricTable, average: str = "") -> str:
-    """Head of a column of changes."""
-    baseline = table.trials.baseline
-    if average_of(table) == "difference":
-        return f"difference from {baseline}"
-    if not average:
-        return f"change vs {baseline}"
-    return f"{AVERAGES[average]} vs {baseline}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.number_text import interval_text
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.cells import MetricTable
 
 
@@ -23,11 +22,3 @@ def lost_cells(table: MetricTable) -> list[str]:
 def shows_lost(table: MetricTable) -> bool:
     """Whether the table of a metric has a column of lost runs."""
     return table.trials.lost is not None and table.info == table.trials.primary_info
-
-
-def lost_text(trials: Trials, baseline: str = "") -> str:
-    """Say when a run is lost, as a part of a legend, with a word for the baseline or its name."""
-    name = trials.primary_info.name if trials.primary_info else ""
-    limit = f"{trials.lost:g} times that of {baseline or trials.baseline}"
-    interval = f"Wilson interval at {100 * trials.confidence:g} %"
-    return f"lost = failed, or {name} above {limit} in the same run, with the {interval}"

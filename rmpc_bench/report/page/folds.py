@@ -231,7 +231,10 @@ def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
     for table in trials.each:
         heads, *rows = ensemble_rows(table) or [[]]
         for row in rows:
-            cells = {"method": row[0].removesuffix(" (oracle)"), **({"point": short_title(table)} if table.title else {})}
+            cells = {
+                "method": row[0].removesuffix(" (oracle)"),
+                **({"point": short_title(table)} if table.title else {}),
+            }
             named = {head or "basis": cell for head, cell in zip(heads[1:], row[1:], strict=True)}
             cells |= {"mean square": named["mean square"]} if short else named
             for head, cell in cells.items():

@@ -63,6 +63,8 @@ class Rows(NamedTuple):
 
     heads: Sequence[Head]
     rows: Sequence[Row]
+    everything: bool = False
+    """Whether Markdown shows the columns on demand, too."""
 
     @property
     def css(self) -> str:
@@ -77,7 +79,8 @@ class Rows(NamedTuple):
     @property
     def columns(self) -> dict[str, list[str]]:
         """Head -> texts of the columns that Markdown shows."""
-        shown = [k for k, head in enumerate(self.heads) if head.css in ("n m", "n c", "v")]
+        wanted = ("n m", "n c", "v", *(["n more"] if self.everything else []))
+        shown = [k for k, head in enumerate(self.heads) if head.css in wanted]
         found = {"method": [row.method for row in self.rows]}
         for k in shown:
             cells = [row.cells[k] for row in self.rows]
@@ -95,13 +98,13 @@ def label_behind(method: str, label: str) -> str:
     return label.removeprefix(method).lstrip(" ,:")
 
 
-def rows_of(table: ResultTable) -> Rows:
-    """Lay out the table of one point."""
-    shown = table.ordered
+def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
+    """Lay out the table of one point, for Markdown in the order of the configuration with every column."""
+    shown = [*table.rows] if everything else table.ordered
     if not table.trials.with_verdicts:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
     runs, changes = Runs(shown), Changes.of(table) if table.form != "alone" else None
-    more = _more(table, shown)
+    more = _more(table, shown, everything=everything)
     heads = [_mean_head(table), _runs_head(runs)]
     if changes is not None:
         heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
@@ -115,7 +118,7 @@ def rows_of(table: ResultTable) -> Rows:
             strip = changes.strip(drawn_change(row, table)) if row.n else None
             cells += [Cell(f"s0 {style}", strip=strip), _change(table, row), _verdict(row, len(shown))]
         rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
-    return Rows([*heads, *(Head(head, "n more") for head in more)], rows)
+    return Rows([*heads, *(Head(head, "n more") for head in more)], rows, everything)
 
 
 def _row(row: ResultRow, cells: Sequence[Cell]) -> Row:
@@ -158,7 +161,7 @@ def _verdict(row: ResultRow, n: int) -> Cell:
     return Cell(f"v {style_of(row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
 
 
-def _more(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]]:
+def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -> dict[str, list[str]]:
     """Return head -> cells of the columns that are shown on demand."""
     found = {"median (quartiles)": [_median(row) for row in shown]}
     if table.form != "alone":
@@ -170,7 +173,8 @@ def _more(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]
     if any(row.word == INCONCLUSIVE for row in shown):
         found["runs needed"] = [_needed(row) for row in shown]
     times = step_times(table.trials, [row.method for row in shown])
-    found |= {"time per step": times} if times else {}
+    # A file that is kept does not change from machine to machine.
+    found |= {"time per step": times} if times and not everything else {}
     found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
 
