@@ -157,9 +157,18 @@ def _change_places(change: Estimate) -> int:
 
 
 def _factor(ratio: float) -> str:
-    """Write a factor with two significant digits, from 100 on as an integer."""
+    """Write a factor with two significant digits, from 100 on as an integer; a power of ten where it is far from 1.
+
+    Examples
+    --------
+    >>> _factor(2.63), _factor(541.4), _factor(1.0e64), _factor(3.2e-9)
+    ('2.6', '541', '1.0e64', '3.2e\u22129')
+    """
     if not math.isfinite(ratio) or ratio == 0:
         return number(ratio, 0)
+    if not 10.0 ** PLAIN[0] <= abs(ratio) < 10.0 ** PLAIN[1]:
+        digits, _, power = f"{ratio:.1e}".partition("e")
+        return f"{digits}e{number(int(power), 0)}"
     rounded = abs(float(f"{ratio:.1e}"))
     return number(ratio, max(0, 1 - math.floor(math.log10(rounded) + 1e-9)) if rounded < 100 else 0)
 

@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.sweep_points import printed, short_title
-from rmpc_bench.report import cells
-from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.columns import mean_alone
 from rmpc_bench.report.latex_columns import (
     GAP,
     bracketed,
     capitalised,
     chosen_columns,
-    columns_of,
     head_of,
     label_lines,
     label_of,
+    latex_cells,
     name_lines,
     rows_of,
     stacked,
@@ -84,20 +84,20 @@ def body_of(
 
     Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
     """
-    tables = [metric_table(*point, info) for point in points]
+    tables = [result_table(*point, info) for point in points]
     wanted = chosen_columns(tables, columns, width)
     if len(points) > 1 and len(wanted) == 1:
         return _methods_as_columns(tables, wanted[0])
     head = ["Method", *(head_of(tables[0], name) for name in wanted)]
-    groups = [(title_of(table.trials), rows_of(table, columns_of(table), wanted)) for table in tables]
+    groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted)) for table in tables]
     if table_width(head, [row for _, rows in groups for row in rows], GAP) > width:
         groups = [(title, _with_short_labels(table, rows)) for table, (title, rows) in zip(tables, groups, strict=True)]
     return Body(head, groups)
 
 
-def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
+def _with_short_labels(table: ResultTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
     """Break the labels of the methods into lines."""
-    labels = [row_label(table.trials, line.method, short=True) for line in table.lines]
+    labels = [row_label(table.trials, row.method, short=True) for row in table.rows]
     return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
 
@@ -106,15 +106,15 @@ def title_of(trials: Trials) -> str:
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
 
 
-def _methods_as_columns(tables: Sequence[MetricTable], column: Column) -> Body:
+def _methods_as_columns(tables: Sequence[ResultTable], column: Column) -> Body:
     """Lay a sweep out with a row per point and a column per method."""
     trials = tables[0].trials
-    methods = list(dict.fromkeys(line.method for table in tables for line in table.lines))
+    methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
     head = [head_of(tables[0], column), *(stacked(label_lines(trials, method)) for method in methods)]
     rows = []
     for table in tables:
-        cells_of = columns_of(table).get(column, ["--"] * len(table.lines))
-        by_method = dict(zip((line.method for line in table.lines), cells_of, strict=True))
+        cells_of = latex_cells(table).get(column, ["--"] * len(table.rows))
+        by_method = dict(zip((row.method for row in table.rows), cells_of, strict=True))
         rows.append([title_of(table.trials), *(by_method.get(method, "--") for method in methods)])
     return Body(head, [("", rows)])
 
@@ -162,9 +162,12 @@ def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]
 
 
 def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
-    """Return the means of every metric, in the order of the methods; the number of runs without an event."""
-    texts = [cells.means(metric_table(*point, info)) for info in infos]
-    return [[number_latex(cell.partition(" (")[0]) for cell in column] for column in texts]
+    """Return the means of every metric, in the order of the methods; in how many runs an event occurred."""
+    tables = [result_table(*point, info) for info in infos]
+    return [
+        [number_latex(f"{row.n_occurred}/{row.n}" if table.may_not_occur else mean_alone(row)) for row in table.rows]
+        for table in tables
+    ]
 
 
 def written_table(body: Body, comments: Sequence[str], name: str) -> str:

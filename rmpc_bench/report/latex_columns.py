@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import typeset, wrapped
-from rmpc_bench.report import cells
-from rmpc_bench.report.cells import MetricTable
+from rmpc_bench.report.columns import average_of, columns_of
 from rmpc_bench.report.latex_numbers import number_latex
 from rmpc_bench.report.latex_text import to_latex, unit_latex
 from rmpc_bench.report.latex_width import table_width
-from rmpc_bench.report.lost_cells import lost_cells
-from rmpc_bench.report.run_notes import failed_cells, held_cells
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
@@ -27,12 +25,12 @@ LABEL = 60.0
 _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
-def chosen_columns(tables: Sequence[MetricTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
+def chosen_columns(tables: Sequence[ResultTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
     """Return the columns behind the name of the method: the asked ones that exist, or the usual ones that fit.
 
     The tables are of one metric, at every point of the sweep; the width is in pt.
     """
-    there = [columns_of(table) for table in tables]
+    there = [latex_cells(table) for table in tables]
     wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
     least = 3 if "lost" in wanted else 2
     while columns is None and len(wanted) > least and _width(tables, there, wanted) > width:
@@ -41,60 +39,38 @@ def chosen_columns(tables: Sequence[MetricTable], columns: Sequence[Column] | No
 
 
 def _width(
-    tables: Sequence[MetricTable], there: Sequence[Mapping[Column, Sequence[str]]], wanted: Sequence[Column]
+    tables: Sequence[ResultTable], there: Sequence[Mapping[Column, Sequence[str]]], wanted: Sequence[Column]
 ) -> float:
     rows = [row for table, each in zip(tables, there, strict=True) for row in rows_of(table, each, wanted)]
     return table_width(["Method", *(head_of(tables[0], name) for name in wanted)], rows, GAP)
 
 
-def rows_of(table: MetricTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column]) -> list[list[str]]:
+def rows_of(table: ResultTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column]) -> list[list[str]]:
     """Return the rows of a table: name of the method, then the columns."""
-    absent = ["--"] * len(table.lines)
-    names = [label_of(table.trials, line.method) for line in table.lines]
+    absent = ["--"] * len(table.rows)
+    names = [label_of(table.trials, row.method) for row in table.rows]
     return [list(row) for row in zip(*[names, *(there.get(name, absent) for name in wanted)], strict=True)]
 
 
-def columns_of(table: MetricTable) -> dict[Column, list[str]]:
+def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
     """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head."""
-    trials = table.trials
-    found: dict[Column, list[str]] = {"mean": cells.means(table)}
-    found["lost"] = [cell.replace(" %", "", 1) for cell in lost_cells(table)]
-    found["median"] = cells.medians(table)
-    if table.with_comparisons and trials.with_verdicts:
-        unit = f" {_unit_of_change(table)}"
-        found["change"] = [cell.replace(unit, "", 1) for cell in cells.changes(table)]
-        if other := cells.other_average(table):
-            found["other"] = [cell.replace(" %", "", 1) for cell in cells.changes(table, other)]
-        found["counts"] = cells.counts(table)
-        found["superiority"] = cells.superiorities(table)
-        found["p"] = cells.p_values(table)
-        # How many runs would decide stands in summary.md, and the caption has the margin.
-        words = [word.partition(" (")[0] for word in cells.verdicts(table)]
-        found |= {"verdict": [word or "-" for word in words]} if any(words) else {}
-        found["pairs"] = cells.pairs(table)
-    found["n"] = cells.sizes(table)
-    if held := held_cells(trials, [line.method for line in table.lines]):
-        found["held"] = held
-    if failed := failed_cells(trials, [line.method for line in table.lines]):
-        found["steps"] = failed
-    # A column of hyphens says nothing.
+    units: dict[Column, str] = {"lost": " %", "change": f" {_unit_of_change(table)}", "other": " %"}
     return {
-        name: [number_latex(cell) for cell in texts]
-        for name, texts in found.items()
-        if name == "mean" or any(cell != "-" for cell in texts)
+        name: [number_latex(text.replace(units.get(name, "\0"), "", 1)) for text in texts]
+        for name, texts in columns_of(table).items()
     }
 
 
-def _unit_of_change(table: MetricTable) -> str:
-    return table.info.unit if cells.average_of(table) == "difference" else "%"
+def _unit_of_change(table: ResultTable) -> str:
+    return table.info.unit if average_of(table) == "difference" else "%"
 
 
-def head_of(table: MetricTable, column: Column) -> str:
+def head_of(table: ResultTable, column: Column) -> str:
     """Return the head of a column as LaTeX."""
-    average = cells.average_of(table)
+    average = average_of(table)
     unit = bracketed(table.info.unit)
     if column == "mean":
-        return "Did not occur" if table.may_not_occur else stacked(["Mean", unit])
+        return stacked(["Occurred;", f"median {unit}"]) if table.may_not_occur else stacked(["Mean", unit])
     if column == "other":
         return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
     heads: dict[Column, list[str]] = {

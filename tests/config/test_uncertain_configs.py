@@ -268,7 +268,7 @@ def test_oracles_are_marked(tmp_path):
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
     page = (tmp_path / "out" / "tables" / "summary.md").read_text(encoding="utf-8")
     assert result.stdout.count("(oracle)") == 2 and "G (oracle)" in result.stdout
-    assert "G (oracle)" in page and "KF (oracle)" not in page and "an oracle knows the true parameters" in page
+    assert "G (oracle)" in page and "KF (oracle)" not in page and "An oracle knows the true parameters." in page
     assert load_trials(tmp_path / "out").oracles == {"G"}
 
 

@@ -16,10 +16,10 @@ import pandas as pd
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
-from rmpc_bench.analysis.result_rows import result_table
+from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report import cells
+from rmpc_bench.report.columns import columns_of
 from rmpc_bench.report.screen import WIDTH
 from rmpc_bench.report.screen_tables import ran_lines, row_lines
 from rmpc_bench.report.sentences import sentence
@@ -196,46 +196,46 @@ def trials_of(case: Case) -> Trials:
     )
 
 
-def table_of(case: Case) -> cells.MetricTable:
+def table_of(case: Case) -> ResultTable:
     """Evaluate a case."""
     trials = trials_of(case)
-    return cells.metric_table(trials, summary(trials), comparisons(trials), case.info)
+    return result_table(trials, summary(trials), comparisons(trials), case.info)
 
 
-def columns_of(row_of: Callable[[cells.MetricTable], dict[str, str]]) -> dict[str, list[str]]:
+def columns_of_cases(row_of: Callable[[ResultTable], dict[str, str]]) -> dict[str, list[str]]:
     """Return the columns of a table with a row for every case, head -> cells."""
     columns: dict[str, list[str]] = {}
     for number, make in enumerate(CASES, 1):
         for head, cell in ({"": str(number)} | row_of(table_of(make()))).items():
-            columns.setdefault(head, []).append(cell)
+            columns.setdefault(head, []).append(cell or "-")
     return columns
 
 
-def row_of_comparison(table: cells.MetricTable) -> dict[str, str]:
+def row_of_comparison(table: ResultTable) -> dict[str, str]:
     """Return means, changes, counts and verdict of a case, head -> cell."""
-    a, b = (f"did not settle: {mean}" if table.may_not_occur else mean for mean in cells.means(table))
-    other = cells.other_average(table)
+    found = columns_of(table)
+    a, b = (f"settled: {mean}" if table.may_not_occur else mean for mean in found["mean"])
+    row = table.rows[1]
     return {
         "mean of A": a,
         "mean of B": b,
-        "geometric mean of the ratios": cells.changes(table)[1],
-        "ratio of the means": cells.changes(table, other)[1] if other else "-",
-        "won/lost/tied": cells.counts(table)[1],
-        "superiority": cells.superiorities(table)[1],
-        "verdict": cells.verdicts(table)[1],
+        "geometric mean of the ratios": found.get("change", ["", ""])[1],
+        "ratio of the means": found.get("other", ["", ""])[1],
+        "won/lost/tied": row.counts,
+        "superiority": found["superiority"][1] if "superiority" in found else "",
+        "verdict": ", ".join(filter(None, [row.word, row.remark])),
     }
 
 
-def row_of_runs(table: cells.MetricTable) -> dict[str, str]:
+def row_of_runs(table: ResultTable) -> dict[str, str]:
     """Return medians and numbers of runs of a case, head -> cell."""
-    unit = f" [{table.info.unit}]"
-    heads = [f"median of {line.method} [quartiles]" for line in table.lines]
-    sizes = [f"n/n_failed of {line.method}" for line in table.lines]
+    found = columns_of(table)
+    names = [row.method for row in table.rows]
     return {
-        "metric": table.info.name + unit,
-        **dict(zip(heads, cells.medians(table), strict=True)),
-        **dict(zip(sizes, cells.sizes(table), strict=True)),
-        "pairs": cells.pairs(table)[1],
+        "metric": f"{table.info.name} [{table.info.unit}]",
+        **{f"median of {name} [quartiles]": cell for name, cell in zip(names, found["median"], strict=True)},
+        **{f"n/n_failed of {name}": cell for name, cell in zip(names, found["n"], strict=True)},
+        "pairs": found.get("pairs", ["", ""])[1],
     }
 
 
@@ -253,14 +253,14 @@ def generated() -> str:
     for number, make in enumerate(CASES, 1):
         case = make()
         table = table_of(case)
-        row = table.lines[1].compared
-        assert row is not None
+        row = table.rows[1].compared
+        assert row
         sentences.append(f"{number}. {sentence(row, case.info, table.trials)} *{case.remark}*")
     parts = [
-        markdown_table(columns_of(row_of_comparison)),
+        markdown_table(columns_of_cases(row_of_comparison)),
         "The runs behind them:",
-        markdown_table(columns_of(row_of_runs)),
-        "Each comparison in one sentence, as in `tables/summary.md`, and what it shows:",
+        markdown_table(columns_of_cases(row_of_runs)),
+        "Each comparison in one sentence, as `rmpc_bench.compare` writes it, and what it shows:",
         "\n".join(sentences),
         "Number 7 on the screen, with the failed runs behind the verdict:",
         f"```text\n{screen_of(fails_more())}\n```",

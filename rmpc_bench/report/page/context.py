@@ -11,9 +11,10 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
 from rmpc_bench.report.page.claim_items import MOST_OPEN, claim_items
-from rmpc_bench.report.page.folds import Table, folds_of, moments_of
+from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.notes import note_of
+from rmpc_bench.report.page.parts import Table
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
 from rmpc_bench.report.page.source import PageSource, info_of, n_common, pooled_of, tables_of
 from rmpc_bench.report.summary import Summary

@@ -6,23 +6,20 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
-
-import pandas as pd
+from typing import Any
 
 from rmpc_bench.analysis.driver_text import gist as drivers_gist
 from rmpc_bench.analysis.driver_text import per_cent
 from rmpc_bench.analysis.drivers import FAILED, REST
-from rmpc_bench.analysis.parameter_text import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.sweep_points import short_title
 from rmpc_bench.report.ensemble_table import ensemble_rows
-from rmpc_bench.report.page.matrix import MOST_OPEN, Group, interval_rows, matrices_of
+from rmpc_bench.report.page.background import limits_fold, settings_fold
+from rmpc_bench.report.page.matrix import MOST_OPEN, interval_rows, matrices_of
+from rmpc_bench.report.page.parts import Fold, Part, Table
 from rmpc_bench.report.page.source import PageFigure, PageSource, tables_of
-from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import (
     failed_runs,
@@ -54,40 +51,6 @@ TAILS = (
 )
 
 
-class Table(NamedTuple):
-    """Columns, of which the first one names the rows."""
-
-    columns: Mapping[str, Sequence[str]]
-    numeric: bool = True
-    by_method: bool = False
-    """Whether the first column has methods, which are names and no formulas."""
-
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """The cells of every row."""
-        return [*zip(*self.columns.values(), strict=True)]
-
-
-class Part(NamedTuple):
-    """A part of a fold; all but one of its fields are empty."""
-
-    text: str = ""
-    note: str = ""
-    command: str = ""
-    items: Sequence[str] = ()
-    table: Table | None = None
-    groups: Sequence[Group] = ()
-    figure: PageFigure | None = None
-
-
-class Fold(NamedTuple):
-    """A part of the page that is opened on demand."""
-
-    title: str
-    gist: str
-    parts: Sequence[Part]
-
-
 def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     """Return the folds that have content, in their order; `tables` are those of the primary metric."""
     found = [
@@ -99,8 +62,8 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
         _requirements(source),
         _worst(source, tables),
         *_figures(source),
-        _settings(source),
-        _limits(source),
+        settings_fold(source),
+        limits_fold(source),
     ]
     return [fold for fold in found if fold is not None and fold.parts]
 
@@ -329,90 +292,3 @@ def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:
     left = f" {tuning.n_left} more points are in tuning.csv." if tuning.n_left else ""
     tables += [Part(text=f"Cost: {tuning.cost}.{left}"), Part(note=EXPLANATION)]
     return Fold("Tuning", tuning.gist.removeprefix("tuned: ").replace(" (tables/tuning.md)", ""), [*tables, *parts])
-
-
-def _settings(source: PageSource) -> Fold:
-    """Show the keys in which the methods differ, and what they share."""
-    trials, differences, parts = source.trials, source.differences, list[Part]()
-    keys = [*dict.fromkeys(key for row in differences.values() for key in row)]
-    if keys and len(differences) > 1:
-        columns = {"method": [*differences]}
-        origins = [parameter_text(trials, name) or "-" for name in differences]
-        columns |= {"parameters": origins} if len(set(origins)) > 1 else {}
-        columns |= {key: [row.get(key, "-") for row in differences.values()] for key in keys}
-        parts.append(Part(table=Table(columns, numeric=False, by_method=True)))
-    parts += [Part(items=[f"{name}: {text}" for name, text in source.shared.items()])] if source.shared else []
-    if trials.points:
-        parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
-    if len(source.timings):
-        columns = {str(name): [_cell(each) for each in source.timings[name]] for name in source.timings.columns}
-        parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
-    parts.append(Part(note="config.resolved.yaml has every key with its default."))
-    n = len(trials.methods)
-    uncertain = len(trials.each[0].uncertainty.columns) - 1
-    gist = f"{n} method{'s' * (n > 1)}"
-    gist += f", {uncertain} uncertain quantit{'y' if uncertain == 1 else 'ies'}" if uncertain > 0 else ""
-    return Fold("Settings", gist, parts)
-
-
-def _cell(value: Any) -> str:
-    return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _limits(source: PageSource) -> Fold:
-    """Say what the comparison cannot show."""
-    items = [*_status_limits(source), *_comparison_limits(source)]
-    gist = "; ".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
-    more = len(items) - 1
-    return Fold(
-        "Limits of this comparison",
-        f"{gist} (and {more} more)" if more > 0 else gist,
-        [Part(items=items)] if items else [],
-    )
-
-
-def _status_limits(source: PageSource) -> Iterator[str]:
-    """Say where these are not the results of the configuration as it stands, and where findings have changed."""
-    if source.overrides:
-        yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
-    if source.incomplete:
-        yield f"Runs are missing ({', '.join(source.incomplete)}); findings do not count."
-    changed = sum(each.differs for each in source.verdicts)
-    if changed and source.trials.with_verdicts:
-        yield f"{changed} finding{'s' * (changed > 1)} changed since it was recorded."
-    if source.trials.n_failed_trials:
-        yield "Averages rest on the runs that both methods finished."
-    yield from (f"A figure is missing: {text}." for text in source.left_out)
-    if (source.manifest.get("git") or {}).get("dirty"):
-        yield "The working tree had uncommitted changes when this was computed."
-
-
-def _comparison_limits(source: PageSource) -> Iterator[str]:
-    trials = source.trials
-    if len(trials.methods) > 1:
-        yield from _untuned(trials)
-    yield from () if source.tuning is None else source.tuning.limitations
-    yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
-    for name in sorted(trials.oracles):
-        yield f"{name} knows the true parameters; no real estimator can do that."
-    if source.confounded:
-        yield (
-            f"Both the estimator and the controller differ between {trials.baseline} and "
-            f"{', '.join(source.confounded)}; the effect of one alone is not known."
-        )
-    yield from LIMITATIONS if source.ranked is not None else ()
-    for verdict in source.verdicts:
-        if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
-            yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
-    if trials.with_verdicts and len(trials.frame):
-        yield "All numbers hold for this plant and these laws of its uncertain quantities and noises only."
-
-
-def _untuned(trials: Trials) -> list[str]:
-    """Name the methods that are not tuned, by where their parameters come from."""
-    groups = parameter_groups(trials, trials.methods)
-    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
-    if len(left) == len(groups) == 1:
-        word = next(iter(left)).removesuffix(", not tuned")
-        return [f"No parameter was tuned: all are {word}. Other parameters may change a verdict."]
-    return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]

@@ -33,7 +33,7 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
         f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{' on the same draws' * _compares(tables)}."
     ]
     sentences += [_intervals(tables), _change(first), _marks(tables, lowest) if several else _drawn(first, rows)]
-    sentences += [_parameters(first), _failures(tables), _oracles(first), _looks(first)]
+    sentences += [_parameters(first), _oracles(first), _looks(first), _failures(tables)]
     kept, room = list[str](), LONGEST
     for sentence in filter(None, sentences):
         if len(sentence) < room:
@@ -81,7 +81,9 @@ def _drawn(table: ResultTable, rows: Rows | None) -> str:
     arrow = (
         any(cell.strip is not None and cell.strip.arrow for row in rows.rows for cell in row.cells) if rows else False
     )
-    band = f"Grey band: within {table.margin_text}." if table.margin else ""
+    band = (
+        f"{'Margin' if rows and rows.everything else 'Grey band'}: within {table.margin_text}." if table.margin else ""
+    )
     return f"{band}{' Arrow: beyond the axis.' * arrow}".strip()
 
 

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
-from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, number, places, short
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.scales import ratio_axis
+from rmpc_bench.report.columns import columns_of, other_average, value_text
 from rmpc_bench.report.page.strips import Changes, Runs, Strip, drawn_change
 from rmpc_bench.report.run_notes import step_times
+from rmpc_bench.types.report_choices import Column
 
 MANY = 10
 """Methods above which rows are low and labels are cut."""
 BETTER_IF = {"higher": "higher is better"}
 STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
 """Word of a verdict -> class of its cell, where it is not the word."""
-OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
 AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
 UNKNOWN = "Infinity"
 """Sorts a cell without a number behind the others."""
@@ -161,66 +161,28 @@ def _verdict(row: ResultRow, n: int) -> Cell:
     return Cell(f"v {style_of(row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
 
 
+HEADS: dict[Column, str] = {
+    **{"median": "median [quartiles]", "counts": "won/lost/tied", "other": "", "superiority": "superiority"},
+    **{"lost": "lost", "held": "held steps", "steps": "failed steps"},
+}
+"""Columns that are shown on demand -> their heads."""
+
+
 def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -> dict[str, list[str]]:
     """Return head -> cells of the columns that are shown on demand."""
-    found = {"median (quartiles)": [_median(row) for row in shown]}
-    if table.form != "alone":
-        found["won/lost/tied"] = [row.counts for row in shown]
-        found |= _other_average(shown)
-        found["superiority"] = [_superiority(row.superiority) for row in shown]
-    found |= _lost(table, shown)
-    found["worst run"] = [_places(row.worst, row) for row in shown]
+    columns = columns_of(table, shown)
+    found = {head: columns[name] for name, head in HEADS.items() if name in columns and name != "other"}
+    if "other" in columns:
+        found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
+    found["worst run"] = [value_text(row.worst, row) for row in shown]
     if any(row.word == INCONCLUSIVE for row in shown):
         found["runs needed"] = [_needed(row) for row in shown]
     times = step_times(table.trials, [row.method for row in shown])
     # A file that is kept does not change from machine to machine.
     found |= {"time per step": times} if times and not everything else {}
+    found |= {"p": columns["p"]} if everything and "p" in columns else {}
     found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
-
-
-def _places(value: float, row: ResultRow) -> str:
-    """Write a value of the runs with the decimals of their mean."""
-    if math.isnan(value):
-        return ""
-    d = places(row.mean.half)
-    return number(value, d) if 0 <= d <= 6 and not math.isnan(row.mean.half) else short(value)
-
-
-def _median(row: ResultRow) -> str:
-    if not row.quantiles:
-        return ""
-    low, middle, high = (_places(each, row) for each in row.quantiles[1:4])
-    return f"{middle} ({low} to {high})"
-
-
-def _superiority(share: Estimate) -> str:
-    if math.isnan(share.value):
-        return ""
-    value, low, high = (number(each, 0) for each in share)
-    return f"{value} %" if math.isnan(share.half) else f"{value} % [{low}, {high}]"
-
-
-def _other_average(shown: Sequence[ResultRow]) -> dict[str, list[str]]:
-    """Return the average that the verdict does not rest on, where it was computed."""
-    average = next((str(row.compared["average"]) for row in shown if row.compared and row.compared["average"]), "")
-    name = OTHER_AVERAGE.get(average)
-    if name is None:
-        return {}
-    texts = [" ".join(filter(None, change_texts(_estimate(row.compared, name)))) for row in shown]
-    return {AVERAGE_HEADS[name]: texts}
-
-
-def _estimate(compared: Mapping[str, Any], name: str) -> Estimate:
-    return Estimate(*(float(compared[f"{name}_{end}"]) for end in ("pct", "low", "high"))) if compared else Estimate()
-
-
-def _lost(table: ResultTable, shown: Sequence[ResultRow]) -> dict[str, list[str]]:
-    """Return the lost runs of every method, where the configuration says what a lost run is."""
-    if table.trials.lost is None or table.info != table.trials.primary_info:
-        return {}
-    rows = {row["method"]: row for row in lost_runs(table.trials).to_dict("records")}
-    return {"lost": [f"{rows[row.method]['n_lost']} of {rows[row.method]['n']}" for row in shown]}
 
 
 def _needed(row: ResultRow) -> str:

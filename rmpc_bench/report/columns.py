@@ -1,0 +1,100 @@
+"""Texts of the rows of a metric, column by column: for the page, Markdown and LaTeX."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.lost_runs import lost_runs
+from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_text, number, places, short
+from rmpc_bench.report.run_notes import failed_cells, held_cells
+from rmpc_bench.types.report_choices import Column
+
+OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
+"""Average of the verdict -> the other one that is computed."""
+
+
+def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> dict[Column, list[str]]:
+    """Return the columns that a table has, each with a text per row; those without any text are left out.
+
+    Parameters
+    ----------
+    table : the rows of a metric
+    shown : its rows in another order; all as configured if None
+    """
+    rows = [*table.rows] if shown is None else shown
+    of: dict[Column, Callable[[ResultRow], str]] = {"mean": table.mean_text, "median": median_text}
+    lost = _lost(table)
+    if lost:
+        of["lost"] = lambda row: lost[row.method]
+    if table.form != "alone" and table.trials.with_verdicts:
+        average = other_average(table)
+        # Shares stand in the column of superiority.
+        of |= {} if table.form == "share" else {"change": lambda row: table.change_text(row) if row.n else ""}
+        of |= {"other": lambda row: _change(row.compared, average)} if average else {}
+        of |= {"counts": lambda row: row.counts, "superiority": _superiority}
+        of |= {"p": lambda row: str(row.compared.get("p_wilcoxon_holm", "") or "")}
+        of |= {"verdict": lambda row: row.word if row.compared else ""}
+        of |= {"pairs": lambda row: str(row.compared.get("n_pairs", ""))}
+    of["n"] = lambda row: f"{row.n}/{row.n_failed}"
+    found: dict[Column, list[str]] = {name: [*map(text, rows)] for name, text in of.items()}
+    names = [row.method for row in rows]
+    found |= {"held": held_cells(table.trials, names), "steps": failed_cells(table.trials, names)}
+    return {name: texts for name, texts in found.items() if any(texts)}
+
+
+def average_of(table: ResultTable) -> str:
+    """Name the average of the changes, such as ``geometric``; empty without one."""
+    found = (str(row.compared["average"]) for row in table.rows if row.compared)
+    return next((average for average in found if average), "")
+
+
+def other_average(table: ResultTable) -> str:
+    """Name the average that the verdict does not rest on; empty where it is not computed."""
+    name = OTHER_AVERAGE.get(average_of(table), "")
+    return (
+        name if any(row.compared and not math.isnan(row.compared[f"{name}_pct"]) for row in table.rows if name) else ""
+    )
+
+
+def _change(compared: Mapping[str, Any], name: str) -> str:
+    ends = [float(compared[f"{name}_{end}"]) for end in ("pct", "low", "high")] if compared else []
+    return " ".join(filter(None, change_texts(Estimate(*ends))))
+
+
+def value_text(value: float, row: ResultRow) -> str:
+    """Write a value of the runs with the decimals of their mean."""
+    d = places(row.mean.half)
+    known = 0 <= d <= 6 and row.mean.half > 1e-12 * abs(row.mean.value) and abs(value) < 1e6
+    return "" if math.isnan(value) else number(value, d) if known else short(value, 4)
+
+
+def mean_alone(row: ResultRow) -> str:
+    """Write a mean without its interval."""
+    return value_text(row.mean.value, row)
+
+
+def median_text(row: ResultRow) -> str:
+    """Write the median with the quartiles."""
+    if not row.quantiles:
+        return ""
+    low, middle, high = (value_text(each, row) for each in row.quantiles[1:4])
+    return f"{middle} [{low}, {high}]"
+
+
+def _superiority(row: ResultRow) -> str:
+    if math.isnan(row.superiority.value):
+        return ""
+    value, low, high = (number(each, 0) for each in row.superiority)
+    return f"{value} %" if math.isnan(row.superiority.half) else f"{value} % [{low}, {high}]"
+
+
+def _lost(table: ResultTable) -> dict[str, str]:
+    """Return method -> share of lost runs with its interval, where the configuration says what a lost run is."""
+    if table.trials.lost is None or table.info != table.trials.primary_info:
+        return {}
+    rows = lost_runs(table.trials).to_dict("records")
+    shares = {row["method"]: Estimate(row["lost_pct"], row["lost_low"], row["lost_high"]) for row in rows}
+    return {name: interval_text(share).replace(" [", " % [") for name, share in shares.items()}
