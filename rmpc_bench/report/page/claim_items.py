@@ -10,8 +10,8 @@ from rmpc_bench.claims.evidence import evidence
 from rmpc_bench.claims.markdown import cases_text, limits
 from rmpc_bench.claims.verdict import ClaimVerdict
 
-MOST_OPEN = 8
-"""Statements that are not folded."""
+MOST_OPEN, MOST_WORDS = 8, 130
+"""Statements that are not folded, and the words of all of them."""
 OURS = "ours, not in the paper"
 
 
@@ -29,6 +29,16 @@ class ClaimItem(NamedTuple):
 def claim_items(verdicts: Sequence[ClaimVerdict]) -> list[ClaimItem]:
     """Return the statements of the paper, then additional results and suspected misprints."""
     return [_item(verdict) for verdict in sorted(verdicts, key=lambda verdict: _order(verdict.claim))]
+
+
+def n_open(items: Sequence[ClaimItem]) -> int:
+    """Count the statements that are not folded."""
+    words = 0
+    for n, item in enumerate(items[:MOST_OPEN]):
+        words += sum(len(text.split()) for text in (item.finding, item.statement, item.source, item.behind))
+        if words > MOST_WORDS and n:
+            return n
+    return min(len(items), MOST_OPEN)
 
 
 def _order(claim: Claim) -> int:

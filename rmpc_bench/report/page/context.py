@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.claims.markdown import INFORMATIONAL
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.papers import IDENTIFIERS, usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
-from rmpc_bench.report.page.claim_items import MOST_OPEN, claim_items
+from rmpc_bench.report.page.claim_items import claim_items, n_open
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.notes import note_of
@@ -58,8 +58,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "quantity": tables[0].quantity if tables else "",
         "baseline": trials.baseline,
         "claims_title": "What the paper says" if of_paper and record["paper"] else "Claims",
-        "claims": claims[:MOST_OPEN],
-        "more_claims": claims[MOST_OPEN:],
+        "claims": claims[: n_open(claims)],
+        "more_claims": claims[n_open(claims) :],
         "claims_note": INFORMATIONAL if informational else "",
         "folds": folds_of(source, tables),
         "command": record["command"],
@@ -77,10 +77,14 @@ def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], *, unfinished:
 
 
 def _paper(name: str) -> tuple[str, str]:
-    """Return address and name of the paper; without an address the name alone."""
+    """Return address and name of the paper; without an address the name alone, and nothing for other directories."""
     identifier = IDENTIFIERS.get(name, "")
     scheme, _, number = identifier.partition(":")
-    return (f"https://arxiv.org/abs/{number}", identifier) if scheme == "arXiv" else ("", identifier or name)
+    return (
+        (f"https://arxiv.org/abs/{number}", identifier)
+        if scheme == "arXiv"
+        else ("", identifier or (name if usual_parameters(name) == "as published" else ""))
+    )
 
 
 def _banner(source: PageSource, n: int, *, unfinished: bool) -> tuple[str, str]:

@@ -223,7 +223,8 @@ def _requirements(source: PageSource) -> Fold | None:
     left = len(points) - MOST_POINTS
     parts += [Part(note=f"{left} more points are in requirements.csv.")] if left > 0 else []
     parts += [Part(note=REQUIREMENTS_NOTE)] if parts else []
-    return Fold("Requirements", source.requirements.gist.partition(": tables/")[0], parts)
+    gist = source.requirements.gist.partition(": tables/")[0] if len(points) == 1 else f"at {len(points)} points"
+    return Fold("Requirements", gist, parts)
 
 
 def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import short
+from rmpc_bench.figures.sweep_axis import NAME, main_paths
 from rmpc_bench.figures.sweep_points import printed, short_title
-from rmpc_bench.report.answer import sweep_of
 
 MOST_OPEN = 60
 """Points of a sweep up to which a matrix is not folded."""
@@ -69,8 +69,8 @@ class Group(NamedTuple):
 
 def matrices_of(tables: Sequence[ResultTable]) -> list[Group]:
     """Lay out a sweep: two paths as a table per method, else methods against points."""
-    paths = [*dict.fromkeys(path for table in tables for path in table.trials.point)]
-    if len(paths) == 2 and all(table.trials.point.keys() == {*paths} for table in tables):
+    paths = main_paths([table.trials.point for table in tables])
+    if len(paths) == 2:
         downs, acrosses = ([*dict.fromkeys(table.trials.point[path] for table in tables)] for path in paths)
         if len(downs) > 1 and len(acrosses) > 1:
             return _heat_tables(tables, paths)
@@ -98,8 +98,8 @@ def _row_at(table: ResultTable, method: str) -> ResultRow | None:
 
 def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     methods, first = methods_of(tables), tables[0]
-    sweep = sweep_of(tables)
-    titles = [*map(printed, sweep.points)] if len(first.trials.point) == 1 else [short_title(t.trials) for t in tables]
+    [path] = paths if len(paths := main_paths([table.trials.point for table in tables])) == 1 else [NAME]
+    titles = [short_title(each.trials) if path == NAME else printed(each.trials.point[path]) for each in tables]
     lowest = [_lowest(table) for table in tables]
     places = [*zip(tables, titles, lowest, strict=True)]
     cells = {row.method: [_cell(table, row.method, title, best) for table, title, best in places] for row in methods}
@@ -112,7 +112,7 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
             MatrixRow(title, [*([MatrixCell(means[k])] if base else []), *(cells[row.method][k] for row in methods)])
             for k, title in enumerate(titles)
         ]
-        corner = _last(next(iter(first.trials.point))) if len(first.trials.point) == 1 else "point"
+        corner = "point" if path == NAME else _last(path)
         return Matrix(corner, heads, rows, names=len(heads) > MOST_BESIDE or max(map(len, titles)) > MOST_BESIDE)
     rows = [MatrixRow(base, [MatrixCell(text) for text in means])] if base else []
     for row in methods:

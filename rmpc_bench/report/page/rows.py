@@ -95,7 +95,8 @@ def style_of(word: str) -> str:
 
 def label_behind(method: str, label: str) -> str:
     """Return what a label says besides the key, which stands in front of it."""
-    return label.removeprefix(method).lstrip(" ,:")
+    rest = label.removeprefix(method)
+    return rest.lstrip(" ,:") if rest[:1] in (" ", ",", ":", "") else label
 
 
 def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
