@@ -1,4 +1,4 @@
-"""Cells and columns of the tables of tuned parameters."""
+"""Cells, columns and sentences of the tables of tuned parameters."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from collections.abc import Sequence
 from rmpc_bench.analysis.parameter_text import parameter_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome
-from rmpc_bench.analysis.tuning_ranks import TuningRanks
+from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks
 from rmpc_bench.types.tuning import TunedParameter, TuningProtocol
+
+EXPLANATION = (
+    "Columns of objectives and of the share of failed runs: tuning is on the runs of the search, test on those of the "
+    "experiment. "
+    "A run whose metric is not finite counts as failed. Best: the smallest objective on the test runs among all "
+    "values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
+    "Rank: order of the objectives on the test runs; equal methods share a rank. In brackets: smallest and largest "
+    f"rank over {SETS} bootstrap sets of the tuning runs, in each of which every method chooses again among the values "
+    "that it has tried."
+)
 
 
 def number(value: float | None) -> str:
@@ -41,17 +51,6 @@ def range_text(parameter: TunedParameter) -> str:
     low, high = map(parameter.text, parameter.ends)
     whole = ", whole numbers" if parameter.integer else ""
     return f"{low} to {high}{whole}"
-
-
-def value_text(found: Outcome) -> str:
-    """Write every parameter of a method with its default and its tuned value, or that nothing could be tuned."""
-    search, row, texts = found.search, found.search.tuned_row, list[str]()
-    for place, parameter in enumerate(search.parameters):
-        before = "" if search.default[place] is None else f" {_text(parameter, search.default[place])}"
-        end = " (end of range)" if search.at_end[place] else ""
-        after = "" if row is None else f" -> {parameter.text(float(row[place]))}{end}"
-        texts.append(f"{parameter.path}{before}{after}")
-    return ", ".join(texts) + (" (default): nothing could be tuned" if row is None else "")
 
 
 def short_text(found: Outcome) -> str:
@@ -125,3 +124,16 @@ def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
     for index, n in enumerate(ranks.budgets):
         columns[f"rank after {n} values"] = [rank_text(ranks, name, index) for name in ranks.methods]
     return columns
+
+
+def rank_sentences(ranks: TuningRanks) -> list[str]:
+    """Say how far the ranks at one point of the sweep depend on the tuning runs and on the budget."""
+    order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
+    texts = [
+        f"Other tuning runs: the order is the same in {order} of {SETS} bootstrap sets, the first rank in {winner}."
+    ]
+    if len(ranks.budgets) > 1:
+        budgets = ", ".join(map(str, ranks.budgets))
+        names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
+        texts.append(f"Ranks that change with the budget ({budgets} values): {'; '.join(names) or 'none'}.")
+    return texts

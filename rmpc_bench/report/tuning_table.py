@@ -14,8 +14,14 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.tables import markdown_table
-from rmpc_bench.report.tuning_cells import objective_text, rank_columns, short_text, value_columns
-from rmpc_bench.report.tuning_sentences import EXPLANATION, end_sentences, rank_sentences, search_sentence
+from rmpc_bench.report.tuning_cells import (
+    EXPLANATION,
+    objective_text,
+    rank_columns,
+    rank_sentences,
+    short_text,
+    value_columns,
+)
 from rmpc_bench.types.texts import inert_markdown
 from rmpc_bench.types.tuning import Tuning
 
@@ -115,18 +121,13 @@ class TuningTable:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Sentences that can be quoted: what was chosen, ends of ranges, and how far ranks can be relied on."""
-        found: list[str] = []
-        for title in self.outcomes:
-            start = f"{title}: " if title else ""
-            found += [start + text for text in self.sentences_at(title)]
-        return tuple(found)
+        """Sentences that can be quoted: how far the ranks can be relied on, or why there are none."""
+        return tuple(
+            f"{title}: {text}" if title else text for title in self.outcomes for text in self._sentences_at(title)
+        )
 
-    def sentences_at(self, title: str) -> list[str]:
-        """Return the sentences on one point of the sweep."""
-        found = self.outcomes[title]
-        texts = [search_sentence(each) for each in found] + [text for each in found for text in end_sentences(each)]
-        texts += [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
+    def _sentences_at(self, title: str) -> list[str]:
+        texts = [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
         return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
 
     @property
@@ -178,7 +179,7 @@ class TuningTable:
         for title in [*self.outcomes][:MOST_POINTS]:
             ranks = self.ranks.get(title)
             of_ranks = {} if ranks is None else rank_columns(ranks, self.trials)
-            found.append((title, value_columns(self.outcomes[title]), of_ranks, self.sentences_at(title)))
+            found.append((title, value_columns(self.outcomes[title]), of_ranks, self._sentences_at(title)))
         return found
 
     @property
@@ -194,7 +195,7 @@ class TuningTable:
         for title, values, ranks, sentences in self.tables:
             parts += [f"## {title}"] * bool(title) + [markdown_table(values)]
             parts += [markdown_table(ranks)] if ranks else []
-            parts.append("\n".join(f"- {text}" for text in sentences))
+            parts += ["\n".join(f"- {text}" for text in sentences)] if sentences else []
         parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
         return inert_markdown("\n\n".join([*parts, EXPLANATION])) + "\n"
 

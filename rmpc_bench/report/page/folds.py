@@ -30,7 +30,7 @@ from rmpc_bench.report.run_notes import (
     show_command,
 )
 from rmpc_bench.report.tables import declared_lines, status_lines
-from rmpc_bench.report.tuning_sentences import EXPLANATION
+from rmpc_bench.report.tuning_cells import EXPLANATION
 from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
 
 OVER_TIME = ("signals",)
@@ -289,7 +289,7 @@ def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:
     for title, values, ranks, sentences in tuning.tables:
         tables += [Part(text=f"{title}:")] if title else []
         tables += [Part(table=Table(each, by_method=True)) for each in (values, ranks) if each]
-        tables += [Part(items=sentences)]
+        tables += [Part(items=sentences)] if sentences else []
     left = f" {tuning.n_left} more points are in tuning.csv." if tuning.n_left else ""
     tables += [Part(text=f"Cost: {tuning.cost}.{left}"), Part(note=EXPLANATION)]
     return Fold("Tuning", tuning.gist.removeprefix("tuned: ").replace(" (tables/tuning.md)", ""), [*tables, *parts])
