@@ -11,7 +11,7 @@ MADE = {make.__name__: table_of(make()) for make in CASES}
 
 def compared(name):
     """Return the row of comparisons.csv of a case."""
-    return MADE[name].lines[1].compared
+    return MADE[name].rows[1].compared
 
 
 def test_every_verdict_occurs():
@@ -36,7 +36,7 @@ def test_the_runs_have_the_intervals_that_they_are_constructed_for(name, low, hi
 def test_a_mean_below_the_other_beside_a_positive_change():
     """Both averages are shown."""
     table = MADE["worse_size_uncertain"]
-    a, b = table.lines
+    a, b = table.rows
     assert b.described["mean"] < a.described["mean"]
     assert b.compared["geometric_pct"] > 0 > b.compared["mean_pct"]
 

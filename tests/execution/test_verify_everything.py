@@ -231,7 +231,7 @@ def test_no_text_of_an_archive_begins_a_line(small, tmp_path):
 def test_the_commands_of_a_page_quote_its_directory(tmp_path):
     path = write(tmp_path, runs=2)
     assert cli("run", path, "-o", tmp_path / "x; y", "-j", 1, "--progress", "none").exit_code == 0
-    assert "rmpc-bench report 'x; y'" in (tmp_path / "x; y" / "report.md").read_text("utf-8")
+    assert "rmpc-bench show &#39;x; y&#39; --run" in (tmp_path / "x; y" / "report.html").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
