@@ -3,8 +3,16 @@
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.common_runs import Extent, PointExtent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
+
+
+def extent_of(trials, planned=None):
+    """Return how many of the planned runs there are in every table; those that one of them has unless given."""
+    sizes = [len(table.runs) for table in trials.each]
+    points = [PointExtent(table.title, table.point, n, ()) for table, n in zip(trials.each, sizes, strict=True)]
+    return Extent(max(sizes) if planned is None else planned, points)
 
 
 def table(values, *, name="a", seed=7, first=0, metric="m", unit="", direction="lower", may_not_occur=False, **others):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from comparison_tables import extent_of
 
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.verdict import judge
@@ -76,9 +77,10 @@ def make_source(make_trials):
                 "sessions": [{"start": "2026-01-02T03:04:05+00:00", "stop": "2026-01-02T03:04:08+00:00"}],
             },
             "files": ["trials.csv", "tables/summary.md", "report.md"],
-            "planned": n,
         }
-        return PageSource(**(usual | fields))
+        found = {**usual, **fields}
+        found.setdefault("extent", extent_of(found["trials"]))
+        return PageSource(**found)
 
     return make
 

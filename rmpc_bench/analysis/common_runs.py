@@ -67,6 +67,16 @@ class Extent(NamedTuple):
         return tuple(name for name in first if all(name in point.absent for point in self.points))
 
     @property
+    def fewest(self) -> int:
+        """Runs that count at the point with fewest, of the points that have any."""
+        return min((point.n for point in self.points if point.n), default=0)
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether there are runs, but not all; a method without any does not make an experiment unfinished."""
+        return 0 < self.n < self.total
+
+    @property
     def blank(self) -> tuple[PointExtent, ...]:
         """Points without a run that counts."""
         return tuple(point for point in self.points if not point.n) if self.planned else ()

@@ -93,7 +93,7 @@ def write_page(
         trials=results.trials,
         figures=[_page_figure(figure, directory) for figure in figures],
         place=place,
-        planned=results.experiment.n_wanted,
+        extent=results.extent,
         drawings=_drawings(results, evaluated.tables, drawn.rendering),
         left_out=drawn.left_out,
         incomplete=results.incomplete,

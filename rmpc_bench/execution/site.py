@@ -56,9 +56,8 @@ def _entry(each: Publication | KeptClaims, to: Path) -> IndexEntry:
     page = Path(os.path.relpath(each.directory / PAGE, to)).as_posix()
     group = experiment["paper"] or _group(each.results.directory)
     claims = claims_record(each.verdicts, experiment)["claims"]
-    return IndexEntry(
-        group, experiment, claims, page, answer_of(each.tables, each.verdicts if each.results.is_final else [])
-    )
+    verdicts = each.verdicts if each.results.is_final else []
+    return IndexEntry(group, experiment, claims, page, answer_of(each.tables, verdicts, each.results.extent))
 
 
 def _group(directory: Path) -> str:

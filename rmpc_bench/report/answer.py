@@ -59,7 +59,9 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def answer(tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False) -> str:
+def answer(
+    tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
+) -> str:
     """Answer which method is better and by how much.
 
     Parameters
@@ -67,6 +69,7 @@ def answer(tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (),
     tables : those of the primary metric, point by point
     verdicts : findings of the claims
     unfinished : whether runs are missing, so that the answer is preliminary
+    n_blank : points of a sweep that have no table
     """
     first = tables[0].trials
     if not first.with_verdicts:
@@ -74,7 +77,7 @@ def answer(tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (),
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
     if len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
-        text = f"{found} {_of_points(tables, room - len(found.split()))}".strip()
+        text = f"{found} {_of_points(tables, n_blank, room - len(found.split()))}".strip()
     else:
         text = _first_fitting(claims, *_of_rows(tables[0]), room=room)
     if not unfinished:
@@ -243,7 +246,7 @@ def _few(names: Sequence[str], n: int) -> str:
     return listed([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
 
 
-def _of_points(tables: Sequence[ResultTable], room: int) -> str:
+def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     """Answer for a sweep: where each method is better or worse than the baseline."""
     first, sweep = tables[0], sweep_of(tables)
     computed = [any(row.n + row.n_failed for row in table.rows) for table in tables]
@@ -266,7 +269,7 @@ def _of_points(tables: Sequence[ResultTable], room: int) -> str:
         text = _fitting(groups, left - reserved)
         left -= len(text.split())
         parts.append(f"{start} {text}".strip())
-    missing = computed.count(False)
+    missing = computed.count(False) + n_blank
     parts[-1] += f", {missing} not computed" if missing and left > 2 else ""
     return " ".join(f"{part}." for part in parts)
 

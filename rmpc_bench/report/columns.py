@@ -28,7 +28,7 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
     of: dict[Column, Callable[[ResultRow], str]] = {"mean": table.mean_text, "median": median_text}
     lost = _lost(table)
     if lost:
-        of["lost"] = lambda row: lost[row.method]
+        of["lost"] = lambda row: lost.get(row.method, "")
     if table.form != "alone" and table.trials.with_verdicts:
         average = other_average(table)
         # Shares stand in the column of superiority.
@@ -38,7 +38,7 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
         of |= {"p": lambda row: str(row.compared.get("p_wilcoxon_holm", "") or "")}
         of |= {"verdict": lambda row: row.word if row.compared else ""}
         of |= {"pairs": lambda row: str(row.compared.get("n_pairs", ""))}
-    of["n"] = lambda row: f"{row.n}/{row.n_failed}"
+    of["n"] = lambda row: f"{row.n}/{row.n_failed}" if row.n + row.n_failed else ""
     found: dict[Column, list[str]] = {name: [*map(text, rows)] for name, text in of.items()}
     names = [row.method for row in rows]
     found |= {"held": held_cells(table.trials, names), "steps": failed_cells(table.trials, names)}

@@ -136,8 +136,9 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
     head = ["Method", *(stacked([*name_lines(info), bracketed(info.unit)]) for info in infos)]
     groups = []
     for point in points:
-        names = [row_label(point.trials, method, short=short) for method in point.trials.methods]
-        groups.append((title_of(point.trials), [list(row) for row in zip(names, *_means(point, infos), strict=True)]))
+        means = _means(point, infos).items()
+        rows = [[row_label(point.trials, method, short=short), *cells] for method, cells in means]
+        groups.append((title_of(point.trials), rows))
     return Body(head, groups)
 
 
@@ -147,27 +148,32 @@ def row_label(trials: Trials, method: str, *, short: bool) -> str:
 
 
 def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
-    # An interrupted sweep has fewer methods at some points.
-    labelled = {method: label_lines(point.trials, method) for point in points for method in point.trials.methods}
+    of_points = [_means(point, infos) for point in points]
+    labelled = {
+        method: label_lines(point.trials, method)
+        for point, means in zip(points, of_points, strict=True)
+        for method in means
+    }
     head = ["Metric", *map(stacked, labelled.values())]
     names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
     groups = []
-    for point in points:
-        rows = []
-        for name, means in zip(names, _means(point, infos), strict=True):
-            by_method = dict(zip(point.trials.methods, means, strict=True))
-            rows.append([name, *(by_method.get(method, "--") for method in labelled)])
+    for point, means in zip(points, of_points, strict=True):
+        rows = [
+            [name, *(means[method][k] if method in means else "--" for method in labelled)]
+            for k, name in enumerate(names)
+        ]
         groups.append((title_of(point.trials), rows))
     return Body(head, groups)
 
 
-def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
-    """Return the means of every metric, in the order of the methods; in how many runs an event occurred."""
-    tables = [result_table(*point, info) for info in infos]
-    return [
-        [number_latex(f"{row.n_occurred}/{row.n}" if table.may_not_occur else mean_alone(row)) for row in table.rows]
-        for table in tables
-    ]
+def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[str]]:
+    """Return method -> its mean of every metric; of an event in how many runs it occurred."""
+    means: dict[str, list[str]] = {}
+    for table in (result_table(*point, info) for info in infos):
+        for row in table.rows:
+            text = f"{row.n_occurred}/{row.n}" if table.may_not_occur and row.n else mean_alone(row)
+            means.setdefault(row.method, []).append(number_latex(text))
+    return means
 
 
 def written_table(body: Body, comments: Sequence[str], name: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.driver_text import gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.parameter_text import parameter_groups
@@ -51,7 +52,7 @@ class Screen:
     trials, tables : the trials and their statistics point by point
     metric : name of the metric that the table shows; the answer is that of the primary one
     page : the page of the results, as a command names it
-    n_complete, n_runs : runs that are stored of all methods, and how many are wanted; both 0 for exact moments alone
+    extent : how many of the planned runs count; none is planned for exact moments alone
     driven, tuned, demanded, ranked : what drives the metric, how parameters were chosen, which runs meet the
         requirements, and the ranks
     verdicts : the findings of the claims
@@ -64,8 +65,7 @@ class Screen:
     tables: Points
     metric: str
     page: Path
-    n_complete: int
-    n_runs: int
+    extent: Extent
     driven: DriversTable
     tuned: TuningTable
     demanded: RequirementsTable
@@ -91,21 +91,14 @@ class Screen:
             text = text.replace(name, name.replace(" ", _GLUE))
         return [line.replace(_GLUE, " ") for line in wrapped(text, width)]
 
-    @property
-    def is_unfinished(self) -> bool:
-        """Whether runs are missing."""
-        return 0 < self.n_complete < self.n_runs
-
     def _head(self, width: int) -> list[str]:
-        points = f" at each of {len(self.trials.points)} points" if self.trials.points else ""
-        failed = f", {self.trials.n_failed_trials} failed"
-        if not self.n_runs:
-            what = f"exact moments{points}, no runs"
-        elif self.is_unfinished:
-            what = f"INTERRUPTED at {self.n_complete} of {self.n_runs} runs{points}{failed}; run it again to go on"
+        k, done = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
+        if not self.extent.planned:
+            what = f"exact moments{f' at each of {k} points' if k > 1 else ''}, no runs"
+        elif self.extent.is_unfinished:
+            what = f"INTERRUPTED at {done}; run it again to go on"
         else:
-            smoke = "" if self.trials.with_verdicts else "smoke run: "
-            what = f"{smoke}{self.n_complete} of {self.n_runs} runs{points}{failed}"
+            what = done if self.trials.with_verdicts else f"smoke run: {done}"
         line = f"{self.name}   {what}"
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
@@ -126,7 +119,7 @@ class Screen:
         if not tables:
             return "Exact moments of the error; nothing is simulated."
         verdicts = () if self.reasons else self.verdicts
-        return answer(tables, verdicts, unfinished=self.is_unfinished)
+        return answer(tables, verdicts, unfinished=self.extent.is_unfinished, n_blank=len(self.extent.blank))
 
     def _table(self, width: int) -> list[str]:
         if not self.trials.with_verdicts:
@@ -157,7 +150,7 @@ class Screen:
 
     def _texts(self, width: int) -> Iterator[tuple[str, list[str]]]:
         """Yield the notes in the order in which they are shown, each as its name and texts that begin a line."""
-        if self.trials.with_verdicts and self.n_runs:
+        if self.trials.with_verdicts and self.extent.planned:
             yield "note", [self._note()]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:

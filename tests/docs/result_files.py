@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 FILES: dict[str, str] = {
-    "report.html, report.md": "the page: answer, table of the methods, claims; failures, figures, settings and limits folded",
+    "report.html, report.md": "the page: answer, table of the methods, claims; the rest folded",
     "summary.csv": "metrics of every method: mean, standard error, interval, median, quartiles, failed runs",
     "comparisons.csv": "every method against the baseline: change, interval, runs won, lost and tied, verdict",
     "drivers.csv": "share of the variance of the comparison that each uncertain quantity explains",

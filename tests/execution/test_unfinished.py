@@ -136,7 +136,9 @@ def test_a_sweep_that_has_not_come_to_its_end(tmp_path, monkeypatch):
     swept = KEYS | {"runs": 6, "sweep": "{grid: {controller.Hp: [8, 9, 10]}}", "claims": None}
     path = write(tmp_path, **swept)
     results = killed(monkeypatch, path, tmp_path / "a", 3)
-    assert cli("report", tmp_path / "a").exit_code == 0
+    shown, page = cli("report", tmp_path / "a"), tmp_path / "a" / "report.md"
+    assert shown.exit_code == 0 and "INTERRUPTED at 2 of 18 runs at 3 points" in shown.stdout
+    assert "1 not computed." in shown.stdout and "**Unfinished: 2 of 18 runs at 3 points.**" in page.read_text("utf-8")
     assert [(point.n, point.absent) for point in results.extent.points] == [
         (1, ()),
         (1, ("R-MPC",)),

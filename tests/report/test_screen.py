@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from comparison_tables import extent_of
 from comparison_tables import table as trials_of
 
 from rmpc_bench.analysis.run_notes import RunNotes
@@ -41,15 +42,13 @@ def sweep(make, points, path="x"):
 
 def shown(trials, width=80, **others):
     """Return the lines of the screen; none is wider than the terminal."""
-    n = max(len(table.runs) for table in trials.each)
     made = {
         "name": "tiny",
         "trials": trials,
         "tables": summarise(trials),
         "metric": trials.metrics[0].name,
         "page": Path("results/tiny/report.html"),
-        "n_complete": n,
-        "n_runs": n,
+        "extent": extent_of(trials),
         "driven": DriversTable([]),
         "tuned": TuningTable(trials, None),
         "demanded": requirements_table(trials),
@@ -181,7 +180,8 @@ def test_all_runs_of_a_method_failed():
 
 
 def test_an_unfinished_experiment():
-    lines = shown(one({"KF": BASE, "WKF": noisy(0.8)}), n_complete=40, n_runs=1000)
+    trials = one({"KF": BASE, "WKF": noisy(0.8)})
+    lines = shown(trials, extent=extent_of(trials, 1000))
     assert lines[0] == "tiny   INTERRUPTED at 40 of 1000 runs, 0 failed; run it again to go on"
     assert lines[2].startswith("So far WKF is better")
 

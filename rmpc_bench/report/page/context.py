@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import IDENTIFIERS, usual_parameters
@@ -16,7 +17,7 @@ from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.notes import note_of
 from rmpc_bench.report.page.parts import Table
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
-from rmpc_bench.report.page.source import PageSource, info_of, n_common, pooled_of, tables_of
+from rmpc_bench.report.page.source import PageSource, info_of, pooled_of, tables_of
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."
@@ -39,8 +40,6 @@ def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
     tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
     pooled = pooled_of(source.tables, source.info)
-    n = n_common([table.trials for table in tables])
-    unfinished = bool(tables) and trials.with_verdicts and n < source.planned and not trials.alike
     informational = bool(source.overrides or source.incomplete)
     claims = claim_items(source.verdicts) if trials.with_verdicts else []
     of_paper = any(verdict.claim.of_paper for verdict in source.verdicts)
@@ -51,9 +50,9 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "names": tuple(sorted(trials.all_methods, key=len, reverse=True)),
         "paper": _paper(record["paper"] or ""),
         "index": source.index,
-        "banner": _banner(source, n, unfinished=unfinished),
-        "answer": answer_of(source.tables, [] if informational else source.verdicts, unfinished=unfinished),
-        "main": _main(source, tables, pooled, n),
+        "banner": _banner(source),
+        "answer": answer_of(source.tables, [] if informational else source.verdicts, source.extent),
+        "main": _main(source, tables, pooled),
         "drawings": source.drawings if trials.with_verdicts else {},
         "quantity": tables[0].quantity if tables else "",
         "baseline": trials.baseline,
@@ -69,11 +68,14 @@ def page_context(source: PageSource) -> dict[str, Any]:
     }
 
 
-def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], *, unfinished: bool = False) -> str:
+def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent) -> str:
     """Answer from the tables of an experiment, and the findings that count, which method is better."""
     tables = tables_of(summary, info_of(summary))
     pooled = pooled_of(summary, info_of(summary))
-    return answer([pooled] if pooled else tables, verdicts, unfinished=unfinished) if tables else EXACT
+    if not tables:
+        return EXACT
+    tables = [pooled] if pooled else tables
+    return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
 
 
 def _paper(name: str) -> tuple[str, str]:
@@ -87,21 +89,21 @@ def _paper(name: str) -> tuple[str, str]:
     )
 
 
-def _banner(source: PageSource, n: int, *, unfinished: bool) -> tuple[str, str]:
+def _banner(source: PageSource) -> tuple[str, str]:
     if not source.trials.with_verdicts:
         return "Smoke run.", "It shows that everything works; it is too short for verdicts."
-    if not unfinished:
+    if not source.extent.is_unfinished:
         return "", ""
-    points = " at every point" * bool(source.trials.points)
+    runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"
     return (
-        f"Unfinished: {n} of {source.planned} runs{points}.",
-        f"The same command continues. The numbers are those of the {n} runs that every method has.",
+        f"Unfinished: {source.extent.text}.",
+        f"The same command continues. The numbers are those of {runs} that every method has.",
     )
 
 
-def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable | None, n: int) -> Main:
+def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable | None) -> Main:
     """Choose what stands below the answer."""
-    trials = source.trials
+    trials, n = source.trials, source.extent.fewest
     if not tables:
         return Main(moments=moments_of(trials, short=len(trials.each) > 1))
     if not trials.with_verdicts:

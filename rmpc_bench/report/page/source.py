@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.rank_rows import Ranking
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
@@ -48,7 +49,7 @@ class PageSource:
     verdicts : the finding of every claim
     figures : the figures of the page
     place : directory of the results as commands name it, relative to where they are entered
-    planned : runs that the experiment is to have; 0 for exact moments
+    extent : how many of the planned runs count; none is planned for exact moments
     drawings : changes over a sweep, class of the drawing -> SVG; empty where no number is swept
     left_out : figures that could not be drawn, with the reason
     incomplete : methods of which runs are missing
@@ -72,7 +73,7 @@ class PageSource:
     verdicts: Sequence[ClaimVerdict]
     figures: Sequence[PageFigure]
     place: str
-    planned: int = 0
+    extent: Extent = Extent(0, ())
     drawings: Mapping[str, str] = field(default_factory=dict)
     left_out: Sequence[str] = ()
     incomplete: Sequence[str] = ()
@@ -114,8 +115,3 @@ def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
 def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
     """Return the rows of a metric at all points together, where these are many plants."""
     return None if info is None or summary.pooled is None else result_table(*summary.pooled, info)
-
-
-def n_common(points: Sequence[Trials]) -> int:
-    """Count the runs that every shown method has, finished or failed, at the point with the fewest."""
-    return min((len(trials.common.runs) for trials in points), default=0)

@@ -85,7 +85,7 @@ def test_the_fragment_holds_the_state(tmp_path, make_trials, make_source):
     """Methods that are hidden, and the column by which rows are sorted."""
     values = [1.0 + k / 9 for k in range(30)]
     trials = make_trials({"mse": {"A": values, "B": [0.8 * x for x in values], "c,d": [0.9 * x for x in values]}})
-    three = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={}, planned=30)
+    three = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={})
     page = render_html("page.html", page_context(three))
     found = visited(tmp_path, page, fragment="#hide=c%252Cd&sort=1")
     assert found["rows"] == ["B", "A"] and found["hash"] == "#hide=c%252Cd&sort=1"

@@ -8,6 +8,7 @@ from hashlib import sha256
 import html5lib
 import numpy as np
 import pytest
+from comparison_tables import extent_of
 from page_reader import Page, faults
 from tuned_searches import constant, search, tuning
 
@@ -33,7 +34,6 @@ def with_trials(make_source):
 
     def make(trials, **fields):
         usual = {"trials": trials, "tables": summarise(trials), "verdicts": [], "figures": [], "differences": {}}
-        usual["planned"] = len(trials.each[0].runs)
         return make_source(**usual | fields)
 
     return make
@@ -198,8 +198,8 @@ def test_an_unfinished_experiment(with_trials, make_trials, failed):
     if failed:
         b[5] = "diverged"
     trials = make_trials({"mse": {"A": a, "B": b}})
-    trials = replace(trials, frame=trials.frame.iloc[:-1])
-    page = page_of(with_trials(trials, planned=60, incomplete=("B",)))
+    trials = replace(trials, frame=trials.frame.iloc[:-1]).common
+    page = page_of(with_trials(trials, extent=extent_of(trials, 60), incomplete=("B",)))
     assert "Unfinished: 47 of 60 runs." in page.of_class("banner")[0].text
     assert page.of_class("answer")[0].text.startswith("So far B is better than A")
     assert ("Failures" in page.folds) == failed and "47 runs per method" in page.of_class("note")[0].text
