@@ -7,10 +7,8 @@ from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
 from rmpc_bench.analysis.drivers import FEWEST, REST
-from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.responses import DIFFERENCE, LOG, LOG_RATIO, SHARE, SHARE_DIFFERENCE
+from rmpc_bench.analysis.responses import DIFFERENCE, LOG_RATIO, SHARE_DIFFERENCE
 from rmpc_bench.analysis.rounding import decimal_text
-from rmpc_bench.types import MetricInfo
 
 Row = Mapping[Hashable, Any]
 PAIRED = (LOG_RATIO, DIFFERENCE, SHARE_DIFFERENCE)
@@ -39,23 +37,6 @@ def share_text(row: Row) -> str:
 def per_cent(share: float) -> str:
     """Write a share as a whole number of per cent between 0 and 100."""
     return decimal_text(min(100.0, max(0.0, 100 * float(share))), 0)
-
-
-def response_text(kind: str, info: MetricInfo, baseline: str) -> str:
-    """Name a response in words, such as ``the log ratio of mse to S-MPC``.
-
-    Parameters
-    ----------
-    kind : of the response, see `rmpc_bench.analysis.responses`
-    info : the metric
-    baseline : name of the baseline
-    """
-    name = name_of_distance(info)
-    if kind in (SHARE, SHARE_DIFFERENCE):
-        what = f"the share of runs in which {info.name} has no value"
-        return f"{what}, against {baseline}" if kind == SHARE_DIFFERENCE else what
-    words = {LOG_RATIO: f"the log ratio of {name}", DIFFERENCE: f"the difference of {name}", LOG: f"log {name}"}
-    return words.get(kind, name) + (f" to {baseline}" if kind in PAIRED else "")
 
 
 def gist(rows: Iterable[Row], baseline: str) -> str:
