@@ -204,7 +204,7 @@ class Screen:
             return []
         counts = [f"{row['n_lost']} ({row['method']})" for row in lost_runs(self.trials).to_dict("records")]
         rule = f"failed, or {info.words} above {self.trials.lost:g} times that of {self.trials.baseline}"
-        return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': tables/lost.md' * (len(counts) > MOST_NAMED)}"]
+        return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': lost.csv' * (len(counts) > MOST_NAMED)}"]
 
     def _failed(self, width: int) -> list[str]:
         """Say which method fails most, why, and how its first failed run is computed again."""
@@ -216,7 +216,8 @@ class Screen:
         table, _, run = next(each for each in found if each[1] == method)
         message = Counter(filter(None, (message_of(t, m, k) for t, m, k in found if m == method))).most_common(1)
         why = f", '{message[0][0]}'" if message else ""
-        more = f" (and {len(counts) - 1} more methods: failures/)" if len(counts) > 1 else ""
+        left = len(counts) - 1
+        more = f" (and {left} more method{'s' * (left > 1)}: failures/)" if left else ""
         text = f"failed: {method}, {n} run{'s' * (n > 1)}{why}{more}; the first again:"
         command = wrapped(show_command(table, self.page.parent, method, run), width - 3)
         return [cut(text, 2 * (width - 1)), *(f"{line} \\" for line in command[:-1]), command[-1]]

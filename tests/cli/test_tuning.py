@@ -337,7 +337,7 @@ def test_where_no_value_has_a_design_the_default_stays(tmp_path):
     path = write(tmp_path, methods=methods)
     assert cli("check", path).exit_code == 0
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
-    assert result.exit_code == 0 and "RS   estimator.theta 0.001 (default): nothing could be tuned" in result.stdout
+    assert result.exit_code == 0 and "tuned: RS nothing found; budget 6, 5 runs" in result.stdout
 
 
 def test_an_experiment_without_tuning_is_as_before(tmp_path):
