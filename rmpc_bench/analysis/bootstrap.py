@@ -60,10 +60,10 @@ def _corrected_tail(values: Array, confidence: float) -> float:
     from scipy import special
 
     n, found = len(values), skewness(values)
-    # Unbiased for a normal law, with its standard error there.
+    # Without the bias that it has for a normal law.
     found *= math.sqrt(n * (n - 1)) / (n - 2)
     if n >= FEW:
-        found += math.copysign(math.sqrt(6 * n * (n - 1) / ((n - 2) * (n + 1) * (n + 3))), found)
+        found += math.copysign(skewness_error(n), found)
     t = float(special.stdtrit(n - 1, (1 + confidence) / 2))
     return found * (1 + 2 * t * t) / (6 * math.sqrt(n)) * standard_error(values)
 
@@ -78,6 +78,11 @@ def skewness(values: Array) -> float:
         return 0.0
     # Rounded so that a value at the border is on the same side on every CPU.
     return round(float((deviations**3).mean()) / math.sqrt(square) ** 3, 9)
+
+
+def skewness_error(n: int) -> float:
+    """Return the standard error of the skewness of n normal values; inf for fewer than 3."""
+    return math.sqrt(6 * n * (n - 1) / ((n - 2) * (n + 1) * (n + 3))) if n > 2 else math.inf
 
 
 def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
