@@ -31,16 +31,6 @@ def mean_interval(values: Array, confidence: float, seed: int) -> Interval:
     side of the long tail.  From `FEW` values on it takes the skewness to be larger by its standard error: the mean of a
     skewed law is most often wrong where a sample has, by chance, less skewness.
 
-    Parameters
-    ----------
-    values : (n,) sample, such as log ratios
-    confidence : level, such as 0.95
-    seed : of the resamples
-
-    Returns
-    -------
-    low, high; NaN below two values or where one is not finite
-
     References
     ----------
     Hall, On the removal of skewness by transformation, J. R. Stat. Soc. B 54 (1992) 221.
@@ -89,12 +79,6 @@ def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     """Studentised bootstrap interval of a mean, from resamples of whole runs.
 
     Where too many resamples repeat one value, so that the ends of the interval would rest on them, it is Student's.
-
-    Parameters
-    ----------
-    values : (n,) finite sample with spread
-    confidence : level, such as 0.95
-    seed : of the resamples
 
     References
     ----------

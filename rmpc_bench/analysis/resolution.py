@@ -44,10 +44,6 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
     An average has no width while it has no printed interval, or while n runs have a skewness that with its standard
     error exceeds sqrt(n / `FEW`) (Cochran's rule).  Fewer than about `FEW` runs then make up its long tail, and the
     spread may be small by chance.
-
-    Parameters
-    ----------
-    trials : the table of an experiment
     """
     of, found = levels(trials), list[HalfWidth]()
     for point in trials.each:

@@ -27,15 +27,6 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     to contain the interval of the exact sign test with fewer than `FEW` untied runs, and where that test does not
     reject 1/2: fair coins are called unfair in 7.6 % of experiments with 26 runs by the Wilson interval at 95 %.
 
-    Parameters
-    ----------
-    won, lost, tied : runs
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN without runs
-
     References
     ----------
     Tango, Statistics in Medicine 17 (1998) 891: interval of the difference of paired proportions.
