@@ -23,17 +23,9 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     """Score interval of the probability of superiority.
 
     Its variance is that of the difference of the shares won and lost at each candidate value, with the share of ties
-    that is then most likely.  Without ties it is the Wilson interval.  With fewer than `FEW` untied runs it is widened
-    to contain the interval of the exact sign test.
-
-    Parameters
-    ----------
-    won, lost, tied : runs
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN without runs
+    that is then most likely.  Without ties it is the Wilson interval.  It is widened
+    to contain the interval of the exact sign test with fewer than `FEW` untied runs, and where that test does not
+    reject 1/2: fair coins are called unfair in 7.6 % of experiments with 26 runs by the Wilson interval at 95 %.
 
     References
     ----------
@@ -48,8 +40,8 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     if n == 0:
         return NONE
     low, high = _score_interval(won, lost, n, confidence)
-    if won + lost < FEW:
-        exact = mcnemar(won, lost, n, confidence)
+    exact = mcnemar(won, lost, n, confidence)
+    if won + lost < FEW or exact[0] <= 0 <= exact[1]:
         low, high = min(low, exact[0]), max(high, exact[1])
     return (1 + low) / 2, (1 + high) / 2
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench.analysis.bootstrap import FEWEST, mean_interval
-from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
+from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, wilson
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoValue, Value
@@ -199,7 +199,7 @@ def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, c
         a, b = (np.log(evaluator.value(argument).array) for argument in node.arguments)
         logs, value = evaluator.by_run(a - b), np.log(value)
         assert logs is not None
-        low, high = average_interval(logs, confidence, evaluator.trials.seed)
+        low, high = mean_interval(logs, confidence, evaluator.trials.seed)
     ends = [value + (np.asarray(end) - value) / math.sqrt(times) for end in (low, high)]
     return (ends[0], ends[1]) if parts is not None else (np.exp(ends[0]), np.exp(ends[1]))
 
@@ -207,13 +207,6 @@ def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, c
 def are_few_counts(*columns: Array) -> bool:
     """Whether fewer than 10 runs have the same whole number in all columns, which says nothing of their spread."""
     return all(len(each) < FEWEST and (each == np.rint(each[0])).all() for each in columns if each.ndim)
-
-
-def average_interval(values: Array, confidence: float, seed: int) -> Interval:
-    """Student interval of a mean, and where the values are skewed and few that of bootstrap-t, too."""
-    intervals = student(values, confidence), mean_interval(values, confidence, seed)
-    lows, highs = zip(*intervals, strict=True)
-    return min(lows), max(highs)
 
 
 def column(node: Node, evaluator: Evaluator) -> Array | None:

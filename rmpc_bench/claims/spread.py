@@ -14,20 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
+from rmpc_bench.analysis.bootstrap import mean_interval
 from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import (
-    UNBOUNDED,
-    are_few_counts,
-    at_ends,
-    average_interval,
-    column,
-    estimates,
-    level_spread,
-    unseen,
-)
+from rmpc_bench.claims.levels import UNBOUNDED, are_few_counts, at_ends, column, estimates, level_spread, unseen
 from rmpc_bench.claims.values import NoValue
 from rmpc_bench.types import Array
 
@@ -68,7 +60,7 @@ class StudentSpread:
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
         gaps = self.left - self.right + shift * self.tolerance
-        return average_interval(gaps, self.confidence, self.seed)
+        return mean_interval(gaps, self.confidence, self.seed)
 
     def ratio(self) -> Interval:
         """Fieller interval: it excludes a factor where the Student interval of left - factor * right excludes 0."""
