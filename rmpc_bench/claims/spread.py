@@ -18,7 +18,17 @@ from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantil
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import are_few_counts, at_ends, average_interval, column, estimates, level_spread, unseen
+from rmpc_bench.claims.levels import (
+    UNBOUNDED,
+    at_ends,
+    average_interval,
+    column,
+    estimates,
+    hides_values,
+    is_binary,
+    level_spread,
+    unseen,
+)
 from rmpc_bench.claims.values import NoValue
 from rmpc_bench.types import Array
 
@@ -32,7 +42,6 @@ _TOGETHER = 1_000_000
 _ALONG_RUNS = ("mean", "median", "std", "var", "min", "max", "quantile", "share", "ratio", "abs")
 MIN_RUNS = 10
 """Runs below which resampling gives no interval."""
-UNBOUNDED: Interval = (-math.inf, math.inf)
 
 
 class Spread(Protocol):
@@ -56,14 +65,19 @@ class StudentSpread:
     tolerance: Array
     confidence: float
     seed: int
+    hidden: bool | None = False
+    """Whether values hide what most runs do not show; None where that is bounded, as for shares."""
 
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
         gaps = self.left - self.right + shift * self.tolerance
-        return average_interval(gaps, self.confidence, self.seed)
+        scale = float(max(np.abs(self.left).max(), np.abs(self.right).max()))
+        return average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
 
     def ratio(self) -> Interval:
         """Fieller interval: it excludes a factor where the Student interval of left - factor * right excludes 0."""
+        if self.hidden:
+            return UNBOUNDED
         left, right = np.broadcast_arrays(self.left, self.right)
         return fieller(left, right, self.confidence)
 
@@ -157,7 +171,7 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     if beyond and (corners is None or corners.gap() == UNBOUNDED):
         return UNKNOWN
     if values is not None:
-        found: Spread = StudentSpread(*values, confidence, evaluator.trials.seed)
+        found: Spread = StudentSpread(*values, confidence, evaluator.trials.seed, hidden=None)
     else:
         means = _of_means(link, evaluator, confidence)
         found = means or _resampled(link, evaluator, confidence)
@@ -166,13 +180,17 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
             found = WiderSpread(means, _resampled(link, evaluator, confidence))
         smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
         found = found if smooth is None else WiderSpread(found, smooth)
+        low, high = found.gap()
+        if corners is None and link.left != link.right and low == high and math.isfinite(low):
+            # All runs have the same values: others may have others.
+            return UNKNOWN
     return found if corners is None else WiderSpread(found, corners)
 
 
 def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
     sides = [column(side, evaluator) for side in (link.left, link.right)]
     left, right = sides
-    if left is None or right is None or not (left.ndim or right.ndim) or are_few_counts(left, right):
+    if left is None or right is None or not (left.ndim or right.ndim):
         return None
     tolerance: Array | None = np.array(0.0)
     if link.tolerance is not None:
@@ -181,7 +199,10 @@ def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> Stude
             tolerance = tolerance * right * np.sign(right.mean())
     if tolerance is None or not all(np.isfinite(part).all() for part in (left, right, tolerance)):
         return None
-    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed)
+    means = [call for call in tree.calls(link) if call.function == "mean"]
+    bounded = all(is_binary(evaluator.value(call.arguments[0]).array) for call in means)
+    hidden = None if bounded or link.left == link.right else hides_values(left, right)
+    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed, hidden)
 
 
 def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
@@ -194,7 +215,7 @@ def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) 
         return None
     if values is None or not all(np.isfinite(part).all() for part in values):
         return None
-    return StudentSpread(*values, confidence, evaluator.trials.seed)
+    return StudentSpread(*values, confidence, evaluator.trials.seed, hides_values(values.left, values.right))
 
 
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:

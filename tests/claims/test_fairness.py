@@ -29,7 +29,8 @@ SHIFTS = {"base": 0.0, "near": 0.002, "same": -0.002, "off": 0.03, "far": 0.3, "
 def trials(make_trials):
     """Methods whose paired difference from the baseline has a known mean and a standard error of about 0.006."""
     rows = [("base", "P", "", k, 0, 58.2449) for k in range(3)]
-    return make_trials({"mse": {name: BASE + shift + (shift != 0) * NOISE for name, shift in SHIFTS.items()}}, rows)
+    columns = {name: BASE + shift + (shift != 0) * NOISE * (1 + shift / 1e3) for name, shift in SHIFTS.items()}
+    return make_trials({"mse": columns}, rows)
 
 
 def mean(method):
@@ -80,7 +81,7 @@ def test_intervals_decide_both_ways(trials, check, holds):
 
 def test_equivalence_is_that_of_the_interval(trials):
     """Oracle: scipy's paired interval inside the tolerance, which is also the smallest margin that is printed."""
-    low, high = stats.ttest_rel(BASE + 0.002 + NOISE, BASE).confidence_interval(0.95)
+    low, high = stats.ttest_rel(BASE + 0.002 + NOISE * (1 + 2e-6), BASE).confidence_interval(0.95)
     smallest = max(abs(low), abs(high))
     for margin, holds in ((smallest * 1.001, True), (smallest * 0.999, None)):
         [comparison] = judged(trials, f"{mean('near')} ~ {mean('base')} +- {margin:.12f}").comparisons
@@ -135,16 +136,17 @@ def test_undecided_names_the_runs_that_would_decide(make_trials):
     """With so many copies of the runs the interval excludes 0, with three quarters of them it does not."""
     gap = RNG.normal(0.0, 1.0, 40)
     gap += 0.2 - gap.mean()
+    flat = np.cumsum(np.full(40, 1e-6))
 
     def comparison(times):
-        columns = {"A": [*np.tile(gap, times)], "B": [0.0] * 40 * times}
+        columns = {"A": [*np.tile(gap, times)], "B": [*np.tile(flat, times)]}
         return judged(make_trials({"d": columns}), "mean(d[A]) > mean(d[B])").comparisons[0]
 
     first = comparison(1)
     assert first.holds is None and first.n_deciding > 40
     times = math.ceil(first.n_deciding / 40)
     assert comparison(times + 1).holds is True and comparison(max(1, 3 * times // 4)).holds is None
-    text = written(judged(make_trials({"d": {"A": gap, "B": gap * 0}}), "mean(d[A]) > mean(d[B])"))
+    text = written(judged(make_trials({"d": {"A": gap, "B": flat}}), "mean(d[A]) > mean(d[B])"))
     assert any(f"about {first.n_deciding:,} runs would decide" in line for line in text)
 
 
@@ -208,7 +210,12 @@ def test_a_can_gives_its_count(trials):
     )
 
 
-LITTLE = {"base": BASE, "little": BASE * 1.0035, "more": BASE * 1.03, "edge": BASE * (1.0095 + NOISE / 20)}
+LITTLE = {
+    "base": BASE,
+    "little": BASE * (1.0035 + NOISE / 1e3),
+    "more": BASE * (1.03 + NOISE / 1e3),
+    "edge": BASE * (1.0095 + NOISE / 20),
+}
 """Changes by 0.35 %, 3 % and 0.95 %, the last one with an interval that reaches beyond 1 %."""
 
 
@@ -244,7 +251,9 @@ def test_a_direction_below_the_margin_of_relevance(make_trials, check, below):
 
 def test_the_margin_of_relevance_is_that_of_the_metric(make_trials):
     """A share of its own, or a number in the unit of a signed metric, for which none is given by default."""
-    trials = make_trials({"mse": LITTLE, "bias": {"base": NOISE, "little": NOISE + 0.02, "more": NOISE, "edge": NOISE}})
+    trials = make_trials(
+        {"mse": LITTLE, "bias": {"base": NOISE, "little": NOISE * 1.001 + 0.02, "more": NOISE, "edge": NOISE}}
+    )
     own = replace(trials, margins={"mse": 0.002, "bias": 0.05})
     check, signed = "mean(mse[little]) > mean(mse[base])", "mean(bias[little]) > mean(bias[base])"
     assert [judged(trials, each).words for each in (check, signed)] == [
