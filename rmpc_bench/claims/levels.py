@@ -25,6 +25,7 @@ from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operand, Ope
 from rmpc_bench.types import Array
 
 ORDER = ("median", "quantile", "min", "max")
+_FEW_HITS = 10
 _MOST = 6
 """Largest number of estimates whose ends are combined."""
 Ends = tuple[Array, Array]
@@ -62,8 +63,12 @@ def level_spread(link: tree.Link, evaluator: Evaluator, confidence: float, times
 
 
 def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Node, Ends]:
-    """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a share of 0 or 1."""
+    """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a rare event.
+
+    The difference of two shares has an interval that knows rare events, unless they did not occur.
+    """
     found: dict[Node, Ends] = {}
+    of_shares = all(isinstance(side, Call) for side in (link.left, link.right))
     for call in estimates(link, evaluator):
         if not isinstance(call, Call) or call.function == "ratio":
             continue
@@ -71,7 +76,7 @@ def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Nod
         low, high = _ends(call, evaluator, confidence)
         if call.function in ORDER:
             low, high = (np.where(np.isinf(end), end, value) for end in (low, high))
-        elif 0 < value < 1:
+        elif _FEW_HITS <= len(evaluator.runs) * min(value, 1 - value) or (of_shares and 0 < value < 1):
             continue
         if (low != value).any() or (high != value).any():
             found[call] = (low, high)
