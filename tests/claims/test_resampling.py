@@ -63,3 +63,24 @@ def test_an_event_that_occurs_in_few_of_many_runs(make_trials, monkeypatch):
     monkeypatch.setattr(spread, "MOST_DRAWN", 100)
     trials = make_trials({"mse": {"A": np.r_[np.full(250, 1.0), np.full(50, np.inf)], "B": np.full(300, np.inf)}})
     assert interval(trials, "median(mse[A]) < median(mse[B])") == (-math.inf, -math.inf)
+
+
+def test_the_best_of_several_is_favoured_by_chance(make_trials):
+    """Three means: their intervals hold together, that of their minimum from the smallest end to the smallest end."""
+    values = 10 + np.random.default_rng(5).normal(size=(3, 20))
+    trials = make_trials({"mse": dict(zip("ABC", values, strict=True))})
+    reach = stats.t.ppf(1 - 0.025 / 3, 19) * stats.sem(values, axis=1)
+    lows, highs = values.mean(axis=1) - reach, values.mean(axis=1) + reach
+    means = "[mean(mse[A]), mean(mse[B]), mean(mse[C])]"
+    expected = lows.min() - 9, highs.min() - 9
+    assert interval(trials, f"min({means}) < 9") == pytest.approx(expected)
+    expected = lows.max() - highs.min(), highs.max() - lows.min()
+    assert interval(trials, f"max({means}) > min({means})") == pytest.approx(expected)
+
+
+def test_a_part_of_a_rare_share(make_trials):
+    """Fewer than ten hits: the exact intervals of both shares, whose corners bound the difference."""
+    trials = make_trials({"mse": {"A": [9.0] * 1 + [1.0] * 59, "B": [1.0] * 50 + [9.0] * 10}})
+    low, high = interval(trials, "share(mse[A] > 5) < 0.5 * share(mse[B] > 5)")
+    end = stats.binomtest(1, 60).proportion_ci(0.95).high
+    assert high >= end - 0.5 * 10 / 60 and low < 0
