@@ -51,15 +51,9 @@ COLUMNS = [field.name for field in fields(LostRuns)]
 
 
 def lost_runs(trials: Trials) -> pd.DataFrame:
-    """Count the lost runs of every method.
+    """Count the lost runs of every method at one point, whose baseline need not be shown: rows of `LostRuns`.
 
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point; the baseline need not be among its methods
-
-    Returns
-    -------
-    one row per method with the fields of `LostRuns` as columns; empty where no factor is given
+    Empty where no factor is given.
     """
     info, factor = trials.primary_info, trials.lost
     if info is None or factor is None:

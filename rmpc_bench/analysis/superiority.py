@@ -47,24 +47,12 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
 
 
 def shares_interval(first_only: int, second_only: int, n: int, confidence: float) -> Interval:
-    """Interval of the difference of two paired shares, such as of failed runs.
+    """Interval of the difference of two paired shares, such as of failed runs; NaN without runs.
 
     It is the score interval of `superiority_interval`, widened to contain 0 where the exact McNemar test does not
     reject equal shares.  The exact interval itself, which takes the number of runs in which only one of the two failed
     as given, does not cover the difference: if only one method fails, it ends at the observed share.
 
-    Parameters
-    ----------
-    first_only, second_only : runs in which one of the two failed, the other not
-    n : runs of both
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high of share(first) - share(second); NaN without runs
-
-    Examples
-    --------
     >>> [round(end, 3) for end in shares_interval(6, 0, 200, 0.95)]
     [0.011, 0.064]
     """

@@ -114,17 +114,7 @@ class _AtPoint:
 
 
 def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
-    """Compute the finding of a claim.
-
-    Parameters
-    ----------
-    claim : the claim
-    trials : the table of trials
-
-    Returns
-    -------
-    the verdict; a claim that cannot be evaluated is inconclusive, with the reason
-    """
+    """Compute the finding of a claim; one that cannot be evaluated is inconclusive, with the reason."""
     at = claim.at or ({},)
     hedged = claim.holds_for is not HoldsFor.ALL
     n_cases = len(at) * len(claim.check)
