@@ -6,8 +6,10 @@ import re
 import shutil
 import subprocess
 import sys
+from copy import copy
 
 import pytest
+from matplotlib.font_manager import FontManager, fontManager, json_dump
 from pypdf import PdfReader
 
 from rmpc_bench.execution.evaluation import figure
@@ -87,6 +89,21 @@ def test_svg(make_trials, tmp_path):
     assert ">S-MPC</text>" in svg and ">=10</tspan>" in svg
     assert "font-size: 8px; font-family: 'DejaVu Sans', 'Verdana', 'Geneva', sans-serif" in svg
     assert {*re.findall(r"font-size: ([\d.]+)px", svg)} == {"8", "5.6"}
+
+
+def test_a_list_of_fonts_without_those_of_matplotlib(tmp_path):
+    """The list that all processes of a user share may be damaged: the figure has the same bytes."""
+    damaged = copy(fontManager)
+    damaged.ttflist = [each for each in fontManager.ttflist if each.fname.endswith("DejaVuSans.ttf")]
+    found = []
+    for place, fonts_of in (("whole", fontManager), ("damaged", damaged)):
+        (tmp_path / place).mkdir()
+        json_dump(fonts_of, tmp_path / place / f"fontlist-v{FontManager.__version__}.json")
+        environment = {**os.environ, "MPLCONFIGDIR": str(tmp_path / place)}
+        arguments = [sys.executable, "-c", SCRIPT, str(tmp_path / place)]
+        subprocess.run(arguments, env=environment, check=True, timeout=120)
+        found.append((tmp_path / place / "a.svg").read_bytes())
+    assert found[0] == found[1]
 
 
 def test_svg_without_changes():
