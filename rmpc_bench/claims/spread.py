@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile
+from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
@@ -75,7 +76,14 @@ class StudentSpread:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
         gaps = self.left - self.right + shift * self.tolerance
         scale = float(max(np.abs(self.left).max(), np.abs(self.right).max()))
-        return average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
+        found = average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
+        if self.hidden is None and is_binary(self.left) and is_binary(self.right):
+            # Pairs that differ may be rare, or not seen at all.
+            one, other = (int((self.left > self.right).sum()), int((self.left < self.right).sum()))
+            moved = shift * float(self.tolerance.mean())
+            low, high = shares_interval(one, other, len(self.left), self.confidence)
+            found = _hull(found, (low + moved, high + moved))
+        return found
 
     def ratio(self) -> Interval:
         """Fieller interval: it excludes a factor where the Student interval of left - factor * right excludes 0."""

@@ -73,6 +73,8 @@ def few_valued(n, seeds):
         "level": 0.1 + 0.001 * rng.normal(size=size),
         "base": base,
     }
+    coin = rng.random(size) < 0.3
+    columns |= {"coin": coin.astype(float), "raised": (coin | (rng.random(size) < 0.021 / 0.7)).astype(float)}
     return of_columns(columns)
 
 
@@ -88,6 +90,9 @@ FEW_VALUED = [
     "median(x[tripled]) <= median(x[base])",
     "mean(100 * x[rare]) < 5",
     "mean(x[rare]) < 0.05",
+    "mean(x[raised]) ~ mean(x[coin]) +- 0.021",
+    "share(x[raised] > 0.5) - share(x[coin] > 0.5) < 0.021",
+    "mean(x[raised]) <= mean(x[coin])",
     "mean(x[skew]) < mean(x[base])",
     "mean(x[inflated]) < 0.1",
     "mean(x[inflated]) < mean(x[level])",

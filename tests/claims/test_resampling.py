@@ -84,3 +84,16 @@ def test_a_part_of_a_rare_share(make_trials):
     low, high = interval(trials, "share(mse[A] > 5) < 0.5 * share(mse[B] > 5)")
     end = stats.binomtest(1, 60).proportion_ci(0.95).high
     assert high >= end - 0.5 * 10 / 60 and low < 0
+
+
+@pytest.mark.parametrize(("n", "holds"), [(100, "inconclusive"), (200, "confirmed")])
+def test_equal_shares(make_trials, n, holds):
+    """No pair differs: each side has at most the share of an event that did not occur; zeros alone are no share."""
+    hits = [1.0] * (n // 4) + [0.0] * (3 * n // 4)
+    trials = make_trials({"mse": {"A": hits, "B": hits, "C": [0.0] * n, "D": [0.0] * n}})
+    low, high = interval(trials, "mean(mse[A]) ~ mean(mse[B]) +- 0.02")
+    z = stats.norm.ppf(0.975)
+    assert (low, high) == pytest.approx((-z * z / (n + z * z), z * z / (n + z * z)), rel=1e-6)
+    claim = Claim("s", "Fig. 7", ("mean(mse[A]) ~ mean(mse[B]) +- 0.02",), finding=Finding.CONFIRMED)
+    assert judge(claim, trials).finding.value == holds
+    assert interval(trials, "mean(mse[C]) ~ mean(mse[D]) +- 0.02") == (-math.inf, math.inf)
