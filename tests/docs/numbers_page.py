@@ -38,7 +38,7 @@ CAUSES = {
     "belda2017/exp2": f"A statement that no interpretation confirms is not confirmed. {EVERY_RUN} {FEW_VALUES}",
     "belda2017/windows": f"{EVERY_RUN} {FEW_VALUES}",
     "ma2025/certificate": f"{EVERY_RUN} {FEW_VALUES}",
-    **dict.fromkeys(("servo-constrained/horizon", "servo-constrained/penalty"), f"{EVERY_RUN} {FEW_VALUES}"),
+    "servo-constrained/penalty": f"{EVERY_RUN} {FEW_VALUES}",
     "belda2017/correlation": FEW_VALUES,
     "souto2011/benchmarks": f"{FEW_VALUES} {UNDECIDED}",
     "souto2011/comparison": UNDECIDED,
