@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, wilson
+from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.claims import tree
@@ -199,7 +199,7 @@ def _ends(node: Call | Operation, evaluator: Evaluator, confidence: float, times
 def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, confidence: float, times: float) -> Ends:
     parts = _quotient(node, evaluator)
     if parts is not None:
-        low, high = UNBOUNDED if hides_values(*parts) else fieller(*parts, confidence)
+        low, high = UNBOUNDED if hides_values(*parts) else ratio_interval(*parts, confidence, evaluator.trials.seed)
     else:
         assert isinstance(node, Call)
         a, b = (np.log(evaluator.value(argument).array) for argument in node.arguments)
@@ -208,6 +208,18 @@ def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, c
         low, high = average_interval(logs, confidence, evaluator.trials.seed, scale=1.0)
     ends = [value + (np.asarray(end) - value) / math.sqrt(times) for end in (low, high)]
     return (ends[0], ends[1]) if parts is not None else (np.exp(ends[0]), np.exp(ends[1]))
+
+
+def ratio_interval(a: Array, b: Array, confidence: float, seed: int) -> Interval:
+    """Fieller interval of mean(a) / mean(b), as much longer as that of the mean of a - c b is where it is skewed."""
+    low, high = fieller(a, b, confidence)
+    centre = float(b.mean())
+    if not (np.isfinite([low, high]).all() and centre):
+        return low, high
+    gaps = a - float(a.mean()) / centre * b
+    plain, longer = student(gaps, confidence), mean_interval(gaps, confidence, seed)
+    more = sorted((end - other) / centre for end, other in zip(longer, plain, strict=True))
+    return low + more[0], high + more[1]
 
 
 def hides_values(left: Array, right: Array) -> bool:

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile
+from rmpc_bench.analysis.intervals import Interval, difference, quantile
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
@@ -30,6 +30,7 @@ from rmpc_bench.claims.levels import (
     hides_values,
     is_binary,
     level_spread,
+    ratio_interval,
     unseen,
 )
 from rmpc_bench.claims.values import NoValue, Value
@@ -90,7 +91,7 @@ class StudentSpread:
         if self.hidden:
             return UNBOUNDED
         left, right = np.broadcast_arrays(self.left, self.right)
-        return fieller(left, right, self.confidence)
+        return ratio_interval(left, right, self.confidence, self.seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,15 +205,16 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
 
 
 def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
-    """Spread where the smallest, largest or middle one of several estimates is taken; None where none is.
+    """Spread where one of several estimates, or the absolute value of one, is taken; None where none is.
 
-    The estimates have simultaneous intervals, as the one that is taken is the one that chance favours.
+    The estimates have simultaneous intervals, as the one that is taken is the one that chance favours.  Resamples of an
+    absolute value lie beside 0 even where the estimate itself may be 0.
     """
     calls = [call for call in tree.calls(link) if _takes_one(call, evaluator)]
     if not calls:
         return None
     whole = [node for side in tree.children(link) for node in _without(side, calls)]
-    items = [item for call in calls for item in tree.children(call.arguments[0])]
+    items = [item for call in calls for item in _items(call)]
     parts = dict.fromkeys(node for node in (*items, *whole) if evaluator.is_estimated(node))
     level = 1 - (1 - confidence) / len(parts)
     ends: dict[Node, Ends] = {}
@@ -225,13 +227,26 @@ def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> 
     # The functions grow with every item.
     at_items = [evaluator.with_values({item: Value(ends[item][i]) for item in items if item in ends}) for i in (0, 1)]
     found: dict[Node, Ends] = {call: (at_items[0].value(call).array, at_items[1].value(call).array) for call in calls}
+    found |= {call: _folded(*found[call], *ends[call.arguments[0]]) for call in calls if call.function == "abs"}
     return at_ends(link, evaluator, found | {node: ends[node] for node in whole if node in ends}) or UNKNOWN
 
 
 def _takes_one(call: Call, evaluator: Evaluator) -> bool:
-    """Whether a call takes one of several numbers that are estimated."""
-    items = call.arguments[0]
-    return call.function in ORDER and isinstance(items, tree.Listing) and evaluator.is_estimated(items)
+    """Whether a call takes one of several numbers that are estimated, or the absolute value of one."""
+    first = call.arguments[0]
+    if not evaluator.is_estimated(first):
+        return False
+    of_one = call.function == "abs" and not isinstance(first, tree.Listing) and not evaluator.value(first).array.ndim
+    return of_one or (call.function in ORDER and isinstance(first, tree.Listing))
+
+
+def _items(call: Call) -> tuple[Node, ...]:
+    return (call.arguments[0],) if call.function == "abs" else tuple(tree.children(call.arguments[0]))
+
+
+def _folded(one: Array, other: Array, low: Array, high: Array) -> Ends:
+    """Ends of an absolute value from those of the number and their absolute values."""
+    return (np.zeros(()) if low <= 0 <= high else np.minimum(one, other)), np.maximum(one, other)
 
 
 def _without(node: Node, calls: list[Call]) -> list[Node]:
@@ -279,7 +294,12 @@ def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) 
         return None
     if values is None or not all(np.isfinite(part).all() for part in values):
         return None
-    return StudentSpread(*values, confidence, evaluator.trials.seed, hides_values(values.left, values.right))
+    # A number has no law of its own, although it repeats.
+    sides = [
+        each if evaluator.is_estimated(side) else each[0]
+        for side, each in zip((link.left, link.right), values, strict=False)
+    ]
+    return StudentSpread(*values, confidence, evaluator.trials.seed, hides_values(*sides))
 
 
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:

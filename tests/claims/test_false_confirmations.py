@@ -134,6 +134,9 @@ PAIRED = [
     "mean(x[A]) / mean(x[B]) < 1",
     "100 * mean(x[A]) / mean(x[B]) - 100 > 0",
     "std(x[A]) < std(x[B])",
+    "abs(median(x[A]) - median(x[B])) > 0",
+    "abs(mean(x[A]) / mean(x[B]) - 1) > 1e-5",
+    "abs(share(x[A] < 1) - share(x[B] < 1)) > 0",
 ]
 """Those of several estimates, most of which are drawn again."""
 OFTEN = [*SINGLE[::3], *PAIRED[1::3]]

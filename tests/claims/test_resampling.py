@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rmpc_bench.analysis.bootstrap import mean_interval
 from rmpc_bench.claims import spread
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.verdict import judge
@@ -97,3 +98,28 @@ def test_equal_shares(make_trials, n, holds):
     claim = Claim("s", "Fig. 7", ("mean(mse[A]) ~ mean(mse[B]) +- 0.02",), finding=Finding.CONFIRMED)
     assert judge(claim, trials).finding.value == holds
     assert interval(trials, "mean(mse[C]) ~ mean(mse[D]) +- 0.02") == (-math.inf, math.inf)
+
+
+def test_an_absolute_value_and_a_smooth_function_beside_a_number(make_trials):
+    """The interval of |d| is folded at 0, that of d; a number repeats without hiding anything."""
+    a, b = np.random.default_rng(10).normal(3, 1, (2, 60))
+    trials = make_trials({"mse": {"A": a, "B": b, "C": b + 2}})
+    low, high = stats.ttest_rel(a, b).confidence_interval(0.95)
+    assert low < 0 < high
+    assert interval(trials, "abs(mean(mse[A]) - mean(mse[B])) < 0.1") == pytest.approx((-0.1, max(-low, high) - 0.1))
+    ends = stats.ttest_rel(a, b + 2).confidence_interval(0.95)
+    found = interval(trials, "abs(mean(mse[A]) - mean(mse[C])) > 1")
+    assert found == pytest.approx((-ends.high - 1, -ends.low - 1))
+    low, high = interval(trials, "std(mse[A]) < 2")
+    assert -2 < low < np.std(a, ddof=1) - 2 < high < 0
+
+
+def test_a_ratio_of_skewed_means(make_trials):
+    """Beside a divisor that hardly varies it is the interval of the mean above it, longer tail included."""
+    a = np.exp(np.random.default_rng(9).normal(size=40))
+    trials = make_trials({"mse": {"A": a, "B": 5 + 1e-6 * np.sin(np.arange(40))}})
+    low, high = mean_interval(a, 0.95, 7)
+    plain = stats.ttest_1samp(a, 0).confidence_interval(0.95)
+    found = interval(trials, "mean(mse[A]) / mean(mse[B]) < 1")
+    assert found[1] > plain.high / 5 - 1 + 1e-3
+    assert found == pytest.approx((low / 5 - 1, high / 5 - 1), abs=0.01)
