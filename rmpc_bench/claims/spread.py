@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference, quantile
+from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
@@ -72,17 +73,21 @@ class StudentSpread:
     seed: int
     hidden: bool | None = False
     """Whether values hide what most runs do not show; None where that is bounded, as for shares."""
+    is_share: bool = False
+    """Whether the difference is a share, or that of two of them: -1, 0 or 1 in every run, apart from numbers."""
 
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
         gaps = self.left - self.right + shift * self.tolerance
         scale = float(max(np.abs(self.left).max(), np.abs(self.right).max()))
         found = average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
-        if self.hidden is None and is_binary(self.left) and is_binary(self.right):
+        if self.is_share:
             # Pairs that differ may be rare, or not seen at all.
-            one, other = (int((self.left > self.right).sum()), int((self.left < self.right).sum()))
-            moved = shift * float(self.tolerance.mean())
-            low, high = shares_interval(one, other, len(self.left), self.confidence)
+            columns = [side if side.ndim else np.zeros(()) for side in (self.left, self.right)]
+            apart, constant = columns[0] - columns[1], (self.left - columns[0]) - (self.right - columns[1])
+            moved = float((constant + shift * self.tolerance).mean())
+            one, other = int((apart > 0).sum()), int((apart < 0).sum())
+            low, high = shares_interval(one, other, len(apart), self.confidence)
             found = _hull(found, (low + moved, high + moved))
         return found
 
@@ -198,7 +203,8 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
         smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
         found = found if smooth is None else WiderSpread(found, smooth)
         low, high = found.gap()
-        if corners is None and link.left != link.right and low == high and math.isfinite(low):
+        size = NEGLIGIBLE * float(max(np.abs(evaluator.value(side).array).max() for side in (link.left, link.right)))
+        if corners is None and link.left != link.right and high - low <= size and math.isfinite(low):
             # All runs have the same values: others may have others.
             return UNKNOWN
     return found if corners is None else WiderSpread(found, corners)
@@ -216,7 +222,8 @@ def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> 
     whole = [node for side in tree.children(link) for node in _without(side, calls)]
     items = [item for call in calls for item in _items(call)]
     parts = dict.fromkeys(node for node in (*items, *whole) if evaluator.is_estimated(node))
-    level = 1 - (1 - confidence) / len(parts)
+    # An absolute value is large on either side.
+    level = 1 - (1 - confidence) / (len(parts) + sum(call.function == "abs" for call in calls))
     ends: dict[Node, Ends] = {}
     for node in parts:
         if evaluator.value(node).array.ndim:
@@ -273,7 +280,9 @@ def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> Stude
     means = [call for call in tree.calls(link) if call.function == "mean"]
     bounded = all(is_binary(evaluator.value(call.arguments[0]).array) for call in means)
     hidden = None if bounded or link.left == link.right else hides_values(left, right)
-    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed, hidden)
+    apart = (left if left.ndim else 0.0) - (right if right.ndim else 0.0)
+    is_share = bounded and bool(np.isin(apart, (-1, 0, 1)).all())
+    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed, hidden, is_share)
 
 
 def _hides_in_means(link: tree.Link, evaluator: Evaluator) -> bool:

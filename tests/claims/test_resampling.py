@@ -101,13 +101,13 @@ def test_equal_shares(make_trials, n, holds):
 
 
 def test_an_absolute_value_and_a_smooth_function_beside_a_number(make_trials):
-    """The interval of |d| is folded at 0, that of d; a number repeats without hiding anything."""
+    """The interval of d for two sides, folded at 0; a number repeats without hiding anything."""
     a, b = np.random.default_rng(10).normal(3, 1, (2, 60))
     trials = make_trials({"mse": {"A": a, "B": b, "C": b + 2}})
-    low, high = stats.ttest_rel(a, b).confidence_interval(0.95)
+    low, high = stats.ttest_rel(a, b).confidence_interval(0.975)
     assert low < 0 < high
     assert interval(trials, "abs(mean(mse[A]) - mean(mse[B])) < 0.1") == pytest.approx((-0.1, max(-low, high) - 0.1))
-    ends = stats.ttest_rel(a, b + 2).confidence_interval(0.95)
+    ends = stats.ttest_rel(a, b + 2).confidence_interval(0.975)
     found = interval(trials, "abs(mean(mse[A]) - mean(mse[C])) > 1")
     assert found == pytest.approx((-ends.high - 1, -ends.low - 1))
     low, high = interval(trials, "std(mse[A]) < 2")
