@@ -195,8 +195,10 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
             counted = pairs.counted(worst_finished(trials, info))
             of_counted = _intervals(trials, _averages(trials, counted), level)
             failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
-        word = verdict(_evidence(pairs, intervals, scores, level), failures)
-        planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
+        evidence = _evidence(pairs, intervals, scores, level)
+        word = verdict(evidence, failures)
+        if word == Verdict.FAILS_MORE or word == verdict(evidence):
+            planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
         planning |= _far_worse_columns(pairs, trials.lost or FACTOR)
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(

@@ -46,8 +46,7 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
     """Write a verdict in words, with the numbers that it needs, such as "equivalent (within 1 %)"."""
     word = str(row["verdict"])
     if word == Verdict.FAILS_MORE:
-        alone = row["failed_only"]
-        return f"fails more (alone in {alone} runs, {row['baseline']} alone in {row['baseline_failed_only']})"
+        return f"fails more ({_failed_alone(row)})"
     if word == Verdict.EQUIVALENT:
         return f"equivalent (within {margin})"
     if word == Verdict.INCONCLUSIVE:
@@ -88,7 +87,7 @@ def far_worse_bound(rows: Iterable[Mapping[str, Any]], trials: Trials, info: Met
 
 
 def _inconclusive(row: Mapping[str, Any]) -> str:
-    """Name about how many runs would decide, for each word."""
+    """Name about how many runs would decide, for each word; none where it is the failed runs that leave it open."""
     import pandas as pd
 
     numbers = [
@@ -96,7 +95,15 @@ def _inconclusive(row: Mapping[str, Any]) -> str:
         (row["runs_for_equivalence"], "equivalent"),
     ]
     known = [f"{about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
-    return f"inconclusive (runs needed: {', '.join(known)})" if known else "inconclusive"
+    if known:
+        return f"inconclusive (runs needed: {', '.join(known)})"
+    has_failures = row["failed_only"] != row["baseline_failed_only"]
+    return f"inconclusive (failures could change it: {_failed_alone(row)})" if has_failures else "inconclusive"
+
+
+def _failed_alone(row: Mapping[str, Any]) -> str:
+    """Name the runs in which one of the two failed and the other did not."""
+    return f"alone in {row['failed_only']} runs, {row['baseline']} alone in {row['baseline_failed_only']}"
 
 
 def about(runs: float) -> str:

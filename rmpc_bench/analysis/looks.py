@@ -50,20 +50,10 @@ def planned_level(confidence: float, n_looks: int) -> float:
 def next_width_look(n: int, half_width: float, resolve: float, every: int, max_runs: int) -> int:
     """Return the number of runs of the next look at the width of intervals.
 
-    The width falls with the root of the number of runs.  The next look is half way to the number that would resolve,
-    in whole steps, so that no look is wasted on intervals that are certainly too wide; it is at most twice the number
+    The width falls with the root of the number of runs.  The next look is half way to the number that would resolve, in
+    steps of `every`, so that no look is wasted on intervals that are certainly too wide; it is at most twice the number
     now, as few runs predict badly.
 
-    Parameters
-    ----------
-    n : number of runs now
-    half_width : relative half width of the widest interval, above `resolve`; may be inf
-    resolve : half width that is asked for
-    every : smallest step
-    max_runs : largest number of runs
-
-    Examples
-    --------
     >>> next_width_look(100, 0.03, 0.02, 50, 2000), next_width_look(100, 0.021, 0.02, 50, 2000)
     (150, 150)
     >>> next_width_look(400, 0.05, 0.02, 50, 10_000), next_width_look(400, 0.05, 0.02, 50, 700)
@@ -88,13 +78,6 @@ def unplanned_level(confidence: float, look: int) -> float:
 def number_of_look(earlier: Sequence[int], n_runs: int) -> int:
     """Return the number of a look, the first being 1; a number of runs that was looked at keeps its number.
 
-    Parameters
-    ----------
-    earlier : numbers of runs at which verdicts were published, in this order
-    n_runs : number of runs now
-
-    Examples
-    --------
     >>> number_of_look([], 200), number_of_look([200], 200), number_of_look([200], 400)
     (1, 1, 2)
     """

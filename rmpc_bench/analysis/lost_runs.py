@@ -51,10 +51,9 @@ COLUMNS = [field.name for field in fields(LostRuns)]
 
 
 def lost_runs(trials: Trials) -> pd.DataFrame:
-    """Count the lost runs of every method.
+    """Count the lost runs of every method at one point, whose baseline need not be shown: rows of `LostRuns`.
 
-    One row per method with the fields of `LostRuns` as columns; none without a factor.  The baseline need not be
-    among the methods of the table, which is that of one point.
+    Empty where no factor is given.
     """
     info, factor = trials.primary_info, trials.lost
     if info is None or factor is None:

@@ -55,11 +55,7 @@ def normalised_squares(e: Array, P: Array, size: Array | float = 1.0) -> Normali
 def average_of_moments(mean: Array, second: Array, P: Array) -> NormalisedSquares:
     """Compute the average of e' P^+ e over runs with a common P, from moments: trace(P^+ (S + m m')).
 
-    Parameters
-    ----------
-    mean : (samples, n) mean m of the errors
-    second : (samples, n, n) their mean square deviation S (over the number of runs, not one less)
-    P : (samples, n, n) covariances
+    S is the mean square deviation of the errors over the number of runs, not one less.
     """
     std, lam, U = _correlation(P)
     certain = std == 0.0
@@ -78,13 +74,7 @@ def average_of_moments(mean: Array, second: Array, P: Array) -> NormalisedSquare
 
 
 def chi_square_band(freedom: Array, level: float) -> tuple[Array, Array]:
-    """Return the ends of the central band of chi-square, divided by its degrees of freedom.
-
-    Parameters
-    ----------
-    freedom : (...) degrees of freedom; NaN is returned where there are none
-    level : probability of the band, such as 0.95
-    """
+    """Return the ends of the central band of chi-square over its degrees of freedom; NaN where there are none."""
     from scipy.special import gammainccinv, gammaincinv
 
     half = np.where(np.asarray(freedom) > 0, np.asarray(freedom, dtype=float) / 2, np.nan)

@@ -25,18 +25,8 @@ _PLAIN = (-4, 6)
 
 
 def decimals(uncertainty: float) -> int:
-    """Count the decimal places that show an uncertainty with two digits.
+    """Count the decimal places that show an uncertainty with two digits: 0 to 12, and 3 where it is 0 or unknown.
 
-    Parameters
-    ----------
-    uncertainty : half the width of an interval, or a spread
-
-    Returns
-    -------
-    places, between 0 and 12; 3 where the uncertainty is 0 or unknown
-
-    Examples
-    --------
     >>> decimals(0.0123), decimals(4.5), decimals(160.0)
     (3, 1, 0)
     """
@@ -48,18 +38,9 @@ def decimals(uncertainty: float) -> int:
 def with_error(value: float, se: float) -> str:
     """Write a value with no more digits than its standard error supports.
 
-    Parameters
-    ----------
-    value : the number
-    se : its standard error, in the same unit
+    The bracket is the error of the last digits: two of them up to 35, else one.  An error that is 0, rounding or
+    unknown leaves four digits without a bracket; NaN is "-".
 
-    Returns
-    -------
-    such as "0.1186(15)", the bracket being the error of the last digits: two of them up to 35, else one; inf is
-    "inf", NaN is "-", and an error that is 0, rounding or unknown leaves four digits without a bracket
-
-    Examples
-    --------
     >>> with_error(0.11861, 0.00149), with_error(2.0, 0.0)
     ('0.1186(15)', '2')
     """
@@ -81,19 +62,8 @@ def with_error(value: float, se: float) -> str:
 
 
 def median_text(median: float, low: float, high: float, n: int) -> str:
-    """Write a median and its quartiles.
+    """Write a median of n values and its quartiles, of which the upper ones may be inf; "-" where there is none.
 
-    Parameters
-    ----------
-    median, low, high : median and quartiles, in one unit; the upper ones may be inf
-    n : size of the sample
-
-    Returns
-    -------
-    such as "0.114 [0.102, 0.136]"; "-" where there is no median
-
-    Examples
-    --------
     >>> median_text(0.11449, 0.10213, 0.135736, 200), median_text(18.21, 3.43, 19.06, 8)
     ('0.114 [0.102, 0.136]', '18.2 [3.4, 19.1]')
     """
@@ -114,21 +84,8 @@ def median_text(median: float, low: float, high: float, n: int) -> str:
 
 
 def interval_text(value: float, low: float, high: float, *, unit: str = "", sign: bool = True) -> str:
-    """Write a number with its interval.
+    """Write a number with its interval and unit; `sign` gives positive numbers a plus; "-" where there is no number.
 
-    Parameters
-    ----------
-    value : the number
-    low, high : ends of its interval; NaN where there is none
-    unit : written behind the number with a blank, such as "%"
-    sign : whether positive numbers have a plus sign
-
-    Returns
-    -------
-    such as "-10.9 % [-12.1, -9.7]"; "-" where there is no number
-
-    Examples
-    --------
     >>> interval_text(-10.9134, -12.077, -9.73443, unit="%")
     '-10.9 % [-12.1, -9.7]'
     >>> interval_text(0.00004, -0.00012, 0.00019, unit="%")

@@ -91,8 +91,7 @@ class Ranking:
 def ranking(trials: Trials) -> Ranking | None:
     """Rank the methods of an experiment that asks for ranks.
 
-    None where ranks are not asked for, there is only one method or no run, or a value of the primary metric has no
-    logarithm.
+    None where it does not, there is only one method or no run, or a value of the primary metric has no logarithm.
     """
     info = trials.primary_info
     if trials.ranked is None or info is None or len(trials.methods) < 2 or not len(trials.frame):

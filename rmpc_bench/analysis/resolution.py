@@ -7,11 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.bootstrap import skewness, skewness_error
 from rmpc_bench.analysis.comparison import Comparison, compared, levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.pairs import Pairs
 from rmpc_bench.analysis.superiority import superiority_interval
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import FEW
+from rmpc_bench.types import Array
 
 _LARGEST_LOG = 700.0
 """Logarithms above it are those of no number."""
@@ -24,7 +27,9 @@ class HalfWidth(NamedTuple):
     """The point of the sweep in words; empty without a sweep."""
     method: str
     value: float
-    """inf where there is no interval."""
+    """inf where there is no interval that runs support."""
+    reason: str = ""
+    """Why there is none, if it is not that too few runs finished."""
 
 
 def half_widths(trials: Trials) -> list[HalfWidth]:
@@ -35,6 +40,10 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
     metric is relative to the mean absolute value of the metric in both methods.  Where counts decide it is that of the
     probability of superiority.  It takes two runs that both methods finished.  Without a second method it is that of
     the mean of the metric, relative to the mean.
+
+    An average has no width while it has no printed interval, or while n runs have a skewness that with its standard
+    error exceeds sqrt(n / `FEW`) (Cochran's rule).  Fewer than about `FEW` runs then make up its long tail, and the
+    spread may be small by chance.
     """
     of, found = levels(trials), list[HalfWidth]()
     for point in trials.each:
@@ -42,33 +51,46 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
         if info is None:
             continue
         rows = compared(point, info, of)
-        found += [HalfWidth(point.title, row.method, _known(_of_comparison(pairs, row))) for pairs, row in rows]
+        found += [_half_width(point.title, row.method, *_of_comparison(pairs, row)) for pairs, row in rows]
         if not rows:
             values = point.column(info.name, point.baseline)
             values = values[~np.isnan(values)]
             low, high = student(values, of.held)
             size = abs(low + high) / 2
-            found.append(HalfWidth(point.title, point.baseline, _known((high - low) / 2 / size if size else math.nan)))
+            width = (high - low) / 2 / size if size else math.nan
+            found.append(_half_width(point.title, point.baseline, width, values))
     return found
 
 
-def _of_comparison(pairs: Pairs, row: Comparison) -> float:
-    """Return the half width over the runs that both methods finished: failed ones resolve nothing."""
+def _half_width(point: str, method: str, width: float, values: Array) -> HalfWidth:
+    """Give no width to a mean that rests on few runs of a long tail."""
+    if math.isnan(width):
+        return HalfWidth(point, method, math.inf)
+    n = len(values)
+    # Runs without the tail make the width small and the skewness, too: its error counts.
+    if n and n < FEW * (abs(skewness(values)) + skewness_error(n)) ** 2:
+        return HalfWidth(point, method, math.inf, "rests on few runs of a long tail")
+    return HalfWidth(point, method, width)
+
+
+def _of_comparison(pairs: Pairs, row: Comparison) -> tuple[float, Array]:
+    """Return the half width over the runs that both methods finished, and the numbers of which it is the mean."""
     if row.n_pairs < 2:
-        return math.nan
+        return math.nan, np.zeros(0)
+    if row.average:
+        return _of_average(pairs, row), pairs.averages()[row.average]
+    scores = pairs.scores[pairs.both]
+    won, lost = int((scores > 0).sum()), int((scores < 0).sum())
+    low, high = superiority_interval(won, lost, len(scores) - won - lost, row.ci_level)
+    return (high - low) / 2, np.zeros(0)
+
+
+def _of_average(pairs: Pairs, row: Comparison) -> float:
+    """Return the half width of an average; NaN without an interval."""
     if not math.isnan(row.ci_low):
         # A change of -100 % has no finite logarithm.
         low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
         half = (high - low) / 2
         return math.expm1(half) if half < _LARGEST_LOG else math.inf
-    if not math.isnan(row.difference_low):
-        scale = pairs.scale()
-        return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan
-    scores = pairs.scores[pairs.both]
-    won, lost = int((scores > 0).sum()), int((scores < 0).sum())
-    low, high = superiority_interval(won, lost, len(scores) - won - lost, row.ci_level)
-    return (high - low) / 2
-
-
-def _known(value: float) -> float:
-    return math.inf if math.isnan(value) else value
+    scale = pairs.scale()
+    return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan

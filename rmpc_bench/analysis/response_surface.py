@@ -69,21 +69,13 @@ class Shares(NamedTuple):
 
 
 def standardised(values: Array) -> Array:
-    """Move and scale every column to mean 0 and standard deviation 1.
-
-    Parameters
-    ----------
-    values : (n, quantities), none of them constant
-    """
+    """Move and scale every column of (n, quantities) values to mean 0 and standard deviation 1."""
     centred = values - values.mean(axis=0)
     return np.asarray(centred / np.sqrt((centred**2).mean(axis=0)))
 
 
 def surface_for(values: Array) -> Surface | None:
-    """Choose the terms that so many runs can determine.
-
-    None where even the linear terms are too many.  No column of the values (n, quantities) is constant.
-    """
+    """Choose the terms that (n, quantities) values can determine; None where even the linear ones are too many."""
     n, n_quantities = values.shape
     linear: list[Term] = [(i,) for i in range(n_quantities)]
     squares: list[Term] = [(i, i) for i in range(n_quantities) if len(np.unique(values[:, i])) > 2]
@@ -95,16 +87,7 @@ def surface_for(values: Array) -> Surface | None:
 
 
 def shares(values: Array, responses: Array, surface: Surface, confidence: float, seed: int) -> Shares:
-    """Compute the share of every quantity, and of the rest, in the variance of every response.
-
-    Parameters
-    ----------
-    values : (n, quantities) standardised values
-    responses : (n, responses) finite numbers with spread
-    surface : the terms
-    confidence : level of the intervals, such as 0.95
-    seed : of the resamples
-    """
+    """Compute the share of every quantity, and of the rest, in the variance of every one of the (n, responses)."""
     A = surface.columns(values)
     # Responses of one size, so that the sums of squares of the fit lose no digits.
     y = responses - responses.mean(axis=0)
@@ -122,20 +105,10 @@ def shares(values: Array, responses: Array, surface: Surface, confidence: float,
 
 
 def curve(values: Array, response: Array, at: Array) -> Array:
-    """Quadratic fit of a response to one quantity alone.
+    """Quadratic fit of a response to one quantity alone, at some points; linear where it has only two values.
 
     With independent quantities it is the response surface averaged over the others; where some are correlated it still
     follows the runs.
-
-    Parameters
-    ----------
-    values : (n,) values of the quantity, linear where it has only two
-    response : (n,)
-    at : (points,) values at which it is evaluated
-
-    Returns
-    -------
-    (points,) fitted values
     """
     centre, spread = float(values.mean()), float(values.std())
     more_than_two = bool(((values != values.min()) & (values != values.max())).any())

@@ -26,19 +26,8 @@ DIGITS_OF_SCALE = 9
 
 
 def significant(value: float, digits: int = SHOWN) -> float:
-    """Round to significant digits; inf and NaN stay.
+    """Round to significant digits, at most `STABLE`; inf and NaN stay.
 
-    Parameters
-    ----------
-    value : the number
-    digits : significant digits, at most `STABLE`
-
-    Returns
-    -------
-    the rounded number
-
-    Examples
-    --------
     >>> significant(0.12345649999999999), significant(0.12345650000000001), significant(2 / 3)
     (0.123456, 0.123456, 0.666667)
     """
@@ -73,19 +62,8 @@ def negligible(value: float, scale: float) -> bool:
 
 
 def without_noise(value: float, scale: float) -> float:
-    """Round a number to the digits that its computation supports, about `NEGLIGIBLE` of a scale.
+    """Round a number to about `NEGLIGIBLE` of the scale of what it was computed from; no scale, inf and NaN leave it.
 
-    Parameters
-    ----------
-    value : the number; inf and NaN stay
-    scale : size of the numbers that it was computed from; one that is 0 or not finite leaves the number as it is
-
-    Returns
-    -------
-    the rounded number
-
-    Examples
-    --------
     >>> without_noise(0.0232562499, 2e4), without_noise(6e-15, 30.0), without_noise(1 / 3, 1.0)
     (0.02326, 0.0, 0.333333333)
     """
@@ -106,20 +84,8 @@ def rounded(values: Array, scale: Array | float = 0.0, digits: int = SHOWN) -> A
     """Round an array to significant digits, by the two rules above; inf and NaN stay.
 
     A spread that is small beside its scale, such as the standard error of nearly equal numbers, has fewer reliable
-    digits: none is kept below `NEGLIGIBLE` of the scale.
+    digits: none is kept below `NEGLIGIBLE` of the scale, which is 0 where it is not known.
 
-    Parameters
-    ----------
-    values : (...) numbers
-    scale : (...) size of the numbers that they were computed from; 0 where it is not known
-    digits : significant digits, at most `STABLE`
-
-    Returns
-    -------
-    (...) rounded numbers, without -0.0
-
-    Examples
-    --------
     >>> rounded(np.array([2 / 3, 0.12345650000000001, 1e-17, 1.23456e-8]), scale=1.0).tolist()
     [0.666667, 0.123456, 0.0, 1.2e-08]
     """
@@ -149,14 +115,7 @@ def _stable_array(values: Array) -> Array:
 
 
 def _to_decimal(values: Array, lead: Array, last: Array) -> Array:
-    """Round to `STABLE` digits and then to a multiple of ``10**last``: the nearest double of the decimal number.
-
-    Parameters
-    ----------
-    values : (...) finite numbers
-    lead : (...) exponents of their leading digits
-    last : (...) exponents of the last digits to keep, at most those of the leading ones
-    """
+    """Round to `STABLE` digits and then to a multiple of ``10**last``: the nearest double of the decimal number."""
     shift = STABLE - 1 - lead
     # Whole numbers of `STABLE` digits are exact, so that a half is exactly a half: it goes to the even digit.
     whole = np.rint(_times_power(values, shift))

@@ -23,17 +23,9 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     """Score interval of the probability of superiority.
 
     Its variance is that of the difference of the shares won and lost at each candidate value, with the share of ties
-    that is then most likely.  Without ties it is the Wilson interval.  With fewer than `FEW` untied runs it is widened
-    to contain the interval of the exact sign test.
-
-    Parameters
-    ----------
-    won, lost, tied : runs
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high; NaN without runs
+    that is then most likely.  Without ties it is the Wilson interval.  It is widened
+    to contain the interval of the exact sign test with fewer than `FEW` untied runs, and where that test does not
+    reject 1/2: fair coins are called unfair in 7.6 % of experiments with 26 runs by the Wilson interval at 95 %.
 
     References
     ----------
@@ -48,31 +40,19 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     if n == 0:
         return NONE
     low, high = _score_interval(won, lost, n, confidence)
-    if won + lost < FEW:
-        exact = mcnemar(won, lost, n, confidence)
+    exact = mcnemar(won, lost, n, confidence)
+    if won + lost < FEW or exact[0] <= 0 <= exact[1]:
         low, high = min(low, exact[0]), max(high, exact[1])
     return (1 + low) / 2, (1 + high) / 2
 
 
 def shares_interval(first_only: int, second_only: int, n: int, confidence: float) -> Interval:
-    """Interval of the difference of two paired shares, such as of failed runs.
+    """Interval of the difference of two paired shares, such as of failed runs; NaN without runs.
 
     It is the score interval of `superiority_interval`, widened to contain 0 where the exact McNemar test does not
     reject equal shares.  The exact interval itself, which takes the number of runs in which only one of the two failed
     as given, does not cover the difference: if only one method fails, it ends at the observed share.
 
-    Parameters
-    ----------
-    first_only, second_only : runs in which one of the two failed, the other not
-    n : runs of both
-    confidence : level, such as 0.95
-
-    Returns
-    -------
-    low, high of share(first) - share(second); NaN without runs
-
-    Examples
-    --------
     >>> [round(end, 3) for end in shares_interval(6, 0, 200, 0.95)]
     [0.011, 0.064]
     """

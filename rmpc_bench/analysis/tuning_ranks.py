@@ -93,18 +93,9 @@ def tuning_ranks(
     others: Mapping[str, Array],
     order: Sequence[str] = (),
 ) -> TuningRanks | None:
-    """Rank the methods at one point of the sweep.
+    """Rank the methods at one point of the sweep; `others` has the metric of untuned methods, NaN where a run failed.
 
-    Parameters
-    ----------
-    protocol : the same for all methods
-    searches : of the tuned methods at the point
-    others : method that is not tuned -> its metric in the runs of the experiment, (runs,); NaN where the run has failed
-    order : names of the methods in the order of the experiment; tuned ones first if empty
-
-    Returns
-    -------
-    the ranks; None below two methods, where `why_unranked` has a reason, and where no method has a finite objective
+    None below two methods, where `why_unranked` has a reason, and where no method has a finite objective.
     """
     tests = [search.test for search in searches if search.test is not None]
     if not searches or len(searches) + len(others) < 2 or why_unranked(searches):

@@ -2,9 +2,7 @@
 
 The rules follow equivalence testing with the smallest relevant difference as margin, in this order:
 
-1. `fails-more`: the method fails in more runs than the baseline, and either the interval of the difference excludes 0
-   or the word below would change if every failed run counted: as the worst finished one of all methods, and as ten
-   times worse than its partner.
+1. `fails-more`: the interval of the difference of the shares of failed runs lies above 0.
 2. `depends-on-average`: the intervals of two averages exclude 0 with opposite signs.
 3. `better`, `worse`: the interval lies beyond the margin.
 4. `better-size-uncertain`, `worse-size-uncertain`: it excludes 0 and lies on both sides of the end of the margin.
@@ -15,8 +13,11 @@ Without an interval, or with fewer than `FEW` untied pairs, counts decide: `bett
 probability of superiority excludes 1/2, else `inconclusive`.  Few untied pairs are `equivalent` all the same if there
 are `FEW` pairs and the interval lies inside the margin.
 
-A method whose baseline fails more is not called worse for the runs that both finished: where the first case holds with
-the two exchanged, `worse` and `worse-size-uncertain` are `inconclusive`.
+The runs that both finished do not make a method better, equivalent or dependent on the average if it failed in more
+runs than the baseline, and another word followed if every failed run counted: as the worst finished one of all methods,
+and as ten times worse than its partner.  The verdict is then `inconclusive`: one failure more may be chance, so that it
+is not `fails-more`.  With the two exchanged, or if the baseline certainly fails more, `worse` and
+`worse-size-uncertain` are `inconclusive`.
 """
 
 from __future__ import annotations
@@ -93,11 +94,12 @@ def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:
     word = _word(evidence)
     if failures is None or failures.method_only == failures.baseline_only:
         return word
-    if not (_sign(failures.interval) or _word(failures.counted) != word):
-        return word
-    if failures.method_only > failures.baseline_only:
+    fails_more, is_certain = failures.method_only > failures.baseline_only, bool(_sign(failures.interval))
+    if fails_more and is_certain:
         return Verdict.FAILS_MORE
-    return Verdict.INCONCLUSIVE if word in _WORSE else word
+    # Failures can make a method worse than its finished runs say, and its baseline's can make it better.
+    is_doubtful = is_certain or _word(failures.counted) != word
+    return Verdict.INCONCLUSIVE if is_doubtful and (word in _WORSE) != fails_more else word
 
 
 def _word(evidence: Evidence) -> Verdict:

@@ -53,12 +53,7 @@ class RegionMean(NamedTuple):
 
 
 def regions(values: Mapping[str, Array]) -> Iterator[Region]:
-    """Yield the fifths of every quantity.
-
-    Parameters
-    ----------
-    values : quantity -> (n,) values
-    """
+    """Yield the fifths of every quantity."""
     for name, column in values.items():
         order = np.argsort(column, kind="stable")
         ordered = column[order]
@@ -83,20 +78,9 @@ def worst_means(
     interval: Callable[[Array, float], Interval] = student,
     parts: Sequence[Region] | None = None,
 ) -> dict[str, RegionMean]:
-    """Find the worst region of every quantity.
+    """Find the worst region of every quantity that varies; all intervals hold together.
 
-    Parameters
-    ----------
-    values : quantity -> (n,) values; a constant one is left out
-    response : (n,) response of the same runs
-    confidence : simultaneous level of the intervals of all regions
-    higher : whether higher responses are better
-    interval : returns the interval of the mean of some responses at a level
-    parts : the `regions` of the values, where they are known from another response in the same runs
-
-    Returns
-    -------
-    quantity -> its worst region
+    `parts` are the `regions` of the values, where they are known from another response in the same runs.
     """
     found = list(regions(values)) if parts is None else parts
     level = 1 - (1 - confidence) / max(len(found), 1)
@@ -113,9 +97,9 @@ def worst_means(
 
 
 def most_failures(values: Mapping[str, Array], failed: Array, confidence: float) -> RegionMean | None:
-    """Find the region with the largest share of failed runs.
+    """Find the region with the largest share of failed runs, with its Wilson interval, for all regions together.
 
-    It has the share and its simultaneous Wilson interval; None with fewer than `FEWEST_FAILED` failures.
+    None with fewer than `FEWEST_FAILED` failed runs.
     """
     found = list(regions(values)) if failed.sum() >= FEWEST_FAILED else []
     if not found:

@@ -13,7 +13,7 @@ from rmpc_bench.claims.band import entry_by_entry
 from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.levels import CornerSpread
-from rmpc_bench.claims.spread import Spread, StudentSpread, spread_of
+from rmpc_bench.claims.spread import Spread, spread_of
 from rmpc_bench.claims.values import Value, compare
 from rmpc_bench.types import Array
 
@@ -108,8 +108,7 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
     holds = held if spread is None else decision.decided(link.operator, spread)
     # Runs can contradict an equality.  They prove it of what is known exactly, and of equal columns that are no counts.
     if link.operator == "==" and holds and spread is not None and link.left != link.right:
-        is_column = isinstance(spread, StudentSpread) and not (spread.left == np.rint(spread.left)).all()
-        holds = True if is_column or isinstance(spread, CornerSpread) else None
+        holds = True if evaluator.sampled or isinstance(spread, CornerSpread) else None
     # A statement about every run is refuted by one of them, and never proved by some.
     if value.axis == "runs" and evaluator.is_estimated(link) and (held or len(evaluator.runs) < 2):
         holds = None

@@ -30,6 +30,11 @@ def over_list(parts: Sequence[Outcome]) -> Finding:
     return Finding.PARTIALLY_CONFIRMED if True in parts else Finding.NOT_CONFIRMED
 
 
+def needed(n_cases: int, holds_for: HoldsFor) -> int:
+    """Return the number of cases that must hold."""
+    return {HoldsFor.ANY: 1, HoldsFor.MOST: n_cases // 2 + 1}.get(holds_for, n_cases)
+
+
 def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
     """Join the cases of a statement: ``any`` for "can", ``most`` for "usually", which is more than half of them.
 
@@ -38,11 +43,11 @@ def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
     >>> [over_cases(cases, HoldsFor.MOST).value for cases in ([True, True, None], [True, None], [False, None])]
     ['confirmed', 'inconclusive', 'not-confirmed']
     """
-    needed = 1 if holds_for is HoldsFor.ANY else len(cases) // 2 + 1
-    if cases.count(True) >= needed:
+    least = needed(len(cases), holds_for)
+    if cases.count(True) >= least:
         return Finding.CONFIRMED
     possible = len(cases) - cases.count(False)
-    return Finding.INCONCLUSIVE if possible >= needed else Finding.NOT_CONFIRMED
+    return Finding.INCONCLUSIVE if possible >= least else Finding.NOT_CONFIRMED
 
 
 def over_numbers(findings: Sequence[Finding]) -> Finding:
@@ -56,7 +61,7 @@ def over_interpretations(findings: Sequence[Finding]) -> Finding:
     """Join the findings under all interpretations; the first is ours.
 
     Those that are not testable count only if all are.  A statement depends on what the paper leaves open only if at
-    least one interpretation confirms it and another one does not.
+    least one interpretation confirms it and the runs show that another one does not.
 
     Examples
     --------
@@ -72,7 +77,10 @@ def over_interpretations(findings: Sequence[Finding]) -> Finding:
     # Under other interpretations the size may differ: the statement holds all the same.
     if len(set(tested)) == 1 or all(finding.is_confirmed for finding in tested):
         return tested[0]
-    if any(finding.is_confirmed or finding is Finding.DEPENDS_ON_ASSUMPTIONS for finding in tested):
+    if Finding.DEPENDS_ON_ASSUMPTIONS in tested:
         return Finding.DEPENDS_ON_ASSUMPTIONS
+    if any(finding.is_confirmed for finding in tested):
+        others = {finding for finding in tested if not finding.is_confirmed}
+        return Finding.INCONCLUSIVE if others == {Finding.INCONCLUSIVE} else Finding.DEPENDS_ON_ASSUMPTIONS
     failed = {Finding.NOT_CONFIRMED, Finding.DIFFERENT}.intersection(tested)
     return Finding.NOT_CONFIRMED if failed else Finding.INCONCLUSIVE

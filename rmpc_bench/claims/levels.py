@@ -14,8 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rmpc_bench.analysis.bootstrap import FEWEST, mean_interval
+from rmpc_bench.analysis.bootstrap import mean_interval
 from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
+from rmpc_bench.analysis.rounding import NEGLIGIBLE
+from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoValue, Value
@@ -24,6 +26,7 @@ from rmpc_bench.types import Array
 
 UNBOUNDED: Interval = (-math.inf, math.inf)
 ORDER = ("median", "quantile", "min", "max")
+_FEW_HITS = 10
 _MOST = 6
 """Largest number of estimates whose ends are combined."""
 Ends = tuple[Array, Array]
@@ -60,8 +63,12 @@ def level_spread(link: tree.Link, evaluator: Evaluator, confidence: float, times
 
 
 def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Node, Ends]:
-    """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a share of 0 or 1."""
+    """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a rare event.
+
+    The difference of two shares has an interval that knows rare events, unless they did not occur.
+    """
     found: dict[Node, Ends] = {}
+    of_shares = all(isinstance(side, Call) for side in (link.left, link.right))
     for call in estimates(link, evaluator):
         if not isinstance(call, Call) or call.function == "ratio":
             continue
@@ -69,7 +76,7 @@ def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Nod
         low, high = _ends(call, evaluator, confidence)
         if call.function in ORDER:
             low, high = (np.where(np.isinf(end), end, value) for end in (low, high))
-        elif 0 < value < 1:
+        elif _FEW_HITS <= len(evaluator.runs) * min(value, 1 - value) or (of_shares and 0 < value < 1):
             continue
         if (low != value).any() or (high != value).any():
             found[call] = (low, high)
@@ -120,12 +127,13 @@ def _is_estimate(node: Call | Operation, evaluator: Evaluator) -> bool:
         return of_columns or _quotient(node, evaluator) is not None
     if node.function == "mean":
         # Zeros and ones say whether something happened: their mean is a share.
-        return values[0].axis == "runs" and values[0].array.ndim == 1 and _is_binary(values[0].array)
+        return values[0].axis == "runs" and values[0].array.ndim == 1 and is_binary(values[0].array)
     return node.function in ORDER and values[0].axis == "runs"
 
 
-def _is_binary(column: Array) -> bool:
-    return set(np.unique(column)) <= {0.0, 1.0}
+def is_binary(column: Array) -> bool:
+    """Whether a column has zeros and ones only, and both: zeros alone may be those of any quantity."""
+    return set(np.unique(column)) == {0.0, 1.0}
 
 
 def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Array] | None:
@@ -142,9 +150,7 @@ def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Arra
     a, b = (column(part, evaluator) for part in (above, below))
     if a is None or b is None or not b.ndim or not all(np.isfinite(part).all() for part in (a, b)):
         return None
-    if are_few_counts(a, b):
-        return None
-    return None if _is_binary(b) or (a.ndim and _is_binary(a)) else (np.broadcast_to(a, b.shape), b)
+    return None if is_binary(b) or (a.ndim and is_binary(a)) else (np.broadcast_to(a, b.shape), b)
 
 
 def _is_arithmetic(node: Node, evaluator: Evaluator) -> bool:
@@ -193,27 +199,75 @@ def _ends(node: Call | Operation, evaluator: Evaluator, confidence: float, times
 def _ends_of_ratio(node: Call | Operation, value: Array, evaluator: Evaluator, confidence: float, times: float) -> Ends:
     parts = _quotient(node, evaluator)
     if parts is not None:
-        low, high = fieller(*parts, confidence)
+        low, high = UNBOUNDED if hides_values(*parts) else ratio_interval(*parts, confidence, evaluator.trials.seed)
     else:
         assert isinstance(node, Call)
         a, b = (np.log(evaluator.value(argument).array) for argument in node.arguments)
         logs, value = evaluator.by_run(a - b), np.log(value)
         assert logs is not None
-        low, high = average_interval(logs, confidence, evaluator.trials.seed)
+        low, high = average_interval(logs, confidence, evaluator.trials.seed, scale=1.0)
     ends = [value + (np.asarray(end) - value) / math.sqrt(times) for end in (low, high)]
     return (ends[0], ends[1]) if parts is not None else (np.exp(ends[0]), np.exp(ends[1]))
 
 
-def are_few_counts(*columns: Array) -> bool:
-    """Whether fewer than 10 runs have the same whole number in all columns, which says nothing of their spread."""
-    return all(len(each) < FEWEST and (each == np.rint(each[0])).all() for each in columns if each.ndim)
+def ratio_interval(a: Array, b: Array, confidence: float, seed: int) -> Interval:
+    """Fieller interval of mean(a) / mean(b), as much longer as that of the mean of a - c b is where it is skewed."""
+    low, high = fieller(a, b, confidence)
+    centre = float(b.mean())
+    if not (np.isfinite([low, high]).all() and centre):
+        return low, high
+    gaps = a - float(a.mean()) / centre * b
+    plain, longer = student(gaps, confidence), mean_interval(gaps, confidence, seed)
+    more = sorted((end - other) / centre for end, other in zip(longer, plain, strict=True))
+    return low + more[0], high + more[1]
 
 
-def average_interval(values: Array, confidence: float, seed: int) -> Interval:
-    """Student interval of a mean, and where the values are skewed and few that of bootstrap-t, too."""
-    intervals = student(values, confidence), mean_interval(values, confidence, seed)
-    lows, highs = zip(*intervals, strict=True)
-    return min(lows), max(highs)
+def hides_values(left: Array, right: Array) -> bool:
+    """Whether a side, their difference or their ratio has one value in most runs and others in fewer than `FEW`.
+
+    The rest of its law, which so few runs show, may be anything.  Fewer than `FEW` zeros beside ones are no rest.
+    """
+    scale = float(max(np.abs(left).max(), np.abs(right).max()))
+    parts = [(side, scale) for side in (left, right) if side.ndim and not is_binary(side)]
+    if left.ndim and right.ndim:
+        parts.append((left - right, scale))
+        if right.all():
+            parts.append((left / right, float(np.abs(left / right).max())))
+    return any(_has_few_others(_sizes_of_values(part, scale)) for part, scale in parts)
+
+
+def _sizes_of_values(values: Array, scale: float) -> Array:
+    """Count how often every value occurs, up to the rounding of numbers of the size `scale`; in ascending order."""
+    ordered = np.sort(values)
+    steps = np.flatnonzero(np.diff(ordered) > NEGLIGIBLE * scale) + 1
+    return np.diff(np.r_[0, steps, len(ordered)])
+
+
+def _has_few_others(sizes: Array) -> bool:
+    """Whether one value is that of most runs, and fewer than `FEW` have another."""
+    n, most = int(sizes.sum()), int(sizes.max())
+    return n < 2 * most and n - most < FEW
+
+
+def average_interval(
+    values: Array, confidence: float, seed: int, *, scale: float = 0.0, hidden: bool | None = False
+) -> Interval:
+    """Interval of a mean that knows what few values hide.
+
+    Two values, neither of them 0, that occur at least twice each have the exact interval of a share.  One value in most
+    runs beside few others says nothing of the spread, nor do `hidden` values; None if these are bounded.  Numbers of
+    the size `scale` were subtracted.
+    """
+    if hidden is not None and np.isfinite(values).all():
+        scale = max(scale, float(np.abs(values).max()))
+        sizes = _sizes_of_values(values, scale)
+        least, most = float(values.min()), float(values.max())
+        if len(sizes) == 2 and sizes.min() > 1 and min(abs(least), abs(most)) > NEGLIGIBLE * scale:
+            low, high = exact_share(int(sizes[1]), len(values), confidence)
+            return least + (most - least) * low, least + (most - least) * high
+        if hidden or _has_few_others(sizes):
+            return UNBOUNDED
+    return mean_interval(values, confidence, seed)
 
 
 def column(node: Node, evaluator: Evaluator) -> Array | None:

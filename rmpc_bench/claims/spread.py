@@ -14,21 +14,28 @@ from typing import Protocol
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, fieller, quantile
+from rmpc_bench.analysis.intervals import Interval, difference, quantile
+from rmpc_bench.analysis.rounding import NEGLIGIBLE
+from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.jackknife import pseudo_values
 from rmpc_bench.claims.levels import (
+    ORDER,
     UNBOUNDED,
-    are_few_counts,
+    Ends,
     at_ends,
     average_interval,
     column,
     estimates,
+    hides_values,
+    is_binary,
     level_spread,
+    ratio_interval,
     unseen,
 )
-from rmpc_bench.claims.values import NoValue
+from rmpc_bench.claims.values import NoValue, Value
+from rmpc_bench.expressions.arithmetic import Call, Node, Number
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
@@ -64,16 +71,32 @@ class StudentSpread:
     tolerance: Array
     confidence: float
     seed: int
+    hidden: bool | None = False
+    """Whether values hide what most runs do not show; None where that is bounded, as for shares."""
+    is_share: bool = False
+    """Whether the difference is a share, or that of two of them: -1, 0 or 1 in every run, apart from numbers."""
 
     def gap(self, shift: int = 0) -> Interval:
         """Student interval of the paired differences; that of bootstrap-t, too, where they are skewed and few."""
         gaps = self.left - self.right + shift * self.tolerance
-        return average_interval(gaps, self.confidence, self.seed)
+        scale = float(max(np.abs(self.left).max(), np.abs(self.right).max()))
+        found = average_interval(gaps, self.confidence, self.seed, scale=scale, hidden=self.hidden)
+        if self.is_share:
+            # Pairs that differ may be rare, or not seen at all.
+            columns = [side if side.ndim else np.zeros(()) for side in (self.left, self.right)]
+            apart, constant = columns[0] - columns[1], (self.left - columns[0]) - (self.right - columns[1])
+            moved = float((constant + shift * self.tolerance).mean())
+            one, other = int((apart > 0).sum()), int((apart < 0).sum())
+            low, high = shares_interval(one, other, len(apart), self.confidence)
+            found = _hull(found, (low + moved, high + moved))
+        return found
 
     def ratio(self) -> Interval:
         """Fieller interval: it excludes a factor where the Student interval of left - factor * right excludes 0."""
+        if self.hidden:
+            return UNBOUNDED
         left, right = np.broadcast_arrays(self.left, self.right)
-        return fieller(left, right, self.confidence)
+        return ratio_interval(left, right, self.confidence, self.seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,27 +183,92 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     alone = level_spread(link, evaluator, confidence) if values is None else None
     if alone is not None:
         return alone
+    chosen = _of_selections(link, evaluator, confidence) if values is None else None
+    if chosen is not None:
+        return chosen
     beyond = unseen(link, evaluator, confidence)
     corners = at_ends(link, evaluator, beyond) if beyond else None
     if beyond and (corners is None or corners.gap() == UNBOUNDED):
         return UNKNOWN
     if values is not None:
-        found: Spread = StudentSpread(*values, confidence, evaluator.trials.seed)
+        found: Spread = StudentSpread(*values, confidence, evaluator.trials.seed, hidden=None)
     else:
         means = _of_means(link, evaluator, confidence)
+        if means is None and _hides_in_means(link, evaluator):
+            return UNKNOWN
         found = means or _resampled(link, evaluator, confidence)
         if means and any("share" in tree.functions(side) for side in (link.left, link.right)):
             # Differences of shares are few steps wide, of which resamples alone miss some.
             found = WiderSpread(means, _resampled(link, evaluator, confidence))
         smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
         found = found if smooth is None else WiderSpread(found, smooth)
+        low, high = found.gap()
+        size = NEGLIGIBLE * float(max(np.abs(evaluator.value(side).array).max() for side in (link.left, link.right)))
+        if corners is None and link.left != link.right and high - low <= size and math.isfinite(low):
+            # All runs have the same values: others may have others.
+            return UNKNOWN
     return found if corners is None else WiderSpread(found, corners)
+
+
+def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
+    """Spread where one of several estimates, or the absolute value of one, is taken; None where none is.
+
+    The estimates have simultaneous intervals, as the one that is taken is the one that chance favours.  Resamples of an
+    absolute value lie beside 0 even where the estimate itself may be 0.
+    """
+    calls = [call for call in tree.calls(link) if _takes_one(call, evaluator)]
+    if not calls:
+        return None
+    whole = [node for side in tree.children(link) for node in _without(side, calls)]
+    items = [item for call in calls for item in _items(call)]
+    parts = dict.fromkeys(node for node in (*items, *whole) if evaluator.is_estimated(node))
+    # An absolute value is large on either side.
+    level = 1 - (1 - confidence) / (len(parts) + sum(call.function == "abs" for call in calls))
+    ends: dict[Node, Ends] = {}
+    for node in parts:
+        if evaluator.value(node).array.ndim:
+            return UNKNOWN
+        spread = spread_of(tree.Link(node, "<", Number(0.0), None, ""), evaluator, level)
+        low, high = UNBOUNDED if spread is None else spread.gap()
+        ends[node] = (np.array(low), np.array(high))
+    # The functions grow with every item.
+    at_items = [evaluator.with_values({item: Value(ends[item][i]) for item in items if item in ends}) for i in (0, 1)]
+    found: dict[Node, Ends] = {call: (at_items[0].value(call).array, at_items[1].value(call).array) for call in calls}
+    found |= {call: _folded(*found[call], *ends[call.arguments[0]]) for call in calls if call.function == "abs"}
+    return at_ends(link, evaluator, found | {node: ends[node] for node in whole if node in ends}) or UNKNOWN
+
+
+def _takes_one(call: Call, evaluator: Evaluator) -> bool:
+    """Whether a call takes one of several numbers that are estimated, or the absolute value of one."""
+    first = call.arguments[0]
+    if not evaluator.is_estimated(first):
+        return False
+    of_one = call.function == "abs" and not isinstance(first, tree.Listing) and not evaluator.value(first).array.ndim
+    return of_one or (call.function in ORDER and isinstance(first, tree.Listing))
+
+
+def _items(call: Call) -> tuple[Node, ...]:
+    return (call.arguments[0],) if call.function == "abs" else tuple(tree.children(call.arguments[0]))
+
+
+def _folded(one: Array, other: Array, low: Array, high: Array) -> Ends:
+    """Ends of an absolute value from those of the number and their absolute values."""
+    return (np.zeros(()) if low <= 0 <= high else np.minimum(one, other)), np.maximum(one, other)
+
+
+def _without(node: Node, calls: list[Call]) -> list[Node]:
+    """Collect the largest parts of a node that contain none of the calls."""
+    if node in calls or not tree.terms(node):
+        return []
+    if not any(each in calls for each in tree.walk(node)):
+        return [node]
+    return [part for child in tree.children(node) for part in _without(child, calls)]
 
 
 def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
     sides = [column(side, evaluator) for side in (link.left, link.right)]
     left, right = sides
-    if left is None or right is None or not (left.ndim or right.ndim) or are_few_counts(left, right):
+    if left is None or right is None or not (left.ndim or right.ndim):
         return None
     tolerance: Array | None = np.array(0.0)
     if link.tolerance is not None:
@@ -189,7 +277,20 @@ def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> Stude
             tolerance = tolerance * right * np.sign(right.mean())
     if tolerance is None or not all(np.isfinite(part).all() for part in (left, right, tolerance)):
         return None
-    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed)
+    means = [call for call in tree.calls(link) if call.function == "mean"]
+    bounded = all(is_binary(evaluator.value(call.arguments[0]).array) for call in means)
+    hidden = None if bounded or link.left == link.right else hides_values(left, right)
+    apart = (left if left.ndim else 0.0) - (right if right.ndim else 0.0)
+    is_share = bounded and bool(np.isin(apart, (-1, 0, 1)).all())
+    return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed, hidden, is_share)
+
+
+def _hides_in_means(link: tree.Link, evaluator: Evaluator) -> bool:
+    """Whether a mean or spread that is drawn again is one of values that hide others."""
+    calls = [call for call in tree.calls(link) if call.function in ("mean", "std", "var")]
+    values = [evaluator.value(call.arguments[0]) for call in calls if evaluator.is_estimated(call)]
+    columns = [value.array for value in values if value.axis == "runs" and value.array.ndim == 1]
+    return any(hides_values(column, np.array(0.0)) for column in columns if np.isfinite(column).all())
 
 
 def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
@@ -202,7 +303,12 @@ def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) 
         return None
     if values is None or not all(np.isfinite(part).all() for part in values):
         return None
-    return StudentSpread(*values, confidence, evaluator.trials.seed)
+    # A number has no law of its own, although it repeats.
+    sides = [
+        each if evaluator.is_estimated(side) else each[0]
+        for side, each in zip((link.left, link.right), values, strict=False)
+    ]
+    return StudentSpread(*values, confidence, evaluator.trials.seed, hides_values(*sides))
 
 
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:

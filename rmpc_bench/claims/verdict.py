@@ -40,7 +40,7 @@ class ClaimVerdict:
     sizes : the stated numbers and the computed ones, at the first point
     interpretations : of a claim that is checked at several points
     cases : of a statement with a hedge, whether each of its cases holds
-    level : one-sided error of each case of a statement about any of them; None where there is none
+    level : one-sided error of each case of a statement about any or most of them; None where there is none
     confidence : level of the intervals of the comparisons
     """
 
@@ -114,24 +114,16 @@ class _AtPoint:
 
 
 def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
-    """Compute the finding of a claim.
-
-    Parameters
-    ----------
-    claim : the claim
-    trials : the table of trials
-
-    Returns
-    -------
-    the verdict; a claim that cannot be evaluated is inconclusive, with the reason
-    """
+    """Compute the finding of a claim; one that cannot be evaluated is inconclusive, with the reason."""
     at = claim.at or ({},)
-    # One case of "can": its error is shared by all cases that are tried, and one-sided.
-    level = (1 - trials.confidence) / (len(at) * len(claim.check)) if claim.holds_for is HoldsFor.ANY else None
+    hedged = claim.holds_for is not HoldsFor.ALL
+    n_cases = len(at) * len(claim.check)
+    # So many cases fail at least where "can" or "usually" is untrue: they share the error of one of them, one-sided.
+    failing = n_cases - joining.needed(n_cases, claim.holds_for) + 1
+    level = (1 - trials.confidence) / (2 * failing) if hedged and n_cases else None
     confidence = trials.confidence if level is None else 1 - 2 * level
     points = [_evaluated(claim, trials, where, confidence) for where in at]
     reasons = dict.fromkeys(reason for point in points for reason in point.reasons)
-    hedged = claim.holds_for is not HoldsFor.ALL
     cases = [case for point in points for case in point.cases] if hedged else []
     findings = [point.finding(claim) for point in points] if claim.is_testable else [Finding.NOT_TESTABLE]
     overall = joining.over_interpretations(findings)

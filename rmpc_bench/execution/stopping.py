@@ -112,7 +112,11 @@ class Stopping:
         wide = sorted((each for each in half_widths(table) if each.value > resolve), key=lambda each: -each.value)
         texts = [
             f"{' at '.join(filter(None, (each.method, each.point)))} "
-            + (f"is known to {100 * each.value:.2g} %" if math.isfinite(each.value) else "has no interval")
+            + (
+                f"is known to {100 * each.value:.2g} %"
+                if math.isfinite(each.value)
+                else each.reason or "has no interval"
+            )
             for each in wide
         ]
         every = self._keys.every or EVERY

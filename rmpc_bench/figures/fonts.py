@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 from rmpc_bench.types.report_choices import Font
 
@@ -36,6 +37,22 @@ def families(name: str) -> tuple[str, ...]:
     instead = SANS_INSTEAD if name.startswith("DejaVu Sans") else SERIF_INSTEAD
     first = (name, DEJAVU) if name.startswith("DejaVu Sans ") else (name,)
     return tuple(dict.fromkeys((*first, *instead)))
+
+
+@cache
+def complete_fonts() -> None:
+    """Put matplotlib's own fonts first in its list of fonts.
+
+    The list is a file that all processes of a user share.  One of them may have written it without these fonts, and
+    the letters of formulas are then those of another font in every figure from then on.
+    """
+    import matplotlib
+    from matplotlib.font_manager import fontManager
+
+    own = {str(path) for path in Path(matplotlib.get_data_path(), "fonts", "ttf").glob("*.ttf")}
+    for missing in sorted(own - {entry.fname for entry in fontManager.ttflist}):
+        fontManager.addfont(missing)
+    fontManager.ttflist.sort(key=lambda entry: entry.fname not in own)
 
 
 def _is_installed(family: str) -> bool:

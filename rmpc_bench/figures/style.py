@@ -11,7 +11,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import notices
-from rmpc_bench.figures.fonts import family_of
+from rmpc_bench.figures.fonts import complete_fonts, family_of
 from rmpc_bench.figures.formulas import formulas_once
 from rmpc_bench.figures.palette import DIM, GROUND, INK, LINE, METHODS
 from rmpc_bench.figures.rendering import Rendering
@@ -119,6 +119,7 @@ def style() -> Iterator[None]:
     """Draw with these settings on top of the defaults of matplotlib; the user's matplotlibrc has no effect."""
     import matplotlib
 
+    complete_fonts()
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(STYLE)

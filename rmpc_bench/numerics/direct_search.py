@@ -31,14 +31,7 @@ Place = tuple[float, ...]
 def golden_section(objective: Callable[[float], float], a: float, b: float, c: float) -> tuple[float, float]:
     """Minimise a function between a and c by golden section, until it raises or the interval has no width.
 
-    Parameters
-    ----------
-    objective : function of one number
-    a, b, c : ends of the interval, and a point in it with a known smaller value; at an end where none is known inside
-
-    Returns
-    -------
-    the best place and its objective
+    The value at b is smaller than at both ends; b is an end where no such point is known.
     """
     if a < b < c:
         # The first new point divides the larger part.
@@ -61,16 +54,8 @@ def golden_section(objective: Callable[[float], float], a: float, b: float, c: f
 
 
 def halton(n: int, dimensions: int, start: int = 0) -> Iterator[Place]:
-    """Yield points of the Halton sequence without its first point, the origin.
+    """Yield points of the Halton sequence without its first point, the origin, from number `start` on.
 
-    Parameters
-    ----------
-    n : number of points
-    dimensions : coordinates of a point, at most `MOST_DIMENSIONS`
-    start : number of points that are left out
-
-    Examples
-    --------
     >>> [*halton(3, 1)]
     [(0.5,), (0.25,), (0.75,)]
     """
@@ -93,14 +78,7 @@ def first_simplex(place: Place) -> list[Place]:
 
 
 def minimise(objective: Callable[[Array], float], simplex: Sequence[Place], most: int) -> Array:
-    """Minimise a function in the unit cube by Nelder and Mead's method of SciPy.
-
-    Parameters
-    ----------
-    objective : function of a place
-    simplex : its first vertices
-    most : largest number of evaluations
-    """
+    """Minimise a function in the unit cube by SciPy's method of Nelder and Mead, in at most so many evaluations."""
     # Imported where it is used: a configuration is checked without it.
     from scipy.optimize import minimize
 

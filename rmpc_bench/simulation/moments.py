@@ -39,11 +39,7 @@ class Laws(NamedTuple):
 def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
     """Gather the laws that exact moments need, or return the reason why there are none.
 
-    Parameters
-    ----------
-    plant : the true system
-    method : the pair; its filter must have given gains, and its controller must be `Rest`
-    scenario : random inputs of every run
+    They need a filter with given gains, and `Rest` as controller.
     """
     if not plant.has_period:
         return "the plant is not linear"
@@ -84,15 +80,9 @@ class Joint(NamedTuple):
 
 
 def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, n_disturbances: int = 0) -> Moments:
-    """Compute the moments of the state and of its estimate.
+    """Compute the moments of the state of a linear plant with white uncertainty, and of its estimate.
 
-    Parameters
-    ----------
-    plant : a linear plant with white uncertainty
-    schedule : a filter with given gains
-    laws : of the initial state and of the noises
-    n_steps : number of control periods N
-    n_disturbances : number of the last states of the filter, which are left out
+    The last `n_disturbances` states of the filter are left out.
     """
     nx, n_hat = len(laws.x), len(schedule.x0)
     mean = np.concatenate([laws.x, schedule.x0])
@@ -192,13 +182,7 @@ def constant(schedule: GainSchedule, name: Literal["f", "d"], k: int) -> Array:
 
 
 def signals(moments: Moments, nx: int) -> Mapping[str, Array]:
-    """Series of an experiment: mean and covariance of x, x_hat and, where both have the same states, e = x - x_hat.
-
-    Parameters
-    ----------
-    moments : of z = (x, x_hat)
-    nx : number of the plant's states
-    """
+    """Series of an experiment: mean and covariance of x, x_hat and, where both have the same states, e = x - x_hat."""
     mean, cov = moments
     found = {"x": (mean[:, :nx], cov[:, :nx, :nx]), "x_hat": (mean[:, nx:], cov[:, nx:, nx:])}
     if mean.shape[1] == 2 * nx:

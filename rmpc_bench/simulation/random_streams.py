@@ -74,14 +74,7 @@ class Streams(Sequence[np.random.Generator]):
 
 
 def first_uniforms(seed: int, runs: range, name: str) -> Float[Array, " runs"]:
-    """Return `stream(seed, run, name).random()` for every run.
-
-    Parameters
-    ----------
-    seed : seed of the experiment
-    runs : indices of the runs
-    name : name of the quantity
-    """
+    """Return `stream(seed, run, name).random()` for every run."""
     if not len(runs):
         return np.zeros(0)
     if max(runs) > WORD:

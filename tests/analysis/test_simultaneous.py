@@ -66,8 +66,10 @@ def test_bootstrap_t_of_a_skewed_sample():
     low, high = bootstrap_t(values, 0.95, seed=1)
     t = stats.ttest_1samp(values, 0).confidence_interval(0.95)
     assert high > t.high and low > t.low
-    assert mean_interval(values, 0.95, seed=1) == (low, high) != mean_interval(values, 0.95, seed=2)
+    found = mean_interval(values, 0.95, seed=1)
+    assert found == (t.low, high) != mean_interval(values, 0.95, seed=2)
     normal = np.random.default_rng(7).normal(size=60)
+    assert abs(skewness(normal)) < 0.5
     t = stats.ttest_1samp(normal, 0).confidence_interval(0.95)
     assert mean_interval(normal, 0.95, seed=1) == pytest.approx((t.low, t.high), rel=1e-12)
 
@@ -101,4 +103,29 @@ def test_bootstrap_t_of_values_that_differ_by_rounding():
     values = np.log(base * 0.5) - np.log(base)
     assert skewness(values) == 0
     values[0] = 1.0
-    assert mean_interval(values, 0.95, seed=1) == student(values, 0.95)
+    assert bootstrap_t(values, 0.95, seed=1) == student(values, 0.95)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_long_tail_is_longer_than_students(sign):
+    """Oracle: the Cornish-Fisher term by scipy, with the skewness larger by its standard error from 20 values on."""
+    for n, spread in ((12, 0.0), (40, np.sqrt(6 * 40 * 39 / (38 * 41 * 43)))):
+        values = next(
+            x for seed in range(99) if 0.5 < stats.skew(x := np.random.default_rng(seed).normal(size=n) ** 2) < 1
+        )
+        t, se = stats.t.ppf(0.995, n - 1), stats.sem(values)
+        low, high = student(values, 0.99)
+        longer = (stats.skew(values, bias=False) + spread) * (1 + 2 * t**2) / (6 * np.sqrt(n)) * se
+        expected = sorted([sign * low, sign * (high + longer)])
+        assert mean_interval(sign * values, 0.99, seed=1) == pytest.approx(expected, rel=1e-9)
+
+
+def test_skewed_differences_are_seldom_wrong():
+    """Exp(1) with mean 0 and 20 runs at the level that eight methods have: Student's misses it in 2.6 %."""
+    rng, n = np.random.default_rng(35), 400
+    samples = rng.exponential(size=(n, 20)) - 1
+    level = 1 - 0.05 / 8
+    plain = np.mean([student(x, level)[1] < 0 for x in samples])
+    wrong = np.mean([not low <= 0 <= high for low, high in (mean_interval(x, level, seed=1) for x in samples)])
+    # Three standard errors above the 0.9 % of 15,000 samples without bootstrap-t.
+    assert wrong < 0.009 + 3 * np.sqrt(0.009 / n) and plain > 0.013

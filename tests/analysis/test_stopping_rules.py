@@ -14,6 +14,7 @@ from rmpc_bench.claims.verdict import judge
 LEVEL, EXPERIMENTS, SEED = 0.95, 1000, 17
 STANDARD_ERROR = np.sqrt(LEVEL * (1 - LEVEL) / EXPERIMENTS)
 MIN_RUNS, MAX_RUNS = 100, 1600
+TAIL = "rests on few runs of a long tail"
 CLAIM = Claim("M1 is better than M0", "additional result", ("mean(m[M1]) < mean(m[M0])",))
 
 
@@ -73,3 +74,24 @@ def test_a_stop_at_the_width_keeps_the_coverage(resolve):
 def test_the_next_look_at_the_width(half, following):
     """At most twice the runs, at least a step."""
     assert next_width_look(100, half, 0.02, 10, 1000) == following
+
+
+@pytest.mark.parametrize(
+    ("logs", "reason"),
+    [
+        (np.where(np.arange(300) < 3, np.log(9), 0.0), ""),
+        (np.zeros(300), ""),
+        (np.where(np.arange(300) % 30 < 1, 0.95, -0.05) + 1e-3 * np.sin(np.arange(300)), TAIL),
+    ],
+)
+def test_a_width_takes_an_interval_that_runs_support(logs, reason):
+    """Equal but for 3 of 300 runs: the narrow interval of the superiority says nothing of the change; ten events."""
+    [found] = half_widths(table(np.exp(np.stack([0 * logs, logs], axis=1)), LEVEL))
+    assert found.value == np.inf and found.reason == reason
+
+
+def test_thirty_events_support_a_width():
+    """The rule of Cochran with 20: skewness^2 is about n / k with k events."""
+    logs = np.where(np.arange(600) % 20 < 1, 0.95, -0.05)
+    [found] = half_widths(table(np.exp(np.stack([0 * logs, logs + 1e-3 * np.sin(np.arange(600))], axis=1)), LEVEL))
+    assert 0.01 < found.value < 0.03

@@ -9,18 +9,30 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from rmpc_bench.analysis.failures import mcnemar, worst_of
-from rmpc_bench.analysis.intervals import wilson
+from rmpc_bench.analysis.intervals import exact_share, wilson
 from rmpc_bench.analysis.looks import number_of_look, planned_level, schedule, unplanned_level
 from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
-from rmpc_bench.analysis.superiority import shares_interval, superiority, superiority_interval
+from rmpc_bench.analysis.superiority import _score_interval, shares_interval, superiority, superiority_interval
 
 counts = st.integers(0, 60)
 
 
 @given(st.integers(20, 60), st.integers(0, 60))
-def test_without_ties_it_is_the_interval_of_wilson(won, lost):
-    """The formula in closed form."""
-    assert superiority_interval(won, lost, 0, 0.9) == pytest.approx(wilson(won, won + lost, 0.9), abs=1e-9)
+def test_without_ties_it_is_the_interval_of_wilson_or_wider(won, lost):
+    """The wider of it and that of Clopper and Pearson where this contains 1/2; both in closed form."""
+    low, high = wilson(won, won + lost, 0.9)
+    exact = exact_share(won, won + lost, 0.9)
+    if exact[0] <= 0.5 <= exact[1]:
+        low, high = min(low, exact[0]), max(high, exact[1])
+    assert superiority_interval(won, lost, 0, 0.9) == pytest.approx((low, high), abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [8, 20, 26, 36, 60, 200])
+def test_a_fair_coin_is_seldom_called_unfair(n):
+    """Exact, by enumeration; the interval of Wilson excludes 1/2 in 7.6 % at 26 runs and in 6.5 % at 36."""
+    ends = [superiority_interval(won, n - won, 0, 0.95) for won in range(n + 1)]
+    wrong = [won for won, (low, high) in enumerate(ends) if not low <= 0.5 <= high]
+    assert stats.binom.pmf(wrong, n, 0.5).sum() <= 0.05
 
 
 @given(counts, counts, counts)
@@ -36,8 +48,7 @@ def test_exchanged_methods_have_the_mirrored_interval(won, lost, tied):
 def test_score_by_its_definition(won, lost, tied):
     """Oracle: the variance at the end of the interval with the shares that maximise the likelihood there."""
     n, z = won + lost + tied, stats.norm.ppf(0.975)
-    for end, sign in zip(superiority_interval(won, lost, tied, 0.95), (1, -1), strict=True):
-        difference = 2 * end - 1
+    for difference, sign in zip(_score_interval(won, lost, n, 0.95), (1, -1), strict=True):
 
         def cost(share_lost, difference=difference):
             shares = (share_lost + difference, share_lost, 1 - 2 * share_lost - difference)

@@ -90,8 +90,8 @@ def test_what_is_recorded(written):
     ]
     assert claims[0]["numbers"][0]["change"]["of"] == "factor"
     assert claims[2]["finding"] in ("equal", "close", "different") and claims[2]["sizes"][0]["stated"] == "3.20"
-    # Two cases share 5 %, each of them one-sided.
-    assert claims[3]["confidence"] == pytest.approx(1 - 2 * 0.05 / 2)
+    # Two cases share 2.5 %, each of them one-sided.
+    assert claims[3]["confidence"] == pytest.approx(1 - 2 * 0.025 / 2)
     assert claims[5]["finding"] == "not-testable" and claims[5]["stated"] == "much"
 
 

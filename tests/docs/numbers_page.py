@@ -25,16 +25,27 @@ EVERY_RUN = (
     "No number of runs confirms a statement about every run, although these runs agree with it. The largest value of "
     "all runs is not known, nor whether a share is 1. A share of runs, such as 98 %, can be confirmed."
 )
+FEW_VALUES = (
+    "Most runs have one value, or the same difference or ratio. So they do not bound what other runs may have, and "
+    "an equality may fail in a run that was not computed."
+)
+UNDECIDED = "Where some interpretations confirm a statement and the others are inconclusive, nothing contradicts it."
 CAUSES = {
     "ma2025": "x(0) follows the printed law (77), and the noise is used as printed. Before, x(0) was x_hat(0), and "
     "noise outside its ellipsoid was moved to the boundary. Both laws are crossed in twelve interpretations.",
     "belda2017": "A statement that no interpretation confirms is not confirmed. Before, it was called dependent on the "
     "assumptions.",
-    "belda2017/exp2": f"A statement that no interpretation confirms is not confirmed. {EVERY_RUN}",
-    **dict.fromkeys(("belda2017/bursts", "belda2017/constrained", "belda2017/fig4", "belda2017/windows"), EVERY_RUN),
-    **dict.fromkeys(("estimators/friction", "estimators/outliers", "ma2025/certificate", "mayne2005/tube"), EVERY_RUN),
+    "belda2017/exp2": f"A statement that no interpretation confirms is not confirmed. {EVERY_RUN} {FEW_VALUES}",
+    "belda2017/windows": f"{EVERY_RUN} {FEW_VALUES}",
+    "ma2025/certificate": f"{EVERY_RUN} {FEW_VALUES}",
+    "servo-constrained/penalty": f"{EVERY_RUN} {FEW_VALUES}",
+    "belda2017/correlation": FEW_VALUES,
+    "souto2011/benchmarks": f"{FEW_VALUES} {UNDECIDED}",
+    "souto2011/comparison": UNDECIDED,
+    **dict.fromkeys(("belda2017/bursts", "belda2017/constrained", "belda2017/fig4"), EVERY_RUN),
+    **dict.fromkeys(("estimators/friction", "estimators/outliers", "mayne2005/tube"), EVERY_RUN),
     **dict.fromkeys(("servo-constrained", "zenere2018/rivals", "zenere2018/sim1"), EVERY_RUN),
-    "souto2011/fig2": "No interpretation confirms the statement, and one or more are inconclusive.",
+    "souto2011/fig2": f"No interpretation confirms one statement, and one or more are inconclusive. {UNDECIDED}",
     "souto2011/table": "A statement of the paper has a row: without uncertainty the predictor is the Kalman predictor.",
     "estimators/friction-tuned": "The tuned radius of WKF is 64.42, not 76.2; the two objectives differ by 4e-5.",
 }

@@ -5,8 +5,10 @@ import os
 import shutil
 import subprocess
 import sys
+from copy import copy
 
 import pytest
+from matplotlib.font_manager import FontManager, fontManager, json_dump
 from pypdf import PdfReader
 
 from rmpc_bench.execution.evaluation import figure
@@ -74,6 +76,21 @@ def test_pdf(make_trials, tmp_path, font):
     sizes = text_sizes(page)
     assert sizes and set(sizes) <= {8.0, 5.6} and sizes.count(8.0) > len(sizes) / 2
     assert "S-MPC" in page.extract_text()
+
+
+def test_a_list_of_fonts_without_those_of_matplotlib(tmp_path):
+    """The list that all processes of a user share may be damaged: the figure has the same bytes."""
+    damaged = copy(fontManager)
+    damaged.ttflist = [each for each in fontManager.ttflist if each.fname.endswith("DejaVuSans.ttf")]
+    found = []
+    for place, fonts_of in (("whole", fontManager), ("damaged", damaged)):
+        (tmp_path / place).mkdir()
+        json_dump(fonts_of, tmp_path / place / f"fontlist-v{FontManager.__version__}.json")
+        environment = {**os.environ, "MPLCONFIGDIR": str(tmp_path / place)}
+        arguments = [sys.executable, "-c", SCRIPT, str(tmp_path / place)]
+        subprocess.run(arguments, env=environment, check=True, timeout=120)
+        found.append((tmp_path / place / "a.svg").read_bytes())
+    assert found[0] == found[1]
 
 
 def test_the_same_bytes_in_every_process(tmp_path):
