@@ -39,7 +39,6 @@ CAUSES = {
     "belda2017/windows": f"{EVERY_RUN} {FEW_VALUES}",
     "ma2025/certificate": f"{EVERY_RUN} {FEW_VALUES}",
     "servo-constrained/penalty": f"{EVERY_RUN} {FEW_VALUES}",
-    "belda2017/correlation": FEW_VALUES,
     "souto2011/benchmarks": f"{FEW_VALUES} {UNDECIDED}",
     "souto2011/comparison": UNDECIDED,
     **dict.fromkeys(("belda2017/bursts", "belda2017/constrained", "belda2017/fig4"), EVERY_RUN),
