@@ -91,8 +91,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
-    """Count the findings on the statements of the paper in the order of the findings; then in fewer words."""
-    found = Counter(each.finding for each in verdicts if each.claim.of_paper)
+    """Count the findings on the statements of the paper, joined over configurations, in their order; then shorter."""
+    found = Counter(each.joined for each in verdicts if each.claim.of_paper)
     tested = {each: found[each] for each in Finding if found[each] and each is not Finding.NOT_TESTABLE}
     if not tested:
         return [""]

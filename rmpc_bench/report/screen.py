@@ -229,7 +229,7 @@ class Screen:
             return ["claims: not evaluated, a smoke run is too short"]
         if self.reasons:
             return [f"claims: not evaluated, {'; '.join(self.reasons)}"]
-        found = [Counter(each.finding for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]
+        found = [Counter(each.joined for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]
         if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
             [finding] = known
             n, ours = found[0][finding], found[1][finding]

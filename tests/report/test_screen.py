@@ -199,7 +199,9 @@ def test_a_smoke_run_says_what_ran():
 
 def verdict(finding, of_paper=True, recorded=None):
     claim = SimpleNamespace(of_paper=of_paper, finding=recorded, says="a statement " + "of words " * 30)
-    return SimpleNamespace(finding=finding, claim=claim, differs=recorded is not None and recorded != finding)
+    return SimpleNamespace(
+        finding=finding, joined=finding, claim=claim, differs=recorded is not None and recorded != finding
+    )
 
 
 def test_claims_have_a_line():

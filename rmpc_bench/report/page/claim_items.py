@@ -10,7 +10,7 @@ from rmpc_bench.claims.evidence import evidence
 from rmpc_bench.claims.markdown import cases_text, limits
 from rmpc_bench.claims.verdict import ClaimVerdict
 
-MOST_OPEN, MOST_WORDS = 8, 130
+MOST_OPEN, MOST_WORDS = 8, 100
 """Statements that are not folded, and the words of all of them."""
 OURS = "ours, not in the paper"
 
