@@ -31,15 +31,13 @@ from rmpc_bench.execution.tuning_report import tuning
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
-from rmpc_bench.report.csv_file import write_csv
-from rmpc_bench.report.drivers_table import DriversTable
-from rmpc_bench.report.kept_tables import comparisons_table, summary_table
-from rmpc_bench.report.lost_table import LostTable, lost_table
+from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
+from rmpc_bench.report.run_tables import DriversTable, LostTable, lost_table
 from rmpc_bench.report.screen import WIDTH, Screen
-from rmpc_bench.report.summary import Summary, trials_csv
+from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import Array
 

@@ -15,8 +15,8 @@ from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
+from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.results_text import Setting
-from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.types import MetricInfo
 
 FEW_SETTINGS = 2

@@ -16,8 +16,8 @@ from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
+from rmpc_bench.report.point_tables import markdown_table
 from rmpc_bench.report.run_notes import short_time
-from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types.texts import inert_markdown
 
 LIMITATIONS = (

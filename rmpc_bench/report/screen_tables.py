@@ -25,7 +25,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.answer import sweep_of
-from rmpc_bench.report.ensemble_table import ensemble_rows
+from rmpc_bench.report.run_tables import ensemble_rows
 from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
 
 NAME = 12

@@ -14,10 +14,9 @@ from rmpc_bench.claims.table import claims_table
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.evaluation import drivers, requirements
 from rmpc_bench.execution.store import Store
-from rmpc_bench.report.lost_table import lost_table
+from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.summary import trials_csv
-from rmpc_bench.report.worst_runs import worst_runs_columns
+from rmpc_bench.report.run_tables import lost_table, worst_runs_columns
 
 FAILS = """
 from rmpc_bench import SolverError, single_run

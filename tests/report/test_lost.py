@@ -8,9 +8,9 @@ from comparison_tables import table
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.report.caption import latex_notes
 from rmpc_bench.report.latex import latex_tables
-from rmpc_bench.report.lost_table import lost_table
+from rmpc_bench.report.notes import latex_notes
+from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import ConfigError, MetricInfo
 

@@ -11,13 +11,12 @@ from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import IDENTIFIERS, usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
-from rmpc_bench.report.page.claim_items import claim_items, n_open
+from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
-from rmpc_bench.report.page.notes import note_of
-from rmpc_bench.report.page.parts import Table
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
-from rmpc_bench.report.page.source import PageSource, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.statements import claim_items, n_open
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."

@@ -11,8 +11,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.report.point_tables import markdown_table
 from rmpc_bench.report.rich_text import to_html, to_markdown
-from rmpc_bench.report.tables import markdown_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -1,4 +1,4 @@
-"""What the page of an experiment is made from: its tables, findings and figures, and where they come from."""
+"""What the page of an experiment is made from, and the parts that it is opened into, as plain data."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.page.matrix import Group
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
+from rmpc_bench.report.run_tables import DriversTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
@@ -115,3 +116,37 @@ def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
 def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
     """Return the rows of a metric at all points together, where these are many plants."""
     return None if info is None or summary.pooled is None else result_table(*summary.pooled, info)
+
+
+class Table(NamedTuple):
+    """Columns, of which the first one names the rows."""
+
+    columns: Mapping[str, Sequence[str]]
+    numeric: bool = True
+    by_method: bool = False
+    """Whether the first column has methods, which are names and no formulas."""
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The cells of every row."""
+        return [*zip(*self.columns.values(), strict=True)]
+
+
+class Part(NamedTuple):
+    """A part of a fold; all but one of its fields are empty."""
+
+    text: str = ""
+    note: str = ""
+    command: str = ""
+    items: Sequence[str] = ()
+    table: Table | None = None
+    groups: Sequence[Group] = ()
+    figure: PageFigure | None = None
+
+
+class Fold(NamedTuple):
+    """A part of the page that is opened on demand."""
+
+    title: str
+    gist: str
+    parts: Sequence[Part]
