@@ -175,16 +175,13 @@ def comparison_table(
     tables = [comparisons(point, of) for point in points]
     return ComparisonTable(
         frame=stacked_points(list(zip(points, tables, strict=True))),
-        sentences=tuple(text for point, table in zip(points, tables, strict=True) for text in _sentences(point, table)),
+        sentences=tuple(
+            (f"{point.title}: " if point.title else "") + sentence(row, infos[row["metric"]], point)
+            for point, table in zip(points, tables, strict=True)
+            for row in table.to_dict("records")
+        ),
         notes=(explanation(points[0]),),
     )
-
-
-def _sentences(point: Trials, table: pd.DataFrame) -> list[str]:
-    infos = {info.name: info for info in point.metrics}
-    head = f"{point.title}: " if point.title else ""
-    rows = table.to_dict("records")
-    return [head + sentence(row, infos[row["metric"]], point) for row in rows]
 
 
 def _cell(value: Any) -> str:

@@ -138,11 +138,8 @@ class ImprovementComparison:
     def _word(self, row: ImprovementDifference, table: Trials) -> str:
         if not row.verdict:
             return ""
-        return ": " + _verdict(row, margin_of(table, self.info, signed=_is_signed(row)))
-
-
-def _is_signed(row: ImprovementDifference) -> bool:
-    return bool(row.averages) and row.averages[0].average == "difference"
+        signed = bool(row.averages) and row.averages[0].average == "difference"
+        return ": " + _verdict(row, margin_of(table, self.info, signed=signed))
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:

@@ -50,10 +50,12 @@ def _width(
     return table_width(["Method", *(head_of(tables[0], name) for name in wanted)], rows, GAP)
 
 
-def rows_of(table: ResultTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column]) -> list[list[str]]:
-    """Return the rows of a table: name of the method, then the columns."""
+def rows_of(
+    table: ResultTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column], *, short: bool = False
+) -> list[list[str]]:
+    """Return the rows of a table: name of the method, broken into lines if it has to be short, then the columns."""
     absent = ["--"] * len(table.rows)
-    names = [label_of(table.trials, row.method) for row in table.rows]
+    names = [row_label(table.trials, row.method, short=short) for row in table.rows]
     return [list(row) for row in zip(*[names, *(there.get(name, absent) for name in wanted)], strict=True)]
 
 
@@ -150,6 +152,11 @@ class Body(NamedTuple):
     groups: Sequence[tuple[str, Sequence[Sequence[str]]]]
     """Title of the group, empty without one, and its rows; all cells are LaTeX."""
 
+    @property
+    def width(self) -> float:
+        """Estimate of the width [pt]."""
+        return table_width(self.head, [row for _, rows in self.groups for row in rows], GAP)
+
 
 def latex_tables(
     summary: Points,
@@ -191,15 +198,11 @@ def body_of(
         return _methods_as_columns(tables, wanted[0])
     head = ["Method", *(head_of(tables[0], name) for name in wanted)]
     groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted)) for table in tables]
-    if table_width(head, [row for _, rows in groups for row in rows], GAP) > width:
-        groups = [(title, _with_short_labels(table, rows)) for table, (title, rows) in zip(tables, groups, strict=True)]
+    body = Body(head, groups)
+    if body.width <= width:
+        return body
+    groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted, short=True)) for table in tables]
     return Body(head, groups)
-
-
-def _with_short_labels(table: ResultTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Break the labels of the methods into lines."""
-    labels = [row_label(table.trials, row.method, short=True) for row in table.rows]
-    return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
 
 def title_of(trials: Trials) -> str:
@@ -228,9 +231,7 @@ def _all_metrics(points: Sequence[PointSummary], width: float) -> Body:
         _metrics_as_rows(points, infos),
         _metrics_as_columns(points, infos, short=True),
     ]
-    widths = [table_width(body.head, [row for _, rows in body.groups for row in rows], GAP) for body in bodies]
-    fitting = (body for body, needed in zip(bodies, widths, strict=True) if needed <= width)
-    return next(fitting, bodies[widths.index(min(widths))])
+    return next((body for body in bodies if body.width <= width), min(bodies, key=lambda body: body.width))
 
 
 def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool = False) -> Body:

@@ -99,16 +99,10 @@ def unit_latex(unit: str) -> str:
 
 
 def _plain(text: str) -> str:
-    text = text.replace(r"\$", "$")
-    written = "".join(_character(each) for each in text)
+    signs = [f"${_SYMBOLS[each]}$" if each in _SYMBOLS else each for each in text.replace(r"\$", "$")]
+    written = "".join(_ESCAPED.get(each) or _PUNCTUATION.get(each, each) for each in signs)
     # Two hyphens would become a dash.
     return re.sub(r"-(?=-)", "-{}", written) if "--" in text else written
-
-
-def _character(each: str) -> str:
-    if each in _SYMBOLS:
-        return f"${_SYMBOLS[each]}$"
-    return _ESCAPED.get(each) or _PUNCTUATION.get(each, each)
 
 
 def _formula(part: str) -> str:
@@ -119,12 +113,8 @@ def _formula(part: str) -> str:
     refused = re.search(r"\^\s*\^|_\s*_|\^.*'|[\^_]\s*(?:$|\\(?![A-Za-z])|\\(?:frac|hat|sqrt))", part)
     if not part.strip() or refused or not known or not is_formula(part):
         return _plain(f"${part}$")
-    written = "".join(_symbol(each) for each in part)
+    written = "".join(f"{{{_SYMBOLS[each]}}}" if each in _SYMBOLS else each for each in part)
     return "$" + re.sub(r"(?<!\\)([%#&])", r"\\\1", written) + "$"
-
-
-def _symbol(each: str) -> str:
-    return f"{{{_SYMBOLS[each]}}}" if each in _SYMBOLS else each
 
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d+)?|inf)(?:e[-+]?\d+)?"

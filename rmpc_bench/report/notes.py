@@ -42,21 +42,17 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     if not first.trials.with_verdicts:
         return ""
     several = len(tables) > 1
-    sentences = [
-        f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{' on the same draws' * _compares(tables)}."
-    ]
+    draws = " on the same draws" * any(row.compared for table in tables for row in table.rows)
+    sentences = [f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{draws}."]
+    oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
     sentences += [_intervals(tables), _change(first), _marks(tables, lowest) if several else _drawn(first, rows)]
-    sentences += [_parameters(first), _oracles(first), _looks(first), _failures(tables)]
+    sentences += [_parameters(first), oracle, _looks(first), _failures(tables)]
     kept, room = list[str](), LONGEST
     for sentence in filter(None, sentences):
         if len(sentence) < room:
             kept.append(sentence)
             room -= len(sentence) + 1
     return " ".join(kept)
-
-
-def _compares(tables: Sequence[ResultTable]) -> bool:
-    return any(row.compared for table in tables for row in table.rows)
 
 
 def _intervals(tables: Sequence[ResultTable]) -> str:
@@ -123,10 +119,6 @@ def _failures(tables: Sequence[ResultTable]) -> str:
     bound = per_cent(100 * max(float(row["far_worse_upper"]) for row in known))
     factor = f"{tables[0].trials.lost or FACTOR:g} times worse than {tables[0].baseline}"
     return f"No run of {n} was lost (failed or {factor}): at most {bound} are."
-
-
-def _oracles(table: ResultTable) -> str:
-    return "An oracle knows the true parameters." if any(row.is_oracle for row in table.rows) else ""
 
 
 def _looks(table: ResultTable) -> str:

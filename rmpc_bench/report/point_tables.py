@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import pandas as pd
@@ -42,6 +42,20 @@ def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame
             frame.insert(column, path, value)
         tables.append(frame)
     return stacked_rows(tables)
+
+
+def columns_from(rows: Iterable[Mapping[str, str]]) -> dict[str, list[str]]:
+    """Return head -> cells of rows that are given as head -> cell."""
+    columns: dict[str, list[str]] = {}
+    for row in rows:
+        for head, cell in row.items():
+            columns.setdefault(head, []).append(cell)
+    return columns
+
+
+def markdown_page(parts: Sequence[str]) -> str:
+    """Join the parts of a file in Markdown; empty without any."""
+    return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:

@@ -14,11 +14,10 @@ from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.latex import GAP, WIDTH, Body, row_label, shown_points, stacked, title_of, written_table
-from rmpc_bench.report.latex_text import number_latex, table_width, to_latex
-from rmpc_bench.report.point_tables import Points, markdown_table, stacked_points
+from rmpc_bench.report.latex import WIDTH, Body, row_label, shown_points, stacked, title_of, written_table
+from rmpc_bench.report.latex_text import number_latex, to_latex
+from rmpc_bench.report.point_tables import Points, markdown_page, markdown_table, stacked_points
 from rmpc_bench.types.requirement import Requirement
-from rmpc_bench.types.texts import inert_markdown
 
 REQUIREMENTS_NOTE = (
     "A failed run does not meet a requirement. Share: Wilson interval; difference in percentage points: paired score "
@@ -118,7 +117,7 @@ class RequirementsTable:
                 parts += [f"# {trials.title}"] * bool(trials.title)
                 parts.append(markdown_table(requirement_columns(trials, frame)))
         parts += [REQUIREMENTS_NOTE] if parts else []
-        return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
+        return markdown_page(parts)
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)
@@ -151,8 +150,8 @@ def latex_requirements(summary: Points, comments: Sequence[str] = (), width: flo
     tables = _tables(summary)
     if not tables:
         return {}
-    bodies = (_body(tables, short=short) for short in (False, True))
-    body = next((each for each in bodies if _width(each) <= width), _body(tables, short=True))
+    body = _body(tables, short=False)
+    body = body if body.width <= width else _body(tables, short=True)
     return {REQUIREMENTS: written_table(body, comments, REQUIREMENTS)}
 
 
@@ -217,7 +216,3 @@ def _body(tables: Sequence[Trials], *, short: bool) -> Body:
             title = ", ".join(filter(None, [title_of(trials), to_latex(_named(trials, requirement))]))
             groups.append((title, rows))
     return Body(head, groups)
-
-
-def _width(body: Body) -> float:
-    return table_width(body.head, [row for _, rows in body.groups for row in rows], GAP)

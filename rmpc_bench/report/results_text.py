@@ -202,7 +202,8 @@ class ResultsComparison:
         }
         for title, lines in sections.items():
             if lines:
-                yield from ("", title, *_shortened(lines))
+                yield from ("", title, *(f"  {line}" for line in lines[:MOST_LINES]))
+                yield from [f"  and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
         yield ""
         yield self._conclusion()
 
@@ -285,8 +286,3 @@ def _largest(each: Largest) -> str:
 
 def _where(point: str, method: str) -> str:
     return f"{point}: {method}" if point else method
-
-
-def _shortened(lines: Sequence[str]) -> list[str]:
-    shown = [f"  {line}" for line in lines[:MOST_LINES]]
-    return shown + ([f"  and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])

@@ -204,17 +204,14 @@ def _failure_text(
     if failure is not None and failure.trace:
         lines += ["", failure.trace.rstrip()]
     parts = [("values at the failure", {} if failure is None else failure.values), ("uncertain quantities", values)]
-    parts += [("warnings of all runs of the method", _warnings(trials, method)), ("versions", versions)]
+    notes = trials.notes.get(method)
+    warned = {f"{n} x": text for text, n in notes.warnings.items()} if notes else {}
+    parts += [("warnings of all runs of the method", warned), ("versions", versions)]
     for title, table in parts:
         if table:
             width = 2 + max(len(str(name)) for name in table)
             lines += ["", title, *(f"  {name!s:{width}}{value}" for name, value in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _warnings(trials: Trials, method: str) -> dict[str, str]:
-    notes = trials.notes.get(method)
-    return {f"{n} x": text for text, n in notes.warnings.items()} if notes else {}
 
 
 def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str, float]:

@@ -19,7 +19,7 @@ from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.point_tables import markdown_table, stacked_points
+from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table, stacked_points
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.texts import inert_markdown
 
@@ -73,12 +73,8 @@ def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = No
         return {}
     trials = trials if metrics is None else trials.with_numbers(trials.frame, metrics=tuple(metrics))
     infos = {info.name: info for info in trials.metrics}
-    columns: dict[str, list[str]] = {}
     table = tails(trials).sort_values("metric", key=lambda names: names.map(list(infos).index), kind="stable")
-    for row in table.to_dict("records"):
-        for head, cell in _cells(trials, row, infos[row["metric"]]).items():
-            columns.setdefault(head, []).append(cell)
-    return columns
+    return columns_from(_cells(trials, row, infos[row["metric"]]) for row in table.to_dict("records"))
 
 
 def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]:
@@ -113,35 +109,12 @@ def _tail_text(row: Mapping[Any, Any], name: str) -> str:
     return interval_text(value, float(row[f"{name}_low"]), float(row[f"{name}_high"]), sign=False)
 
 
-_LOST = ["lost_pct", "lost_low", "lost_high"]
-
-
-@dataclass(frozen=True, eq=False)
-class LostTable:
-    """Lost runs at every point of a sweep.
-
-    Parameters
-    ----------
-    points : table of each point and its lost runs, see `rmpc_bench.analysis.lost_runs`
-    """
-
-    points: Sequence[tuple[Trials, pd.DataFrame]]
-
-    @property
-    def frame(self) -> pd.DataFrame:
-        """Content of lost.csv: sweep columns, then one row per method; empty where no factor is given."""
-        table = stacked_points(self.points)
-        table[_LOST] = rounded(table[_LOST].to_numpy(dtype=float), 100.0)
-        return table
-
-    def to_markdown(self) -> str:
-        """Return nothing: the shares stand in the tables of the primary metric."""
-        return ""
-
-
-def lost_table(trials: Trials) -> LostTable:
-    """Count the lost runs at every point of a sweep."""
-    return LostTable([(point, lost_runs(point)) for point in trials.each])
+def lost_table(trials: Trials) -> pd.DataFrame:
+    """Return the content of lost.csv: sweep columns, then one row per method; empty where no factor is given."""
+    table = stacked_points([(point, lost_runs(point)) for point in trials.each])
+    shares = ["lost_pct", "lost_low", "lost_high"]
+    table[shares] = rounded(table[shares].to_numpy(dtype=float), 100.0)
+    return table
 
 
 MOST_POINTS = 12
@@ -179,7 +152,7 @@ class DriversTable:
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
         parts += [f"{left} more point{'s' * (left > 1)} of the sweep: drivers.csv"] if left else []
         parts += [DRIVERS_NOTE] if parts else []
-        return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
+        return markdown_page(parts)
 
     def __str__(self) -> str:
         return self.to_markdown()
@@ -192,14 +165,13 @@ def drivers_table(trials: Trials) -> DriversTable:
 
 def _columns(frame: pd.DataFrame) -> dict[str, list[str]]:
     """Return head -> cells, a row per method."""
+    found = []
     shares = frame[frame["response"] != "failed"]
-    columns: dict[str, list[str]] = {}
     for method, rows in shares.groupby("method", sort=False):
         records = rows.to_dict("records")
         # Heads of two words cannot be names of quantities.
         cells = {"variance of": f"{method}: {records[0]['response']} of {records[0]['metric']}"}
         cells |= {"not explained" if row["quantity"] == REST else row["quantity"]: share_text(row) for row in records}
         cells |= {"number of runs": str(records[0]["n"]), "failed runs left out": str(records[0]["n_failed"])}
-        for head, cell in cells.items():
-            columns.setdefault(head, []).append(cell)
-    return columns
+        found.append(cells)
+    return columns_from(found)

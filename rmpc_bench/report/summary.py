@@ -10,21 +10,20 @@ from typing import NamedTuple
 import pandas as pd
 
 from rmpc_bench.analysis import statistics
-from rmpc_bench.analysis.comparison import Levels, comparisons, levels
+from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
 from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.rows import rows_of
-from rmpc_bench.report.point_tables import PointSummary, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import counted, declared_lines, notes_markdown, status_lines
 from rmpc_bench.report.run_tables import ensemble_markdown, worst_runs_columns
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column
-from rmpc_bench.types.texts import inert_markdown
 
 BEST = {"zero": "best at 0", "one": "best at 1"}
 
@@ -49,7 +48,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
         ("Checks that are meant to fail", declared_lines(trials)),
     ):
         parts += [f"## {head}", "\n".join(lines)] if lines else []
-    return inert_markdown("\n\n".join([*parts, *notes_markdown(trials)])) + "\n"
+    return markdown_page([*parts, *notes_markdown(trials)])
 
 
 def quantity(info: MetricInfo) -> str:
@@ -141,11 +140,8 @@ def summarise(trials: Trials) -> Summary:
     """Describe every method and compare it with the baseline, at every point of a sweep."""
     pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
     of = levels(trials)
-    return Summary([_summary(point, of) for point in trials.each], pooled)
-
-
-def _summary(trials: Trials, of: Levels) -> PointSummary:
-    return PointSummary(trials, statistics.summary(trials), comparisons(trials, of))
+    points = [PointSummary(point, statistics.summary(point), comparisons(point, of)) for point in trials.each]
+    return Summary(points, pooled)
 
 
 def _population(trials: Trials) -> PointSummary:

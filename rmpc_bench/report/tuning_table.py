@@ -15,8 +15,7 @@ from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
-from rmpc_bench.report.point_tables import markdown_table
-from rmpc_bench.types.texts import inert_markdown
+from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
 from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol
 
 EXPLANATION = (
@@ -75,11 +74,7 @@ def short_text(found: Outcome) -> str:
 
 def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
     """Return head -> cells of the table of values at one point of the sweep, a line per method and parameter."""
-    columns: dict[str, list[str]] = {}
-    for each in found:
-        for place in range(len(each.search.parameters)):
-            for head, cell in _cells(each, place).items():
-                columns.setdefault(head, []).append(cell)
+    columns = columns_from(_cells(each, place) for each in found for place in range(len(each.search.parameters)))
     if all(each.search.test is None for each in found):
         # Without runs of the experiment there is nothing to say about them.
         columns = {head: cells for head, cells in columns.items() if not head.startswith(("test", "best", "regret"))}
@@ -319,7 +314,7 @@ class TuningTable:
             parts += [markdown_table(ranks)] if ranks else []
             parts += ["\n".join(f"- {text}" for text in sentences)] if sentences else []
         parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
-        return inert_markdown("\n\n".join([*parts, EXPLANATION])) + "\n"
+        return markdown_page([*parts, EXPLANATION])
 
     @property
     def gist(self) -> str:
@@ -330,7 +325,8 @@ class TuningTable:
         size = f"budget {protocol.budget}, {protocol.runs} runs (tables/tuning.md)"
         if len(every) <= MOST_NAMED:
             return f"tuned: {', '.join(map(short_text, every))}; {size}{self._no_ranks}"
-        lost, ends = ([*dict.fromkeys(each.search.method for each in every if test(each))] for test in (_lost, _at_end))
+        lost = [*dict.fromkeys(each.search.method for each in every if each.search.chosen is None)]
+        ends = [*dict.fromkeys(each.search.method for each in every if any(each.search.at_end))]
         n = len({each.search.method for each in every} - {*lost})
         text = f"tuned: {n} method{'s' * (n != 1)}"
         text += f"; nothing found for {', '.join(lost)}" if lost else ""
@@ -343,11 +339,3 @@ class TuningTable:
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)
-
-
-def _lost(found: Outcome) -> bool:
-    return found.search.chosen is None
-
-
-def _at_end(found: Outcome) -> bool:
-    return any(found.search.at_end)

@@ -71,7 +71,7 @@ def numbers(results):
     """Return what tables and claims say, as text."""
     tables = rmpc_bench.summarise(results)
     frames = [tables.described, tables.compared, drivers(results).frame, requirements(results).frame]
-    frames += [lost_table(results.trials).frame, tails(results.trials)]
+    frames += [lost_table(results.trials), tails(results.trials)]
     texts = [frame.to_csv() for frame in frames]
     return [*texts, tables.to_markdown(), claims_table(rmpc_bench.judge(results)), worst_runs_columns(results.trials)]
 

@@ -21,6 +21,7 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.sweep_points import short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
+from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import (
@@ -193,7 +194,7 @@ def _drivers(source: PageSource) -> Fold | None:
     if source.drivers is None or not source.trials.with_verdicts:
         return None
     baseline = source.trials.baseline
-    columns: dict[str, list[str]] = {}
+    found: list[Mapping[str, str]] = []
     every: list[Mapping[Any, Any]] = []
     for trials, frame in source.drivers.points[:MOST_POINTS]:
         rows = frame[(frame["quantity"] != REST) & (frame["response"] != FAILED)].to_dict("records")
@@ -202,12 +203,10 @@ def _drivers(source: PageSource) -> Fold | None:
         every += rows if gist else []
         for method in dict.fromkeys(row["method"] for row in rows) if gist else ():
             cells = {"method": method} | ({"point": short_title(trials)} if trials.title else {})
-            cells |= {row["quantity"]: _share(row) for row in rows if row["method"] == method}
-            for head, cell in cells.items():
-                columns.setdefault(head, []).append(cell)
-    if not columns:
+            found.append(cells | {row["quantity"]: _share(row) for row in rows if row["method"] == method})
+    if not found:
         return None
-    by_method = Table(columns, by_method=True)
+    by_method = Table(columns_from(found), by_method=True)
     return Fold("What drives the change", drivers_gist(every, baseline), [Part(table=by_method), Part(note=SHARES)])
 
 
@@ -281,7 +280,7 @@ def _distance(table: ResultTable, median: float) -> float:
 
 def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
     """Return bias and variance of the error at the end, where moments were evaluated; in short its mean square."""
-    columns: dict[str, list[str]] = {}
+    found: list[Mapping[str, str]] = []
     for table in trials.each:
         heads, *rows = ensemble_rows(table) or [[]]
         for row in rows:
@@ -290,10 +289,8 @@ def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
                 **({"point": short_title(table)} if table.title else {}),
             }
             named = {head or "basis": cell for head, cell in zip(heads[1:], row[1:], strict=True)}
-            cells |= {"mean square": named["mean square"]} if short else named
-            for head, cell in cells.items():
-                columns.setdefault(head, []).append(cell)
-    return Table(columns) if columns else None
+            found.append(cells | ({"mean square": named["mean square"]} if short else named))
+    return Table(columns_from(found)) if found else None
 
 
 def _moments(source: PageSource) -> Fold | None:
