@@ -62,15 +62,7 @@ def _is_number(text: str) -> bool:
 def answer(
     tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
 ) -> str:
-    """Answer which method is better and by how much.
-
-    Parameters
-    ----------
-    tables : those of the primary metric, point by point
-    verdicts : findings of the claims
-    unfinished : whether runs are missing, so that the answer is preliminary
-    n_blank : points of a sweep that have no table
-    """
+    """Answer which method is better and by how much; `n_blank` points of the sweep have no table of the metric."""
     first = tables[0].trials
     if not first.with_verdicts:
         return SMOKE

@@ -31,10 +31,7 @@ _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
 def chosen_columns(tables: Sequence[ResultTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
-    """Return the columns behind the name of the method: the asked ones that exist, or the usual ones that fit.
-
-    The tables are of one metric, at every point of the sweep; the width is in pt.
-    """
+    """Return the columns of the tables of one metric: the asked ones that exist, or the usual ones that fit [pt]."""
     there = [latex_cells(table) for table in tables]
     wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
     least = 3 if "lost" in wanted else 2
@@ -102,10 +99,7 @@ def bracketed(unit: str) -> str:
 
 
 def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
-    """Put lines of LaTeX, without the empty ones, below each other, so that a column is as narrow as its numbers.
-
-    Place ``b`` puts the last line at the height of the row, ``t`` the first; the alignment is ``c`` or ``l``.
-    """
+    """Put lines of LaTeX below each other; place ``b`` has the last one at the height of the row, ``t`` the first."""
     there = [line for line in lines if line]
     # A bracket behind a line break would be read as its option.
     return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
@@ -188,10 +182,7 @@ def shown_points(summary: Points) -> list[PointSummary]:
 def body_of(
     points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None, width: float = WIDTH
 ) -> Body:
-    """Lay out the table of one metric at one point, or at the points of a sweep.
-
-    Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
-    """
+    """Lay out the table of one metric at the points of a sweep, or at one: see `latex_tables`."""
     tables = [result_table(*point, info) for point in points]
     wanted = chosen_columns(tables, columns, width)
     if len(points) > 1 and len(wanted) == 1:

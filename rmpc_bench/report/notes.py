@@ -29,14 +29,9 @@ SHARE = "of the share of runs in which the method is better (ties count half)"
 
 
 def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, lowest: str = "") -> str:
-    """Write the note; sentences that do not fit are left out, those at the end first.
+    """Write the note on n runs of every method; sentences that do not fit are left out, those at the end first.
 
-    Parameters
-    ----------
-    tables : of the primary metric at every point
-    n : runs that every method has
-    rows : the table, where it is one of rows
-    lowest : ``row`` or ``column``, of which a matrix underlines the lowest change; empty where it has none
+    A matrix underlines the lowest change of every row or column, which `lowest` names.
     """
     first = tables[0]
     if not first.trials.with_verdicts:
@@ -163,10 +158,7 @@ def latex_captions(summary: Points) -> dict[str, str]:
 
 
 def latex_notes(summary: Points, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
-    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes.
-
-    Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
-    """
+    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes with the same arguments."""
     points = shown_points(summary)
     if not points:
         return {}
@@ -179,10 +171,7 @@ def latex_notes(summary: Points, columns: Sequence[Column] | None = None, width:
 
 
 def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
-    """Define the columns behind the name of the method: plain text with formulas between dollar signs.
-
-    The tables are of one metric, at every point of the sweep.
-    """
+    """Define the columns of the tables of one metric: plain text with formulas between dollar signs."""
     first = tables[0]
     words = _words(first)
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]

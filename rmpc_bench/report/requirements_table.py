@@ -26,10 +26,7 @@ REQUIREMENTS_NOTE = (
 
 
 def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = False) -> dict[str, list[str]]:
-    """Return head -> cells by the pass rates of one point, see `analysis.requirements`; empty without any.
-
-    In Markdown requirements stand between backticks, in a plain table they do not.
-    """
+    """Return head -> cells by the pass rates of one point; a plain table has no backticks around requirements."""
     rows = frame.to_dict("records")
     if not rows:
         return {}

@@ -146,12 +146,13 @@ class ResultsComparison:
 
     def _answer(self) -> str:
         """Say whether verdicts differ, and which differences of changes are resolved."""
+        conclusion = f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}."
         if self.equal:
-            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}."
+            return conclusion
         n = len(self.findings)
         text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
         if not self.beside:
-            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}.{text}"
+            return f"{conclusion}{text}"
         other = [each for each in self.beside if len({*each.words}) > 1]
         resolved = [each.name for each in self.beside if each.is_resolved]
         said = "The verdicts are the same"

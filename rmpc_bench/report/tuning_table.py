@@ -107,20 +107,14 @@ def _text(parameter: TunedParameter, value: float | None) -> str:
 
 
 def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:
-    """Write a rank with its smallest and largest rank over the bootstrap sets, such as "2 (1 to 3)".
-
-    The budget is an index among the budgets.
-    """
+    """Write a rank at the n-th budget with its ends over the bootstrap sets, such as "2 (1 to 3)"."""
     place = ranks.methods.index(method)
     ends = ranks.smallest[budget, place], ranks.largest[budget, place]
     return f"{ranks.ranks[budget, place]} ({ends[0]} to {ends[1]})"
 
 
 def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
-    """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget.
-
-    The trials say where parameters come from.
-    """
+    """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget."""
     columns = {"method": [*ranks.methods]}
     words = [parameter_text(trials, name) for name in ranks.methods]
     columns |= {"parameters": [word or "-" for word in words]} if any(words) else {}

@@ -120,12 +120,7 @@ def drawn_change(row: ResultRow, table: ResultTable) -> Estimate:
 
 
 class Runs:
-    """Cells of the runs of a table.
-
-    Parameters
-    ----------
-    rows : methods with their quantiles
-    """
+    """Cells of the quantiles of the runs, on one axis."""
 
     def __init__(self, rows: Sequence[ResultRow]) -> None:
         self.axis = value_axis([each for row in rows for each in row.quantiles])
@@ -230,7 +225,8 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
     runs, changes = Runs(shown), Changes.of(table) if table.form != "alone" else None
     more = _more(table, shown, everything=everything)
-    heads = [_mean_head(table), _runs_head(runs)]
+    quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * runs.axis.log}"
+    heads = [_mean_head(table), Head(quantiles, "d0", strip=Strip(runs.grid))]
     if changes is not None:
         heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
         heads += [Head("verdict", "v")]
@@ -259,10 +255,6 @@ def _mean_head(table: ResultTable) -> Head:
     unit = f" [{table.info.unit}]" if table.info.unit else ""
     words = "occurred; median " if table.may_not_occur else "mean "
     return Head(f"{words}{table.info.words}{unit}", "n m", True)
-
-
-def _runs_head(runs: Runs) -> Head:
-    return Head(f"runs: 5 %, quartiles, 95 %{' (log)' * runs.axis.log}", "d0", strip=Strip(runs.grid))
 
 
 def _change_head(table: ResultTable, changes: Changes) -> Head:

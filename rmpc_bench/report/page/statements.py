@@ -129,13 +129,18 @@ def _key(entry: IndexEntry, claim: ClaimRecord) -> tuple[str, ...]:
     return (entry.group, claim["id"]) if claim["id"] else (entry.group, entry.record["name"], claim["statement"])
 
 
-def _group(name: str, entries: Sequence[IndexEntry]) -> dict[str, Any]:
+def paper_link(name: str) -> tuple[str, str]:
+    """Return address and identifier of the paper that a directory is about; empty where it has none."""
     identifier = IDENTIFIERS.get(name, "")
     scheme, _, number = identifier.partition(":")
+    return f"https://arxiv.org/abs/{number}" if scheme == "arXiv" else "", identifier
+
+
+def _group(name: str, entries: Sequence[IndexEntry]) -> dict[str, Any]:
     tables = [{"caption": caption, "rows": _statements(entries, kind)} for kind, caption in KINDS.items()]
     return {
         "name": name,
-        "paper": (f"https://arxiv.org/abs/{number}" if scheme == "arXiv" else "", identifier),
+        "paper": paper_link(name),
         "statements": [table for table in tables if table["rows"]],
         "experiments": [_experiment(entry) for entry in entries],
     }
