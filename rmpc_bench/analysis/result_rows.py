@@ -151,6 +151,10 @@ class ResultTable(NamedTuple):
         rows = [row for row in self.compared if not math.isnan(self.rank(row))]
         return min(rows, key=self.rank, default=None)
 
+    def row_of(self, method: str) -> ResultRow | None:
+        """Return the row of a method."""
+        return next((row for row in self.rows if row.method == method), None)
+
     def rank(self, row: ResultRow) -> float:
         """Return the number by which rows are sorted, a better one first; that of the baseline is no change."""
         if self.form == "share":

@@ -7,10 +7,10 @@ from pathlib import Path
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.caption import latex_captions, latex_notes
 from rmpc_bench.report.latex import WIDTH, latex_tables
-from rmpc_bench.report.latex_requirements import latex_requirements, requirements_caption, requirements_note
 from rmpc_bench.report.latex_text import printed_latex
+from rmpc_bench.report.notes import latex_captions, latex_notes
+from rmpc_bench.report.requirements_table import latex_requirements, requirements_caption, requirements_note
 from rmpc_bench.report.summary import Summary
 
 POINTS = 72.27

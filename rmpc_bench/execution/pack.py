@@ -32,7 +32,7 @@ from rmpc_bench.execution.tuning.record import FOLDER
 from rmpc_bench.execution.tuning.record import SECONDS as TIMES
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
 from rmpc_bench.received.consent import VERIFIED
-from rmpc_bench.report.summary import trials_csv
+from rmpc_bench.report.csv_file import trials_csv
 
 DATA = "data"
 """Directory of the user's data files in an archive."""

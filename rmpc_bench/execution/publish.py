@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import rmpc_bench
 from rmpc_bench.analysis.trials import Trials
@@ -31,15 +32,13 @@ from rmpc_bench.execution.tuning_report import tuning
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
-from rmpc_bench.report.csv_file import write_csv
-from rmpc_bench.report.drivers_table import DriversTable
-from rmpc_bench.report.kept_tables import comparisons_table, summary_table
-from rmpc_bench.report.lost_table import LostTable, lost_table
+from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
+from rmpc_bench.report.run_tables import DriversTable, lost_table
 from rmpc_bench.report.screen import WIDTH, Screen
-from rmpc_bench.report.summary import Summary, trials_csv
+from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import Array
 
@@ -180,12 +179,12 @@ def _published(
         *_write_tables(results, tables, directory),
         *_write_table(driven, directory, "drivers"),
         *_write_table(demanded, directory, "requirements"),
-        *_write_table(lost_table(results.trials), directory, "lost"),
+        *_write_frame(lost_table(results.trials), directory / "lost.csv"),
         *_write_table(ranked, directory, "ranks"),
         *_write_table(tuned, directory, "tuning"),
         *_write_traces(results.stored, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
-        *_write_timings(results, directory / "timings.csv"),
+        *_write_frame(results.timings, directory / "timings.csv"),
         *_write_failures(results, directory / "failures", place),
     ]
     # Another directory says nothing else than this one, which stays as it is.
@@ -221,7 +220,7 @@ def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     write_csv(summary_table(tables.described), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
     _write_table(requirements(results), directory, "requirements")
-    _write_table(lost_table(trials), directory, "lost")
+    _write_frame(lost_table(trials), directory / "lost.csv")
     _write_table(ranks(results), directory, "ranks")
     if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
         write_latex(tables, _record(results, file), texts, report)
@@ -254,26 +253,22 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
 
 
 def _write_table(
-    table: DriversTable | RequirementsTable | LostTable | RanksTable | TuningTable, directory: Path, name: str
+    table: DriversTable | RequirementsTable | RanksTable | TuningTable, directory: Path, name: str
 ) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
-    files, frame = [directory / f"{name}.csv", directory / "tables" / f"{name}.md"], table.frame
-    text = table.to_markdown()
-    for file in files:
-        file.unlink(missing_ok=True)
-    if len(frame):
-        write_csv(frame, files[0])
+    file, text = directory / "tables" / f"{name}.md", table.to_markdown()
+    file.unlink(missing_ok=True)
     if text:
-        replace_text(files[1], text)
-    return [file for file in files if file.exists()]
+        replace_text(file, text)
+    return [*_write_frame(table.frame, directory / f"{name}.csv"), *([file] if text else [])]
 
 
-def _write_timings(results: Results, path: Path) -> list[Path]:
-    """Write the durations of the calls of own components; and the times of built-in ones beside them."""
+def _write_frame(frame: pd.DataFrame, path: Path) -> list[Path]:
+    """Write a table that has rows; an earlier file is removed."""
     path.unlink(missing_ok=True)
-    if not len(results.timings):
+    if not len(frame):
         return []
-    write_csv(results.timings, path)
+    write_csv(frame, path)
     return [path]
 
 

@@ -17,8 +17,8 @@ from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.page.context import answer_of
-from rmpc_bench.report.page.index_page import KINDS, IndexEntry, index_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
+from rmpc_bench.report.page.statements import KINDS, IndexEntry, index_context
 
 CLAIMS = "claims.json"
 

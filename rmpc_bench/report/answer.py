@@ -62,15 +62,7 @@ def _is_number(text: str) -> bool:
 def answer(
     tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
 ) -> str:
-    """Answer which method is better and by how much.
-
-    Parameters
-    ----------
-    tables : those of the primary metric, point by point
-    verdicts : findings of the claims
-    unfinished : whether runs are missing, so that the answer is preliminary
-    n_blank : points of a sweep that have no table
-    """
+    """Answer which method is better and by how much; `n_blank` points of the sweep have no table of the metric."""
     first = tables[0].trials
     if not first.with_verdicts:
         return SMOKE
@@ -219,8 +211,7 @@ def _largest(table: ResultTable) -> str:
 
 def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     """Say which methods fail more, and in how many runs, in ever fewer words."""
-    base = next((row for row in table.rows if row.is_baseline), None)
-    found = [row for row in rows if row.word == FAILS_MORE]
+    base, found = table.row_of(table.baseline), [row for row in rows if row.word == FAILS_MORE]
     if base is not None and base.n_failed and not base.n:
         return [f"Every run of {base.method} failed."]
     if not found:
@@ -231,10 +222,8 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
         f"{lost or 'none'} of {table.baseline}."
         for row in found
     ]
-    names = [row.method for row in found]
-    named = [
-        f"{_few(names, n)} {'fails' if len(names) == 1 else 'fail'} more than {table.baseline}." for n in (3, 1, 0)
-    ]
+    verb = "fails" if len(found) == 1 else "fail"
+    named = [f"{_few([row.method for row in found], n)} {verb} more than {table.baseline}." for n in (3, 1, 0)]
     return [*([" ".join(each)] if len(found) <= 2 else []), *named, ""]
 
 
@@ -250,7 +239,8 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     """Answer for a sweep: where each method is better or worse than the baseline."""
     first, sweep = tables[0], sweep_of(tables)
     computed = [any(row.n + row.n_failed for row in table.rows) for table in tables]
-    words = {row.method: [_word_of(table, row.method) for table in tables] for row in first.compared}
+    found = {row.method: [table.row_of(row.method) for table in tables] for row in first.compared}
+    words = {name: [row.word if row else "" for row in rows] for name, rows in found.items()}
     if not any(computed):
         return "No run is finished."
     if not words:
@@ -282,10 +272,6 @@ def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
         return Sweep([point.title for point in trials], ordered=False)
     names = [str(next(iter(point.point.values()))) for point in trials]
     return Sweep(names, ordered=all(map(_is_number, names)))
-
-
-def _word_of(table: ResultTable, method: str) -> str:
-    return next((row.word for row in table.rows if row.method == method), "")
 
 
 class _Group(NamedTuple):

@@ -17,13 +17,7 @@ OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
 
 
 def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> dict[Column, list[str]]:
-    """Return the columns that a table has, each with a text per row; those without any text are left out.
-
-    Parameters
-    ----------
-    table : the rows of a metric
-    shown : its rows in another order; all as configured if None
-    """
+    """Return the columns that have a text, each with a text per row: of the rows shown, or of all as configured."""
     rows = [*table.rows] if shown is None else shown
     of: dict[Column, Callable[[ResultRow], str]] = {"mean": table.mean_text, "median": median_text}
     lost = _lost(table)

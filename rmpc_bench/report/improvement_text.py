@@ -15,8 +15,8 @@ from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
+from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.results_text import Setting
-from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.types import MetricInfo
 
 FEW_SETTINGS = 2
@@ -138,11 +138,8 @@ class ImprovementComparison:
     def _word(self, row: ImprovementDifference, table: Trials) -> str:
         if not row.verdict:
             return ""
-        return ": " + _verdict(row, margin_of(table, self.info, signed=_is_signed(row)))
-
-
-def _is_signed(row: ImprovementDifference) -> bool:
-    return bool(row.averages) and row.averages[0].average == "difference"
+        signed = bool(row.averages) and row.averages[0].average == "difference"
+        return ": " + _verdict(row, margin_of(table, self.info, signed=signed))
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:

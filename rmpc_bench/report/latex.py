@@ -6,32 +6,129 @@ laid out with a row per point and a column per method.  ``tables/all-metrics.tex
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.labels import typeset, wrapped
 from rmpc_bench.figures.sweep_points import printed, short_title
-from rmpc_bench.report.columns import mean_alone
-from rmpc_bench.report.latex_columns import (
-    GAP,
-    bracketed,
-    capitalised,
-    chosen_columns,
-    head_of,
-    label_lines,
-    label_of,
-    latex_cells,
-    name_lines,
-    rows_of,
-    stacked,
-)
-from rmpc_bench.report.latex_numbers import number_latex
-from rmpc_bench.report.latex_text import one_line, to_latex
-from rmpc_bench.report.latex_width import table_width
-from rmpc_bench.report.point_summary import Points, PointSummary
+from rmpc_bench.report.columns import average_of, columns_of, mean_alone
+from rmpc_bench.report.latex_text import number_latex, one_line, table_width, to_latex, unit_latex
+from rmpc_bench.report.point_tables import Points, PointSummary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
+
+USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
+"""Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
+GAP = 0.9
+"""Distance between columns, in units of the size of the text."""
+HEAD = 45.0
+"""Width of a line in the head of a column [pt]."""
+LABEL = 60.0
+"""Width of a line of a label that is broken [pt]."""
+_STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
+
+
+def chosen_columns(tables: Sequence[ResultTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
+    """Return the columns of the tables of one metric: the asked ones that exist, or the usual ones that fit [pt]."""
+    there = [latex_cells(table) for table in tables]
+    wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
+    least = 3 if "lost" in wanted else 2
+    while columns is None and len(wanted) > least and _width(tables, there, wanted) > width:
+        wanted = wanted[:-1]
+    return list(wanted)
+
+
+def _width(
+    tables: Sequence[ResultTable], there: Sequence[Mapping[Column, Sequence[str]]], wanted: Sequence[Column]
+) -> float:
+    rows = [row for table, each in zip(tables, there, strict=True) for row in rows_of(table, each, wanted)]
+    return table_width(["Method", *(head_of(tables[0], name) for name in wanted)], rows, GAP)
+
+
+def rows_of(
+    table: ResultTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column], *, short: bool = False
+) -> list[list[str]]:
+    """Return the rows of a table: name of the method, broken into lines if it has to be short, then the columns."""
+    absent = ["--"] * len(table.rows)
+    names = [row_label(table.trials, row.method, short=short) for row in table.rows]
+    return [list(row) for row in zip(*[names, *(there.get(name, absent) for name in wanted)], strict=True)]
+
+
+def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
+    """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head."""
+    units: dict[Column, str] = {"lost": " %", "change": f" {_unit_of_change(table)}", "other": " %"}
+    return {
+        name: [number_latex(text.replace(units.get(name, "\0"), "", 1)) for text in texts]
+        for name, texts in columns_of(table).items()
+    }
+
+
+def _unit_of_change(table: ResultTable) -> str:
+    return table.info.unit if average_of(table) == "difference" else "%"
+
+
+def head_of(table: ResultTable, column: Column) -> str:
+    """Return the head of a column as LaTeX."""
+    average = average_of(table)
+    unit = bracketed(table.info.unit)
+    if column == "mean":
+        return stacked(["Occurred;", f"median {unit}"]) if table.may_not_occur else stacked(["Mean", unit])
+    if column == "other":
+        return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
+    heads: dict[Column, list[str]] = {
+        "lost": ["Lost", r"[\%]"],
+        "median": ["Median", f"[quartiles] {unit}".strip()],
+        "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
+        "counts": ["Won/lost/", "tied"],
+        "superiority": ["Superiority"],
+        "p": ["$p$"],
+        "verdict": ["Verdict"],
+        "n": ["Runs/", "failed"],
+        "held": ["Held", "steps"],
+        "steps": ["Failed", "steps"],
+        "pairs": ["Pairs"],
+    }
+    return stacked(heads[column])
+
+
+def bracketed(unit: str) -> str:
+    """Write a unit in brackets; empty for a number without one."""
+    return f"[{unit_latex(unit)}]" if unit else ""
+
+
+def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
+    """Put lines of LaTeX below each other; place ``b`` has the last one at the height of the row, ``t`` the first."""
+    there = [line for line in lines if line]
+    # A bracket behind a line break would be read as its option.
+    return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
+
+
+def capitalised(words: str) -> str:
+    """Begin with a capital letter; a formula stays as it is."""
+    return words[:1].upper() + words[1:]
+
+
+def name_lines(info: MetricInfo) -> list[str]:
+    """Break the words of a metric, such as ``steady state error``, into short lines of LaTeX."""
+    return [to_latex(line) for line in wrapped(typeset(capitalised(info.words)), HEAD)]
+
+
+def label_of(trials: Trials, method: str) -> str:
+    """Return the label of a method as LaTeX, where an oracle is marked."""
+    return to_latex(_marked(trials, method))
+
+
+def label_lines(trials: Trials, method: str) -> list[str]:
+    """Break the label of a method at blanks outside its formulas into lines of LaTeX."""
+    return [to_latex(line) for line in wrapped(typeset(_marked(trials, method)), LABEL)]
+
+
+def _marked(trials: Trials, method: str) -> str:
+    label = trials.labels.get(method, method)
+    return label if "oracle" in label or method not in trials.oracles else f"{label} (oracle)"
+
 
 ALL_METRICS = "all-metrics"
 """Name of the table with a column per metric; no metric can have this name."""
@@ -48,6 +145,11 @@ class Body(NamedTuple):
     head: Sequence[str]
     groups: Sequence[tuple[str, Sequence[Sequence[str]]]]
     """Title of the group, empty without one, and its rows; all cells are LaTeX."""
+
+    @property
+    def width(self) -> float:
+        """Estimate of the width [pt]."""
+        return table_width(self.head, [row for _, rows in self.groups for row in rows], GAP)
 
 
 def latex_tables(
@@ -80,25 +182,18 @@ def shown_points(summary: Points) -> list[PointSummary]:
 def body_of(
     points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None, width: float = WIDTH
 ) -> Body:
-    """Lay out the table of one metric at one point, or at the points of a sweep.
-
-    Columns are those behind the name of the method; without them the usual ones that fit into the width [pt].
-    """
+    """Lay out the table of one metric at the points of a sweep, or at one: see `latex_tables`."""
     tables = [result_table(*point, info) for point in points]
     wanted = chosen_columns(tables, columns, width)
     if len(points) > 1 and len(wanted) == 1:
         return _methods_as_columns(tables, wanted[0])
     head = ["Method", *(head_of(tables[0], name) for name in wanted)]
     groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted)) for table in tables]
-    if table_width(head, [row for _, rows in groups for row in rows], GAP) > width:
-        groups = [(title, _with_short_labels(table, rows)) for table, (title, rows) in zip(tables, groups, strict=True)]
+    body = Body(head, groups)
+    if body.width <= width:
+        return body
+    groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted, short=True)) for table in tables]
     return Body(head, groups)
-
-
-def _with_short_labels(table: ResultTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Break the labels of the methods into lines."""
-    labels = [row_label(table.trials, row.method, short=True) for row in table.rows]
-    return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
 
 def title_of(trials: Trials) -> str:
@@ -127,9 +222,7 @@ def _all_metrics(points: Sequence[PointSummary], width: float) -> Body:
         _metrics_as_rows(points, infos),
         _metrics_as_columns(points, infos, short=True),
     ]
-    widths = [table_width(body.head, [row for _, rows in body.groups for row in rows], GAP) for body in bodies]
-    fitting = (body for body, needed in zip(bodies, widths, strict=True) if needed <= width)
-    return next(fitting, bodies[widths.index(min(widths))])
+    return next((body for body in bodies if body.width <= width), min(bodies, key=lambda body: body.width))
 
 
 def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool = False) -> Body:

@@ -1,4 +1,4 @@
-r"""Texts with formulas, such as labels and captions, in LaTeX.
+r"""Texts and numbers of a paper in LaTeX: labels with formulas, cells of tables, and how wide they are.
 
 A text is plain except for formulas between dollar signs, ``R-MPC, $c=10^{-1}$``.  A dollar sign that is meant is
 written ``\$``; where the number of the others is odd, there is no formula.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
 from rmpc_bench.figures.labels import is_formula
 
@@ -98,16 +99,10 @@ def unit_latex(unit: str) -> str:
 
 
 def _plain(text: str) -> str:
-    text = text.replace(r"\$", "$")
-    written = "".join(_character(each) for each in text)
+    signs = [f"${_SYMBOLS[each]}$" if each in _SYMBOLS else each for each in text.replace(r"\$", "$")]
+    written = "".join(_ESCAPED.get(each) or _PUNCTUATION.get(each, each) for each in signs)
     # Two hyphens would become a dash.
     return re.sub(r"-(?=-)", "-{}", written) if "--" in text else written
-
-
-def _character(each: str) -> str:
-    if each in _SYMBOLS:
-        return f"${_SYMBOLS[each]}$"
-    return _ESCAPED.get(each) or _PUNCTUATION.get(each, each)
 
 
 def _formula(part: str) -> str:
@@ -118,9 +113,99 @@ def _formula(part: str) -> str:
     refused = re.search(r"\^\s*\^|_\s*_|\^.*'|[\^_]\s*(?:$|\\(?![A-Za-z])|\\(?:frac|hat|sqrt))", part)
     if not part.strip() or refused or not known or not is_formula(part):
         return _plain(f"${part}$")
-    written = "".join(_symbol(each) for each in part)
+    written = "".join(f"{{{_SYMBOLS[each]}}}" if each in _SYMBOLS else each for each in part)
     return "$" + re.sub(r"(?<!\\)([%#&])", r"\\\1", written) + "$"
 
 
-def _symbol(each: str) -> str:
-    return f"{{{_SYMBOLS[each]}}}" if each in _SYMBOLS else each
+_NUMBER = r"[-+]?(?:\d+(?:\.\d+)?|inf)(?:e[-+]?\d+)?"
+_TOKEN = re.compile(
+    rf"(?P<number>{_NUMBER})|(?P<percent>%)|(?P<power>(?<=\))e[-+]?\d+)|(?P<word>[A-Za-z][\w^.-]*)|(?P<sign>[\[\],/<()\u00b1\u00d7])|(?P<gap>\s+)"
+)
+_SIGNS = {"\u00b1": r"\pm", "\u00d7": r"\times "}
+_EXPONENT = re.compile(r"e([-+]?)0*(\d+)")
+_IS_NUMBER = re.compile(rf"[<(\u00d7]?\s*{_NUMBER}")
+
+
+def number_latex(cell: str) -> str:
+    r"""Write a cell such as ``-10.9 % [-12.1, -9.7]`` as a formula; the digits are those of the cell.
+
+    It has numbers with half an interval, an interval, unit or counts; words stay words.
+
+    Examples
+    --------
+    >>> print(number_latex("−10.9 % [−12.1, −9.7]"), number_latex("1.2e-05"), number_latex("-"), number_latex("×2.6"))
+    $-10.9\,\%\ [-12.1, -9.7]$ $1.2\times 10^{-5}$ -- $\times 2.6$
+    """
+    cell = cell.replace("\u2212", "-")
+    if cell.strip() in ("", "-"):
+        return "--"
+    if not _IS_NUMBER.match(cell):
+        return to_latex(cell.replace("$", r"\$"))
+    parts, end = [], 0
+    for token in _TOKEN.finditer(cell):
+        if token.start() > end:
+            return to_latex(cell.replace("$", r"\$"))
+        parts.append(_part(token, cell))
+        end = token.end()
+    return f"${''.join(parts)}$" if end == len(cell) else to_latex(cell.replace("$", r"\$"))
+
+
+def _part(token: re.Match[str], cell: str) -> str:
+    text = token[0]
+    if text in _SIGNS:
+        return _SIGNS[text]
+    if token["number"] or token["power"]:
+        power = _EXPONENT.sub(lambda found: rf"\times 10^{{{found[1].strip('+')}{found[2]}}}", text)
+        return power.replace("inf", r"\infty")
+    if token["percent"]:
+        return r"\%"
+    if token["word"]:
+        return rf"\mbox{{{unit_latex(text)}}}"
+    if token["gap"]:
+        # A comma of a formula has its own distance; a unit stands near its number, an interval further away.
+        before, after = cell[: token.start()], cell[token.end() :]
+        if before.endswith(",") or before.endswith("<"):
+            return " "
+        return r"\ " if after.startswith(("[", "(")) else r"\,"
+    return text
+
+
+SIZE = 8.0
+"""Size of the text of a table [pt], that of `\\footnotesize`."""
+_WIDTHS = {
+    **dict.fromkeys("ijl.,;:|'/ ", 0.30),
+    **dict.fromkeys("ftrI-()[]", 0.40),
+    **dict.fromkeys("mwMW%", 0.90),
+    **dict.fromkeys("ABCDEFGHJKLNOPQRSTUVXYZ", 0.72),
+    **dict.fromkeys("0123456789", 0.53),
+    **dict.fromkeys("=<>+−", 1.0),
+}
+"""Width of a character in units of the size, of the wider of Times and Computer Modern; 0.5 for the others."""
+_SCRIPT = re.compile(r"[\^_](?:\{([^{}]*)\}|(\S))")
+_INVISIBLE = re.compile(
+    r"\\begin\{tabular\}\[b\]\{@\{\}c@\{\}\}|\\end\{tabular\}|\\(?:mbox|mathrm|textit|text\w+)\b|[${}]"
+)
+_ANY_COMMAND = re.compile(r"\\([A-Za-z]+) ?")
+
+
+def width_of(cell: str) -> float:
+    """Estimate the width [pt] of the widest line of a cell of LaTeX."""
+    return max(_line(line) for line in cell.split(r"\\"))
+
+
+def _line(text: str) -> float:
+    text = text.replace(r"\ ", " ").replace(r"\,", ".").replace(r"\times", "++").replace(r"\%", "%").replace(r"\_", "n")
+    text = re.sub(r"(?<=[$\s\[/])[-+](?=[\d\\])", "+", text)
+    scripts = "".join(found[1] or found[2] for found in _SCRIPT.finditer(text))
+    plain = _ANY_COMMAND.sub("m", _INVISIBLE.sub("", _SCRIPT.sub("", text)))
+    return SIZE * (_sum(plain) + 0.7 * _sum(_ANY_COMMAND.sub("m", scripts)))
+
+
+def _sum(text: str) -> float:
+    return sum(_WIDTHS.get(each, 0.5) for each in text)
+
+
+def table_width(head: Sequence[str], rows: Sequence[Sequence[str]], gap: float) -> float:
+    """Estimate the width of a table [pt]; the gap between columns is in units of the size of the text."""
+    columns = zip(*[head, *rows], strict=True)
+    return sum(max(map(width_of, column)) for column in columns) + gap * SIZE * (len(head) - 1)

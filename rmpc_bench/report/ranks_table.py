@@ -16,9 +16,8 @@ from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
+from rmpc_bench.report.point_tables import markdown_page, markdown_table
 from rmpc_bench.report.run_notes import short_time
-from rmpc_bench.report.tables import markdown_table
-from rmpc_bench.types.texts import inert_markdown
 
 LIMITATIONS = (
     "A rank is that among these methods. Another method may widen or move it.",
@@ -164,7 +163,7 @@ class RanksTable:
         if not self.columns:
             return ""
         parts = [f"# {self.trials.name}: ranks", markdown_table(self.columns)]
-        return inert_markdown("\n\n".join([*parts, "\n".join(f"- {text}" for text in self.legend)])) + "\n"
+        return markdown_page([*parts, "\n".join(f"- {text}" for text in self.legend)])
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

@@ -146,12 +146,13 @@ class ResultsComparison:
 
     def _answer(self) -> str:
         """Say whether verdicts differ, and which differences of changes are resolved."""
+        conclusion = f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}."
         if self.equal:
-            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}."
+            return conclusion
         n = len(self.findings)
         text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
         if not self.beside:
-            return f"{self._conclusion()[:1].upper()}{self._conclusion()[1:]}.{text}"
+            return f"{conclusion}{text}"
         other = [each for each in self.beside if len({*each.words}) > 1]
         resolved = [each.name for each in self.beside if each.is_resolved]
         said = "The verdicts are the same"
@@ -202,7 +203,8 @@ class ResultsComparison:
         }
         for title, lines in sections.items():
             if lines:
-                yield from ("", title, *_shortened(lines))
+                yield from ("", title, *(f"  {line}" for line in lines[:MOST_LINES]))
+                yield from [f"  and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
         yield ""
         yield self._conclusion()
 
@@ -285,8 +287,3 @@ def _largest(each: Largest) -> str:
 
 def _where(point: str, method: str) -> str:
     return f"{point}: {method}" if point else method
-
-
-def _shortened(lines: Sequence[str]) -> list[str]:
-    shown = [f"  {line}" for line in lines[:MOST_LINES]]
-    return shown + ([f"  and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])

@@ -204,17 +204,14 @@ def _failure_text(
     if failure is not None and failure.trace:
         lines += ["", failure.trace.rstrip()]
     parts = [("values at the failure", {} if failure is None else failure.values), ("uncertain quantities", values)]
-    parts += [("warnings of all runs of the method", _warnings(trials, method)), ("versions", versions)]
+    notes = trials.notes.get(method)
+    warned = {f"{n} x": text for text, n in notes.warnings.items()} if notes else {}
+    parts += [("warnings of all runs of the method", warned), ("versions", versions)]
     for title, table in parts:
         if table:
             width = 2 + max(len(str(name)) for name in table)
             lines += ["", title, *(f"  {name!s:{width}}{value}" for name, value in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _warnings(trials: Trials, method: str) -> dict[str, str]:
-    notes = trials.notes.get(method)
-    return {f"{n} x": text for text, n in notes.warnings.items()} if notes else {}
 
 
 def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str, float]:
@@ -239,3 +236,30 @@ def _percent(share: float) -> str:
     ('0.023 %', '2.5 %', '88 %', '100 %')
     """
     return f"{share:.3g} %" if share >= 99.5 else f"{share:.2g} %"
+
+
+def status_lines(trials: Trials) -> list[str]:
+    """List the failed runs by method and status; nothing where all runs ended well."""
+    failed = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "status"]]
+    counts = failed.value_counts().to_dict()
+    rows = []
+    for method in trials.methods:
+        for word in sorted({word for name, word in counts if name == method}):
+            status = Status.__members__.get(word.upper().replace("-", "_"))
+            meaning = f": {status.explanation}" if status is not None else ""
+            rows.append(f"- {method}: {counted(counts[method, word], 'run')} {word}{meaning}")
+    return rows
+
+
+def declared_lines(trials: Trials) -> list[str]:
+    """List the checks that own components declare to fail, with the reason."""
+    return [
+        f"- {method}: `{check}` ({reason})"
+        for method in trials.methods
+        for check, reason in trials.expected_failures.get(method, {}).items()
+    ]
+
+
+def counted(n: int, noun: str) -> str:
+    """Write a number with a noun, in the plural unless it is 1."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

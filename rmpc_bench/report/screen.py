@@ -18,11 +18,11 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
-from rmpc_bench.report.drivers_table import DriversTable
-from rmpc_bench.report.point_summary import Points, PointSummary
+from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import MOST_NAMED, RequirementsTable
 from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, show_command
+from rmpc_bench.report.run_tables import DriversTable
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import cut, width_of, without_formulas, wrapped
@@ -44,35 +44,21 @@ _CAPTIONS = {"share": ", ties count half"}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Screen:
-    """What the screen at the end of a run is made of.
+    """What the screen at the end of a run is made of."""
 
-    Parameters
-    ----------
-    name : of the experiment, with its paper
-    trials, tables : the trials and their statistics point by point
-    metric : name of the metric that the table shows; the answer is that of the primary one
-    page : the page of the results, as a command names it
-    extent : how many of the planned runs count; none is planned for exact moments alone
-    driven, tuned, demanded, ranked : what drives the metric, how parameters were chosen, which runs meet the
-        requirements, and the ranks
-    verdicts : the findings of the claims
-    reasons : why the findings do not count
-    stop : what a stopping rule has decided
-    """
-
-    name: str
+    name: str  # of the experiment, with its paper
     trials: Trials
     tables: Points
-    metric: str
-    page: Path
-    extent: Extent
+    metric: str  # that the table shows; the answer is that of the primary one
+    page: Path  # as a command names it
+    extent: Extent  # none is planned for exact moments alone
     driven: DriversTable
     tuned: TuningTable
     demanded: RequirementsTable
     ranked: RanksTable
     verdicts: Sequence[ClaimVerdict] = ()
-    reasons: Sequence[str] = ()
-    stop: str = ""
+    reasons: Sequence[str] = ()  # why the findings do not count
+    stop: str = ""  # what a stopping rule has decided
 
     def text(self, width: int = WIDTH) -> str:
         """Lay out the screen for a terminal with some columns."""
@@ -102,16 +88,10 @@ class Screen:
         line = f"{self.name}   {what}"
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
-    def _points(self) -> Sequence[PointSummary]:
-        return [self.tables.pooled] if self.tables.pooled else self.tables.points
-
     def _tables(self, metric: str) -> list[ResultTable]:
-        found = []
-        for trials, described, compared in self._points():
-            info = next((each for each in self.trials.metrics if each.name == metric), None)
-            if info is not None and len(trials.frame):
-                found.append(result_table(trials, described, compared, info))
-        return found
+        points = [self.tables.pooled] if self.tables.pooled else self.tables.points
+        infos = [info for info in self.trials.metrics if info.name == metric]
+        return [result_table(*point, info) for info in infos for point in points if len(point.trials.frame)]
 
     def _answer(self) -> str:
         primary = self.trials.primary_info

@@ -25,7 +25,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.answer import sweep_of
-from rmpc_bench.report.ensemble_table import ensemble_rows
+from rmpc_bench.report.run_tables import ensemble_rows
 from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
 
 NAME = 12
@@ -232,7 +232,8 @@ def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
         words = Counter(row.word for _, row in found)
         known = [pair for pair in found if not math.isnan(pair[0].rank(pair[1]))]
         ends = [min(known, key=_change_of), max(known, key=_change_of)] if known else []
-        rows.append([name, *(str(words[word] or "") for word in _WORDS), " to ".join(map(_plain_change, ends))])
+        changes = " to ".join(plain(table.short_change(row._replace(word=""))) for table, row in ends)
+        rows.append([name, *(str(words[word] or "") for word in _WORDS), changes])
     kept = [k for k in range(len(rows[0])) if k == 0 or any(row[k] for row in rows[1:])]
     rows = [[row[k] for k in kept] for row in rows]
     n, left = _shown(len(rows) - 1, "methods")
@@ -252,8 +253,3 @@ def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
 def _change_of(pair: tuple[ResultTable, ResultRow]) -> float:
     table, row = pair
     return row.superiority.value if table.form == "share" else row.change.value
-
-
-def _plain_change(pair: tuple[ResultTable, ResultRow]) -> str:
-    table, row = pair
-    return plain(table.short_change(row._replace(word="")))

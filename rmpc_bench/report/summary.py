@@ -5,50 +5,60 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pandas as pd
 
 from rmpc_bench.analysis import statistics
-from rmpc_bench.analysis.comparison import Levels, comparisons, levels
-from rmpc_bench.analysis.trials import Trials, stacked_rows
-from rmpc_bench.report.csv_file import write_csv
-from rmpc_bench.report.ensemble_table import ensemble_markdown
+from rmpc_bench.analysis.comparison import comparisons, levels
+from rmpc_bench.analysis.requirements import pass_rates
+from rmpc_bench.analysis.result_rows import result_table
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
-from rmpc_bench.report.point_summary import PointSummary
-from rmpc_bench.report.tables import summary_markdown
-from rmpc_bench.types import DesignError
+from rmpc_bench.report.notes import note_of
+from rmpc_bench.report.page.rows import rows_of
+from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
+from rmpc_bench.report.run_notes import counted, declared_lines, notes_markdown, status_lines
+from rmpc_bench.report.run_tables import ensemble_markdown, worst_runs_columns
+from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column
 
+BEST = {"zero": "best at 0", "one": "best at 1"}
+
+
+def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
+    """Write the page of tables: per metric all columns of the page, then the worst and the failed runs."""
+    n, level = len(trials.runs), 100 * trials.confidence
+    name = f"{trials.name}: {' '.join(trials.title.split())}" if trials.title else trials.name
+    size = f"{counted(n, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."
+    parts = [f"# {name}", f"One run of each method at each of {n} points, all there are." if trials.alike else size]
+    for info in trials.metrics:
+        table = result_table(trials, summary, comparisons, info)
+        rows = rows_of(table, everything=True)
+        parts.append(f"## {quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
+        parts += filter(None, [markdown_table(rows.columns), note_of([table], n, rows)])
+    demanded = requirement_columns(trials, pass_rates(trials))
+    parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
+    worst = worst_runs_columns(trials)
+    parts += ["## Worst runs", markdown_table(worst)] if worst else []
+    for head, lines in (
+        ("Failed runs", status_lines(trials)),
+        ("Checks that are meant to fail", declared_lines(trials)),
+    ):
+        parts += [f"## {head}", "\n".join(lines)] if lines else []
+    return markdown_page([*parts, *notes_markdown(trials)])
+
+
+def quantity(info: MetricInfo) -> str:
+    """Write a metric with its unit."""
+    name = f"{info.label} ({info.name})" if info.label else info.name
+    return f"{name} [{info.unit}]" if info.unit else name
+
+
 MOST_ON_SCREEN = 6
 """Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
-
-
-def trials_csv(trials: Trials, path: Path) -> None:
-    """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
-
-    Where a component may hold failed steps, `held_steps` follows the status.  Where a controller optimises and goes on
-    after a failed step, `failed_steps` and `worst_step` follow, the worst status of the steps of the run.
-    """
-    metrics = (info.name for info in trials.metrics)
-    columns = [*trials.paths, "method", "run", "status"]
-    steps = _step_columns(trials)
-    write_csv(trials.frame.assign(**steps)[[*columns, *steps, *metrics]], path)
-
-
-def _step_columns(trials: Trials) -> dict[str, list[Any]]:
-    """Return the columns on held and on failed steps, each where a method may have such steps."""
-    notes = [table.notes.get(method) for table in trials.each for method in table.frame["method"]]
-    known = list(zip((run for table in trials.each for run in table.frame["run"]), notes, strict=True))
-    columns: dict[str, list[Any]] = {}
-    if any(each.holds for table in trials.each for each in table.notes.values()):
-        columns["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known]
-    if any(each.optimises for table in trials.each for each in table.notes.values()):
-        columns["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known]
-        columns["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known]
-    return columns
 
 
 MOST_PAGES = 50
@@ -65,12 +75,12 @@ class Summary(NamedTuple):
     @property
     def described(self) -> pd.DataFrame:
         """Sweep columns, then one row per method and metric."""
-        return stacked([(point.trials, point.described) for point in self.points])
+        return stacked_points([(point.trials, point.described) for point in self.points])
 
     @property
     def compared(self) -> pd.DataFrame:
         """Sweep columns, then one row per comparison with the baseline."""
-        return stacked([(point.trials, point.compared) for point in self.points])
+        return stacked_points([(point.trials, point.compared) for point in self.points])
 
     def shown(self, order: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Summary:
         """Return the same statistics with fewer or reordered methods and metrics in the tables.
@@ -126,26 +136,12 @@ def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequen
     return point._replace(trials=replace(trials, methods=methods, metrics=chosen))
 
 
-def stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
-    """Put the tables of points below each other, with the columns of the sweep in front."""
-    tables = []
-    for trials, frame in parts:
-        frame = frame.copy()
-        for column, (path, value) in enumerate(trials.point.items()):
-            frame.insert(column, path, value)
-        tables.append(frame)
-    return stacked_rows(tables)
-
-
 def summarise(trials: Trials) -> Summary:
     """Describe every method and compare it with the baseline, at every point of a sweep."""
     pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
     of = levels(trials)
-    return Summary([_summary(point, of) for point in trials.each], pooled)
-
-
-def _summary(trials: Trials, of: Levels) -> PointSummary:
-    return PointSummary(trials, statistics.summary(trials), comparisons(trials, of))
+    points = [PointSummary(point, statistics.summary(point), comparisons(point, of)) for point in trials.each]
+    return Summary(points, pooled)
 
 
 def _population(trials: Trials) -> PointSummary:

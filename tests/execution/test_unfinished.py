@@ -14,10 +14,9 @@ from rmpc_bench.claims.table import claims_table
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.evaluation import drivers, requirements
 from rmpc_bench.execution.store import Store
-from rmpc_bench.report.lost_table import lost_table
+from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.summary import trials_csv
-from rmpc_bench.report.worst_runs import worst_runs_columns
+from rmpc_bench.report.run_tables import lost_table, worst_runs_columns
 
 FAILS = """
 from rmpc_bench import SolverError, single_run
@@ -72,7 +71,7 @@ def numbers(results):
     """Return what tables and claims say, as text."""
     tables = rmpc_bench.summarise(results)
     frames = [tables.described, tables.compared, drivers(results).frame, requirements(results).frame]
-    frames += [lost_table(results.trials).frame, tails(results.trials)]
+    frames += [lost_table(results.trials), tails(results.trials)]
     texts = [frame.to_csv() for frame in frames]
     return [*texts, tables.to_markdown(), claims_table(rmpc_bench.judge(results)), worst_runs_columns(results.trials)]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_rows
+from rmpc_bench.report.run_tables import ensemble_markdown, ensemble_rows
 
 TWO = {"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}}
 

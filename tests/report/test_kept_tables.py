@@ -7,7 +7,7 @@ import pytest
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.statistics import summary
-from rmpc_bench.report.kept_tables import comparisons_table, summary_table
+from rmpc_bench.report.csv_file import comparisons_table, summary_table
 from rmpc_bench.types import MetricInfo
 
 METRICS = [MetricInfo("mse", "rad^2", "lower"), MetricInfo("offset", "rad", "zero")]

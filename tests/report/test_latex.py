@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.caption import latex_captions, latex_notes
-from rmpc_bench.report.latex import ALL_METRICS, latex_tables
-from rmpc_bench.report.latex_columns import name_lines, stacked
-from rmpc_bench.report.latex_width import width_of
+from rmpc_bench.report.latex import ALL_METRICS, latex_tables, name_lines, stacked
+from rmpc_bench.report.latex_text import width_of
+from rmpc_bench.report.notes import latex_captions, latex_notes
 from rmpc_bench.report.summary import Summary, summarise
 from rmpc_bench.types import DesignError, MetricInfo
 

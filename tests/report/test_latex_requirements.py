@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from rmpc_bench.report.latex_requirements import latex_requirements, requirements_caption, requirements_note
+from rmpc_bench.report.requirements_table import latex_requirements, requirements_caption, requirements_note
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Limit, Requirement

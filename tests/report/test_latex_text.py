@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.report.latex_numbers import number_latex
-from rmpc_bench.report.latex_text import COMMANDS, one_line, to_latex, unit_latex
+from rmpc_bench.report.latex_text import COMMANDS, number_latex, one_line, to_latex, unit_latex
 
 HOSTILE = r"\_%&#~^{}$<>|\"`'-[]*abcR1 ()=.,/" + "\n\r\x0b\x85\u2028αβ±²éß"
 PRINTED = {"textbackslash", "textasciitilde", "textasciicircum", "textasciigrave", "ldots"}

@@ -8,9 +8,9 @@ from comparison_tables import table
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.report.caption import latex_notes
 from rmpc_bench.report.latex import latex_tables
-from rmpc_bench.report.lost_table import lost_table
+from rmpc_bench.report.notes import latex_notes
+from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import ConfigError, MetricInfo
 
@@ -33,7 +33,7 @@ def test_without_the_key_nothing_is_said_of_it(trials):
     made = summarise(replace(trials, lost=None))
     assert "| lost |" not in made.to_markdown()
     assert "Lost" not in latex_tables(made)["m"] and "Lost" not in latex_notes(made)["m"]
-    assert lost_table(replace(trials, lost=None)).frame.empty
+    assert lost_table(replace(trials, lost=None)).empty
 
 
 def test_only_the_table_of_the_primary_metric_has_it(make_trials):
@@ -59,7 +59,7 @@ def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):
     """Also the one table that the page has of many points."""
     other = replace(trials, lost=60.0)
     sweep = make_sweep(({"s": "1"}, replace(trials, title="s=1")), ({"s": "2"}, replace(other, title="s=2")))
-    found = lost_table(sweep).frame
+    found = lost_table(sweep)
     assert found[["s", "method", "n_lost"]].to_numpy().tolist() == [
         *(["1", "KF", 0], ["1", "X", 1]),
         *(["2", "KF", 0], ["2", "X", 0]),

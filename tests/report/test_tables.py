@@ -9,9 +9,8 @@ import pytest
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.statistics import summary
-from rmpc_bench.report.csv_file import write_csv
-from rmpc_bench.report.summary import trials_csv
-from rmpc_bench.report.tables import summary_markdown
+from rmpc_bench.report.csv_file import trials_csv, write_csv
+from rmpc_bench.report.summary import summary_markdown
 from rmpc_bench.types import MetricInfo
 
 INF = math.inf

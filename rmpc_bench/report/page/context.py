@@ -8,16 +8,15 @@ from typing import Any, NamedTuple
 from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.claims.markdown import INFORMATIONAL
-from rmpc_bench.claims.papers import IDENTIFIERS, usual_parameters
+from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
-from rmpc_bench.report.page.claim_items import claim_items, n_open
+from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
-from rmpc_bench.report.page.notes import note_of
-from rmpc_bench.report.page.parts import Table
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
-from rmpc_bench.report.page.source import PageSource, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."
@@ -80,13 +79,8 @@ def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent
 
 def _paper(name: str) -> tuple[str, str]:
     """Return address and name of the paper; without an address the name alone, and nothing for other directories."""
-    identifier = IDENTIFIERS.get(name, "")
-    scheme, _, number = identifier.partition(":")
-    return (
-        (f"https://arxiv.org/abs/{number}", identifier)
-        if scheme == "arXiv"
-        else ("", identifier or (name if usual_parameters(name) == "as published" else ""))
-    )
+    address, identifier = paper_link(name)
+    return address, identifier or (name if usual_parameters(name) == "as published" else "")
 
 
 def _banner(source: PageSource) -> tuple[str, str]:

@@ -92,10 +92,6 @@ def methods_of(tables: Sequence[ResultTable]) -> list[ResultRow]:
     return sorted((found[name] for name in order), key=lambda row: row.is_oracle)
 
 
-def _row_at(table: ResultTable, method: str) -> ResultRow | None:
-    return next((row for row in table.rows if row.method == method), None)
-
-
 def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     methods, first = methods_of(tables), tables[0]
     [path] = paths if len(paths := main_paths([table.trials.point for table in tables])) == 1 else [NAME]
@@ -127,7 +123,7 @@ def _last(path: str) -> str:
 
 def _mean(table: ResultTable, method: str) -> str:
     """Write the mean of a method at a point."""
-    row = _row_at(table, method)
+    row = table.row_of(method)
     if row is None or not row.n:
         return ""
     return table.mean_text(row) if table.may_not_occur else short(row.mean.value)
@@ -140,7 +136,7 @@ def _lowest(table: ResultTable) -> str:
 
 
 def _cell(table: ResultTable, method: str, title: str, lowest: str) -> MatrixCell:
-    row = _row_at(table, method)
+    row = table.row_of(method)
     if table.form == "alone":
         return MatrixCell(_mean(table, method), "", method)
     if row is None:

@@ -11,8 +11,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.report.point_tables import markdown_table
 from rmpc_bench.report.rich_text import to_html, to_markdown
-from rmpc_bench.report.tables import markdown_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -37,7 +37,9 @@ def render_html(template: str, context: Mapping[str, Any]) -> str:
         "style": _content("page.css").strip(),
         "policy": f"{policy}; base-uri 'none'; form-action 'none'",
     }
-    return _tidied(_environment(html=True).get_template(f"{template}.j2").render(**context, **own))
+    text = _environment(html=True).get_template(f"{template}.j2").render(**context, **own)
+    # The loops of a template leave blanks and empty lines.
+    return re.sub(r"\n{2,}", "\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
 def render_markdown(template: str, context: Mapping[str, Any]) -> str:
@@ -48,11 +50,6 @@ def render_markdown(template: str, context: Mapping[str, Any]) -> str:
 
 def _content(name: str) -> str:
     return (TEMPLATES / name).read_text(encoding="utf-8")
-
-
-def _tidied(text: str) -> str:
-    """Take away the blanks and empty lines that the loops of a template leave."""
-    return re.sub(r"\n{2,}", "\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
 @cache

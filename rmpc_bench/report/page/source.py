@@ -1,4 +1,4 @@
-"""What the page of an experiment is made from: its tables, findings and figures, and where they come from."""
+"""What the page of an experiment is made from, and the parts that it is opened into, as plain data."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.page.matrix import Group
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
+from rmpc_bench.report.run_tables import DriversTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
@@ -39,56 +40,30 @@ class PageFigure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PageSource:
-    """Data of a page.
-
-    Parameters
-    ----------
-    record : name, seed, hash and command of the experiment
-    trials : the table of trials
-    tables : summary and comparisons
-    verdicts : the finding of every claim
-    figures : the figures of the page
-    place : directory of the results as commands name it, relative to where they are entered
-    extent : how many of the planned runs count; none is planned for exact moments
-    drawings : changes over a sweep, class of the drawing -> SVG; empty where no number is swept
-    left_out : figures that could not be drawn, with the reason
-    incomplete : methods of which runs are missing
-    overrides : options that changed the configuration
-    manifest : versions, machine and times of the computation; empty where it is not known
-    differences : method -> key of the configuration in which methods differ -> its value; empty where it is not known
-    shared : what is the same for every method: its name -> how the configuration describes it
-    confounded : methods that differ from the baseline in the estimator and in the controller
-    drivers : what drives the differences; None where it is not known
-    requirements : how many runs meet the requirements; None where it is not known
-    ranks : the methods in the order of their ranks; None where it is not known
-    tuning : how the parameters were chosen; None where it is not known
-    timings : durations of the calls of own components
-    files : files of the directory, relative to the page
-    index : index of several experiments, relative to the page; empty without one
-    """
+    """Data of a page; a field is empty or None where it is not known."""
 
     record: ExperimentRecord
     trials: Trials
     tables: Summary
     verdicts: Sequence[ClaimVerdict]
     figures: Sequence[PageFigure]
-    place: str
-    extent: Extent = Extent(0, ())
-    drawings: Mapping[str, str] = field(default_factory=dict)
-    left_out: Sequence[str] = ()
-    incomplete: Sequence[str] = ()
-    overrides: Sequence[str] = ()
-    manifest: Mapping[str, Any] = field(default_factory=dict)
-    differences: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    shared: Mapping[str, str] = field(default_factory=dict)
-    confounded: Sequence[str] = ()
+    place: str  # directory of the results as commands name it, relative to where they are entered
+    extent: Extent = Extent(0, ())  # none is planned for exact moments
+    drawings: Mapping[str, str] = field(default_factory=dict)  # changes over a sweep: class of the drawing -> SVG
+    left_out: Sequence[str] = ()  # figures that could not be drawn, with the reason
+    incomplete: Sequence[str] = ()  # methods of which runs are missing
+    overrides: Sequence[str] = ()  # options that changed the configuration
+    manifest: Mapping[str, Any] = field(default_factory=dict)  # versions, machine and times of the computation
+    differences: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # method -> differing key -> its value
+    shared: Mapping[str, str] = field(default_factory=dict)  # what is the same for every method -> its description
+    confounded: Sequence[str] = ()  # methods that differ from the baseline in the estimator and in the controller
     drivers: DriversTable | None = None
     requirements: RequirementsTable | None = None
     ranks: RanksTable | None = None
     tuning: TuningTable | None = None
-    timings: pd.DataFrame = field(default_factory=pd.DataFrame)
-    files: Sequence[str] = ()
-    index: str = ""
+    timings: pd.DataFrame = field(default_factory=pd.DataFrame)  # durations of the calls of own components
+    files: Sequence[str] = ()  # files of the directory, relative to the page
+    index: str = ""  # index of several experiments, relative to the page
 
     @property
     def info(self) -> MetricInfo | None:
@@ -115,3 +90,37 @@ def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
 def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
     """Return the rows of a metric at all points together, where these are many plants."""
     return None if info is None or summary.pooled is None else result_table(*summary.pooled, info)
+
+
+class Table(NamedTuple):
+    """Columns, of which the first one names the rows."""
+
+    columns: Mapping[str, Sequence[str]]
+    numeric: bool = True
+    by_method: bool = False
+    """Whether the first column has methods, which are names and no formulas."""
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The cells of every row."""
+        return [*zip(*self.columns.values(), strict=True)]
+
+
+class Part(NamedTuple):
+    """A part of a fold; all but one of its fields are empty."""
+
+    text: str = ""
+    note: str = ""
+    command: str = ""
+    items: Sequence[str] = ()
+    table: Table | None = None
+    groups: Sequence[Group] = ()
+    figure: PageFigure | None = None
+
+
+class Fold(NamedTuple):
+    """A part of the page that is opened on demand."""
+
+    title: str
+    gist: str
+    parts: Sequence[Part]

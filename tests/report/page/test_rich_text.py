@@ -2,9 +2,8 @@
 
 import pytest
 
-from rmpc_bench.report.formulas import FormulaError, formula_html
 from rmpc_bench.report.page.rendering import said, unbroken
-from rmpc_bench.report.rich_text import to_html, to_markdown
+from rmpc_bench.report.rich_text import FormulaError, formula_html, to_html, to_markdown
 
 HOSTILE = "<script>alert(1)</script> \"x\" 'y' & [a](javascript:b) ![c](http://d) `e` | *f* _g_ $<img src=x>$"
 

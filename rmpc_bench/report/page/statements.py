@@ -1,13 +1,86 @@
-"""The index of several experiments: each paper statement by statement, with the pages of its experiments."""
+"""Statements of papers with their findings: on the page of an experiment, and in the index of several."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rmpc_bench.claims.claim import Finding
+from rmpc_bench.claims.claim import Claim, Finding
+from rmpc_bench.claims.evidence import evidence
+from rmpc_bench.claims.markdown import cases_text, limits
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
+from rmpc_bench.claims.verdict import ClaimVerdict
+
+MOST_OPEN, MOST_WORDS = 8, 100
+"""Statements that are not folded, and the words of all of them."""
+OURS = "ours, not in the paper"
+
+
+class ClaimItem(NamedTuple):
+    """A statement."""
+
+    finding: str
+    statement: str
+    source: str
+    behind: str
+    """What the folded lines below it contain."""
+    lines: Sequence[str]
+
+
+def claim_items(verdicts: Sequence[ClaimVerdict]) -> list[ClaimItem]:
+    """Return the statements of the paper, then additional results and suspected misprints."""
+    return [_item(verdict) for verdict in sorted(verdicts, key=lambda verdict: _order(verdict.claim))]
+
+
+def n_open(items: Sequence[ClaimItem]) -> int:
+    """Count the statements that are not folded."""
+    words = 0
+    for n, item in enumerate(items[:MOST_OPEN]):
+        words += sum(len(text.split()) for text in (item.finding, item.statement, item.source, item.behind))
+        if words > MOST_WORDS and n:
+            return n
+    return min(len(items), MOST_OPEN)
+
+
+def _order(claim: Claim) -> int:
+    return 0 if claim.of_paper else 2 if claim.is_misprint else 1
+
+
+def _item(verdict: ClaimVerdict) -> ClaimItem:
+    claim = verdict.claim
+    assumptions = [*claim.assumptions, *limits(verdict)]
+    grounds = [f"{name}: {ground}" for name, ground in claim.grounds.items()]
+    n = len(assumptions)
+    behind = f"{n} assumption{'s' * (n > 1)}" if n else "numbers"
+    lines = [*assumptions, *grounds, *_found(verdict)]
+    source = claim.source if claim.of_paper or claim.is_misprint else OURS
+    return ClaimItem(verdict.joined_words, _line(claim.says), _line(source), behind, [*map(_line, lines)])
+
+
+def _found(verdict: ClaimVerdict) -> list[str]:
+    """Say how the finding came about: joined with others, recorded, by interpretation, by case, and its numbers."""
+    claim, lines = verdict.claim, list[str]()
+    if claim.quote:
+        lines.append(f'The paper: "{claim.quote}"')
+    if claim.elsewhere:
+        others = ", ".join(f"{name} ({finding.sentence})" for name, finding in claim.elsewhere.items())
+        lines.append(f"Joined over this experiment ({verdict.words}) and {others}.")
+    if verdict.differs and claim.finding is not None:
+        lines.append(f"Recorded earlier: {claim.finding.sentence}. The finding has changed.")
+    if verdict.reason:
+        lines.append(f"Not evaluated: {verdict.reason}.")
+    for finding in dict.fromkeys(each.finding for each in verdict.interpretations):
+        points = [each.at for each in verdict.interpretations if each.finding == finding]
+        lines.append(f"{finding.sentence.capitalize()} at: {'; '.join(points)}.")
+    lines += [cases_text(verdict)] if verdict.cases else []
+    lines += [f"{each.text}{f' at {each.at}' if each.at else ''}: {evidence(each)}" for each in verdict.comparisons]
+    return lines
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
 
 PAPERS = ("zenere2018", "zenere2017", "souto2011", "ma2025", "belda2017")
 """Papers that come first, in this order."""
@@ -56,13 +129,18 @@ def _key(entry: IndexEntry, claim: ClaimRecord) -> tuple[str, ...]:
     return (entry.group, claim["id"]) if claim["id"] else (entry.group, entry.record["name"], claim["statement"])
 
 
-def _group(name: str, entries: Sequence[IndexEntry]) -> dict[str, Any]:
+def paper_link(name: str) -> tuple[str, str]:
+    """Return address and identifier of the paper that a directory is about; empty where it has none."""
     identifier = IDENTIFIERS.get(name, "")
     scheme, _, number = identifier.partition(":")
+    return f"https://arxiv.org/abs/{number}" if scheme == "arXiv" else "", identifier
+
+
+def _group(name: str, entries: Sequence[IndexEntry]) -> dict[str, Any]:
     tables = [{"caption": caption, "rows": _statements(entries, kind)} for kind, caption in KINDS.items()]
     return {
         "name": name,
-        "paper": (f"https://arxiv.org/abs/{number}" if scheme == "arXiv" else "", identifier),
+        "paper": paper_link(name),
         "statements": [table for table in tables if table["rows"]],
         "experiments": [_experiment(entry) for entry in entries],
     }

@@ -1,0 +1,254 @@
+"""Captions and notes below tables, for page, Markdown and LaTeX.
+
+The note of a page has two lines at most.  A caption for a paper is one short line, for many classes of documents set
+captions of tables in capitals; the note below the table defines every column in full sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rmpc_bench.analysis.comparison_text import per_cent
+from rmpc_bench.analysis.failures import FACTOR
+from rmpc_bench.analysis.parameter_text import parameter_groups
+from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.sweep_points import printed
+from rmpc_bench.report.columns import other_average
+from rmpc_bench.report.comparison_table import AVERAGES
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH, capitalised, chosen_columns, shown_points
+from rmpc_bench.report.latex_text import printed_latex, to_latex
+from rmpc_bench.report.page.rows import Rows
+from rmpc_bench.report.point_tables import Points
+from rmpc_bench.report.run_notes import counted
+from rmpc_bench.types.report_choices import Column
+
+LONGEST = 285
+"""Characters of two lines."""
+SHARE = "of the share of runs in which the method is better (ties count half)"
+
+
+def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, lowest: str = "") -> str:
+    """Write the note on n runs of every method; sentences that do not fit are left out, those at the end first.
+
+    A matrix underlines the lowest change of every row or column, which `lowest` names.
+    """
+    first = tables[0]
+    if not first.trials.with_verdicts:
+        return ""
+    several = len(tables) > 1
+    draws = " on the same draws" * any(row.compared for table in tables for row in table.rows)
+    sentences = [f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{draws}."]
+    oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
+    sentences += [_intervals(tables), _change(first), _marks(tables, lowest) if several else _drawn(first, rows)]
+    sentences += [_parameters(first), oracle, _looks(first), _failures(tables)]
+    kept, room = list[str](), LONGEST
+    for sentence in filter(None, sentences):
+        if len(sentence) < room:
+            kept.append(sentence)
+            room -= len(sentence) + 1
+    return " ".join(kept)
+
+
+def _intervals(tables: Sequence[ResultTable]) -> str:
+    first, level = tables[0], f"{100 * tables[0].trials.confidence:g} %"
+    compared = [row.compared for table in tables for row in table.rows if row.compared]
+    if not compared:
+        return f"\u00b1: {level} interval of the mean." if len(tables) == 1 and not first.may_not_occur else ""
+    simultaneous = any(float(row["ci_level"]) > first.trials.confidence for row in compared)
+    which = "simultaneous " * simultaneous
+    if len(tables) > 1:
+        return f"Verdicts: {which}{level} intervals{' of all comparisons' * simultaneous}."
+    if first.form == "share":
+        return f"Brackets and bars: {which}{level} intervals {SHARE}."
+    mean = f"; \u00b1: {level} interval of the mean" if not first.may_not_occur else ""
+    return f"Brackets and bars: {which}{level} intervals{mean}."
+
+
+def _change(table: ResultTable) -> str:
+    what = "Difference" if table.form == "difference" else "Change"
+    return f"{what}: {table.average}." if table.average else ""
+
+
+def _marks(tables: Sequence[ResultTable], lowest: str) -> str:
+    words = {row.word for table in tables for row in table.rows}
+    texts = {INCONCLUSIVE: INCONCLUSIVE, EQUIVALENT: f"within {tables[0].margin_text}", FAILS_MORE: FAILS_MORE}
+    parts = [f"{MARKS[word]} {text}" for word, text in texts.items() if word in words]
+    best = "highest" if tables[0].info.direction == "higher" else "lowest"
+    parts += [f"underlined: {best} of a {lowest}"] if lowest else []
+    return f"{', '.join(parts)}." if parts else ""
+
+
+def _drawn(table: ResultTable, rows: Rows | None) -> str:
+    if table.form in ("alone", "share"):
+        return "Arrow: runs without the event." if table.form == "share" else ""
+    arrow = (
+        any(cell.strip is not None and cell.strip.arrow for row in rows.rows for cell in row.cells) if rows else False
+    )
+    band = (
+        f"{'Margin' if rows and rows.everything else 'Grey band'}: within {table.margin_text}." if table.margin else ""
+    )
+    return f"{band}{' Arrow: beyond the axis.' * arrow}".strip()
+
+
+def _parameters(table: ResultTable) -> str:
+    """Say where the parameters come from: in words where all methods are alike."""
+    groups = parameter_groups(table.trials, table.trials.methods)
+    if len(groups) == 1:
+        return f"Parameters: {next(iter(groups))}."
+    parts = [
+        f"{names[0] if len(names) == 1 else len(names)} {word.partition(' (')[0]}" for word, names in groups.items()
+    ]
+    return f"Parameters: {'; '.join(parts)}." if parts else ""
+
+
+def _failures(tables: Sequence[ResultTable]) -> str:
+    """Say that failed runs are left out; of one point without lost runs, which share of all runs they can be."""
+    if any(row.n_failed for table in tables for row in table.rows):
+        return "Failed runs are left out of means and changes."
+    rows = [row.compared for row in tables[0].rows if row.compared]
+    known = [row for row in rows if row["far_worse_upper"] == row["far_worse_upper"]]
+    if len(tables) > 1 or not known or any(row["far_worse_runs"] for row in known):
+        return ""
+    n = min(row["won"] + row["lost"] + row["tied"] for row in known)
+    bound = per_cent(100 * max(float(row["far_worse_upper"]) for row in known))
+    factor = f"{tables[0].trials.lost or FACTOR:g} times worse than {tables[0].baseline}"
+    return f"No run of {n} was lost (failed or {factor}): at most {bound} are."
+
+
+def _looks(table: ResultTable) -> str:
+    if table.trials.planned is not None:
+        return f"{table.trials.planned.text[:1].upper()}{table.trials.planned.text[1:]}."
+    look = max((int(row.compared["look"]) for row in table.rows if row.compared), default=1)
+    return f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
+
+
+BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
+"""Direction of a metric -> words."""
+DEFINITIONS: dict[Column, str] = {
+    "mean": "Mean: average over the finished runs, with half its {level} interval.",
+    "lost": "Lost: share of the runs that failed or whose {metric} exceeds {lost} times that of {baseline} in the same "
+    "run, with its {level} interval.",
+    "median": "Median: of the finished runs, with the quartiles in brackets.",
+    "n": "Runs/failed: number of finished runs and of failed runs.",
+    "held": "Held steps: share of the steps in which a failed component kept its last value.",
+    "steps": "Failed steps: share of the steps in which the optimisation failed and the fallback was applied.",
+    "change": "Change: relative to {baseline}, {average}, with {kind}{level} intervals in brackets.",
+    "other": "The other change is the {other}.",
+    "counts": "Won/lost/tied: number of runs in which the method is better, worse or {tied}.",
+    "superiority": "Superiority: share of the runs in which the method is better, those that are {tied} counted half.",
+    "p": "$p$: p value of the Wilcoxon signed-rank test, adjusted by Holm's method.",
+    "verdict": "Verdict: from the interval and a margin of {margin}.",
+    "pairs": "Pairs: runs that both methods finished.",
+}
+"""Column -> what it has."""
+PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
+
+
+def latex_captions(summary: Points) -> dict[str, str]:
+    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes."""
+    points = shown_points(summary)
+    if not points:
+        return {}
+    trials = points[0].trials
+    captions = {info.name: _subject(info.words, trials, len(points)) for info in trials.metrics}
+    if len(captions) > 1:
+        captions[ALL_METRICS] = _subject("Metrics", trials, len(points))
+    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
+
+
+def latex_notes(summary: Points, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
+    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes with the same arguments."""
+    points = shown_points(summary)
+    if not points:
+        return {}
+    infos = points[0].trials.metrics
+    tables = {info.name: [result_table(*point, info) for point in points] for info in infos}
+    notes = {name: table_note(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
+    if len(infos) > 1:
+        notes[ALL_METRICS] = _note_of_all([each[0] for each in tables.values()])
+    return {name: f"{printed_latex(text)}%\n" for name, text in notes.items()}
+
+
+def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
+    """Define the columns of the tables of one metric: plain text with formulas between dollar signs."""
+    first = tables[0]
+    words = _words(first)
+    sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
+    sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
+    sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
+    sentences += [PAIRING.format(**words)] * bool(
+        {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}
+    )
+    return " ".join([*sentences, *_origins(first.trials), _failed_runs(tables)])
+
+
+def _words(table: ResultTable) -> dict[str, str]:
+    """Return what the definitions name."""
+    trials, margin = table.trials, _plain(table.margin_text)
+    simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in table.rows)
+    other = other_average(table) or "mean"
+    return {
+        "level": f"{100 * trials.confidence:g} %",
+        "kind": "simultaneous " * simultaneous,
+        "baseline": _name(trials, trials.baseline),
+        "average": table.average or "average",
+        "other": AVERAGES[other],
+        "margin": margin,
+        "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
+        "lost": f"{trials.lost or FACTOR:g}",
+        "metric": table.info.words,
+    }
+
+
+def _subject(what: str, trials: Trials, n_points: int) -> str:
+    """Name what is shown, methods, runs and points of a sweep."""
+    where = f" at {n_points} points of the sweep" if n_points > 1 else ""
+    return f"{capitalised(what)} of {counted(len(trials.methods), 'method')} in {_runs(trials)}{where}"
+
+
+def _runs(trials: Trials) -> str:
+    if trials.alike and not trials.points and trials.title:
+        return f"one run at {_plain(printed(trials.title))}"
+    return f"{counted(len(trials.runs), 'run')} per method"
+
+
+def _origins(trials: Trials) -> Iterable[str]:
+    """Say where the parameters of the methods come from; nothing where it is not known."""
+    groups = parameter_groups(trials, trials.methods)
+    if len(groups) == 1:
+        yield f"Parameters of all methods: {next(iter(groups))}."
+    elif groups:
+        parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
+        yield f"Parameters: {'; '.join(parts)}."
+
+
+def _failed_runs(tables: Sequence[ResultTable]) -> str:
+    """Name the failed runs of every method, and say how they count."""
+    counts: dict[str, int] = {}
+    for table in tables:
+        for row in table.rows:
+            counts[row.method] = counts.get(row.method, 0) + row.n_failed
+    failed = [f"{_name(tables[0].trials, name)} {n}" for name, n in counts.items() if n]
+    if not failed:
+        return "No run failed."
+    return f"Failed runs: {', '.join(failed)}; they are left out of averages, and count as worse than any finished run."
+
+
+def _note_of_all(tables: Sequence[ResultTable]) -> str:
+    """Define the columns of the table with a column per metric."""
+    parts = ["Mean over the finished runs."]
+    absent = [table.info.words for table in tables if table.may_not_occur]
+    parts += [f"{capitalised(', '.join(absent))}: runs in which the event occurred."] if absent else []
+    parts.append(capitalised("; ".join(f"{table.info.words}: {BEST[table.info.direction]}" for table in tables)) + ".")
+    return " ".join([*parts, _failed_runs(tables)])
+
+
+def _name(trials: Trials, method: str) -> str:
+    """Return the label of a method, which may have formulas."""
+    return trials.labels.get(method, _plain(method))
+
+
+def _plain(text: str) -> str:
+    """Protect the dollar signs of a name."""
+    return text.replace("$", r"\$")

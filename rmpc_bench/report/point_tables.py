@@ -1,0 +1,69 @@
+"""What the tables of Markdown, LaTeX, CSV and screen share: statistics point by point, and a table in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+import pandas as pd
+
+from rmpc_bench.analysis.trials import Trials, stacked_rows
+from rmpc_bench.types.texts import inert_markdown
+
+
+class PointSummary(NamedTuple):
+    """The statistics of one table of trials."""
+
+    trials: Trials
+    described: pd.DataFrame
+    """One row per method and metric, see `statistics.summary`."""
+    compared: pd.DataFrame
+    """One row per comparison with the baseline, see `comparison.comparisons`."""
+
+
+class Points(Protocol):
+    """Statistics point by point."""
+
+    @property
+    def points(self) -> Sequence[PointSummary]:
+        """The points of a sweep; the whole table where there is none."""
+
+    @property
+    def pooled(self) -> PointSummary | None:
+        """The runs of all points together, where the points are many plants with the same methods."""
+
+
+def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
+    """Put the tables of points below each other, with the columns of the sweep in front."""
+    tables = []
+    for trials, frame in parts:
+        frame = frame.copy()
+        for column, (path, value) in enumerate(trials.point.items()):
+            frame.insert(column, path, value)
+        tables.append(frame)
+    return stacked_rows(tables)
+
+
+def columns_from(rows: Iterable[Mapping[str, str]]) -> dict[str, list[str]]:
+    """Return head -> cells of rows that are given as head -> cell."""
+    columns: dict[str, list[str]] = {}
+    for row in rows:
+        for head, cell in row.items():
+            columns.setdefault(head, []).append(cell)
+    return columns
+
+
+def markdown_page(parts: Sequence[str]) -> str:
+    """Join the parts of a file in Markdown; empty without any."""
+    return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
+
+
+def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
+    """Lay out columns, head -> cells, as a Markdown table without a line end."""
+    rows = [list(columns), *([*row] for row in zip(*columns.values(), strict=True))]
+    texts = ["| " + " | ".join(map(_cell, row)) + " |" for row in rows]
+    return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
+
+
+def _cell(text: str) -> str:
+    return inert_markdown(text.replace("\n", " ")).replace("|", r"\|")
