@@ -9,22 +9,23 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import FAR
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
-from rmpc_bench.figures.change_axis import Log, scaled_axis, set_axis
+from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
 from rmpc_bench.figures.labels import (
     LINEAR,
     POINTS_PER_INCH,
+    label_of,
     literal,
     metric_label,
     metric_of,
     names_of_columns,
+    quantity,
+    runs_sentence,
+    sentences,
     wrapped,
 )
 from rmpc_bench.figures.palette import DIM
-from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
+from rmpc_bench.figures.points import first_points, points_at, short_title, shown_rows, tables_of
 from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
 from rmpc_bench.types import Array
 from rmpc_bench.types.figure import SweepFigure
 
@@ -91,7 +92,7 @@ class Boxplot(SweepFigure):
 def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    from rmpc_bench.figures.boxes import draw_box
+    from rmpc_bench.figures.row_columns import draw_box
 
     first = tables[0]
     rows = [shown_rows(table, first, keys.order) for table in tables]

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCONCLUSIVE, WORSE
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
-from rmpc_bench.figures.boxes import VERDICT_COLOURS
-from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.change_axis import NONE
+from rmpc_bench.figures.axes import NONE
 from rmpc_bench.figures.labels import (
     POINTS_PER_INCH,
+    label_of,
     literal,
     names_of_columns,
     on_two_lines,
@@ -22,7 +21,8 @@ from rmpc_bench.figures.labels import (
     wrapped,
 )
 from rmpc_bench.figures.palette import GROUND, INK, PRINT
-from rmpc_bench.figures.point_tables import row_of
+from rmpc_bench.figures.points import row_of
+from rmpc_bench.figures.row_columns import VERDICT_COLOURS
 from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
-    from rmpc_bench.figures.sweep_content import SweepContent
+    from rmpc_bench.figures.sweep_axis import SweepContent
     from rmpc_bench.types.figure import Figure
 
 ROW, HEAD = 0.2, 0.4

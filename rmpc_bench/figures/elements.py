@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import STEPS, drawable
-from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
-from rmpc_bench.figures.labels import symbol
+from rmpc_bench.figures.labels import joined, label_of, place, sentences, symbol
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
-from rmpc_bench.figures.recorded_runs import find_run, last_sample
-from rmpc_bench.figures.style import FONT_SIZE, GREY, style
-from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.palette import LINE, LineStyle, are_rough, legend_sample, line_styles
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, last_sample, shade, spans, window_of
+from rmpc_bench.figures.style import FONT_SIZE, style
 from rmpc_bench.types import Array, NonNegative, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -98,12 +95,12 @@ class Elements(OnePointFigure):
         matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
         window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
         rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
-        bursts = burst_bands.spans(burst_bands.bursts_of(point, rows), window)
+        bursts = spans(bursts_of(point, rows), window)
         means = [f"{label_of(point, name)} {_means(matrix, window)}" for name, matrix in matrices.items()]
         failed = [f"{label_of(point, name)} {each.status}" for name, each in matrices.items() if each.status != "ok"]
         return sentences(
             f"Elements of the matrix {symbol(self.signal)} of {joined(label_of(point, name) for name in methods)} in "
-            f"run {self.run}, {span_of(window)}, a panel for each, as in the matrix; indices count from 0",
+            f"run {self.run}, {window.words}, a panel for each, as in the matrix; indices count from 0",
             place(point, title),
             "The panels of the diagonal have one vertical axis, all others another one",
             "Bursts of the noise are shaded" if bursts else "",
@@ -164,7 +161,7 @@ def _draw(
             grid[0, place].set_title(symbol(signal, f"{ANY},{place}"))
             grid[place, 0].set_ylabel(symbol(signal, f"{place},{ANY}"))
         rows = {name: np.flatnonzero(point.traces[name].runs == run) for name in matrices}
-        keys = burst_bands.shade(grid.ravel(), burst_bands.spans(burst_bands.bursts_of(point, rows), window))
+        keys = shade(grid.ravel(), spans(bursts_of(point, rows), window))
         grid[0, 0].set_xlim(*window.limits)
         figure.supxlabel(window.label, fontsize=FONT_SIZE)
         handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
@@ -179,7 +176,7 @@ def _grid(figure: MplFigure, n: int) -> Any:
     grid: Any = figure.subplots(n, n, sharex=True, squeeze=False)
     for index in np.ndindex(n, n):
         axes, first = grid[index], grid[0, int(index[0] != index[1])]
-        axes.grid(color=GREY, linewidth=0.4)
+        axes.grid(color=LINE, linewidth=0.4)
         axes.set_axisbelow(True)
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
         axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))

@@ -12,15 +12,22 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_sentence, sentences
-from rmpc_bench.figures.ellipse_outline import Ellipse, outline
-from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
+from rmpc_bench.figures.labels import (
+    DID_NOT_OCCUR,
+    joined,
+    label_of,
+    metric_label,
+    metric_of,
+    place,
+    quantity,
+    runs_sentence,
+    sentences,
+)
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.samples import Curve, components
-from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.palette import DIM, LineStyle, grouped, line_styles, paler
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.recorded_runs import Curve, components
+from rmpc_bench.figures.style import style
 from rmpc_bench.types import Array, DesignError, MetricInfo, Positive
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -31,6 +38,61 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.trials import Trials
+
+N_POINTS = 181
+FLAT = 1e-12
+"""Distance from 1 of the correlation of a segment: the rounding of a singular P."""
+
+THIN = 0.02
+"""Width of an ellipse, relative to its length in units of the standard deviations, below which it looks like a line."""
+
+
+class Ellipse(NamedTuple):
+    """The ellipse (z - centre)' P^-1 (z - centre) = 1."""
+
+    centre: Array
+    """(2,)."""
+    P: Array
+    """(2, 2) covariance or shape matrix."""
+
+    @property
+    def shape(self) -> str:
+        """What it looks like: ``ellipse``, ``segment``, ``point``, or ``none`` where P is no covariance or not finite.
+
+        An ellipse so thin that both of its sides coincide on paper counts as a segment.
+        """
+        if outline(self, 1.0) is None:
+            return "none"
+        deviations = np.sqrt(np.diag(self.P))
+        if not deviations.any():
+            return "point"
+        if not deviations.all():
+            return "segment"
+        correlation = min(1.0, abs(self.P[0, 1] + self.P[1, 0]) / 2 / float(deviations.prod()))
+        return "segment" if math.sqrt(1 - correlation**2) < THIN else "ellipse"
+
+
+def outline(ellipse: Ellipse, radius: float) -> Array | None:
+    """Find the points z with (z - centre)' P^-1 (z - centre) = radius^2; the segment where P is singular.
+
+    Return (points, 2) coordinates, two points for a segment; None where P is no covariance or not finite.
+    """
+    if not (np.isfinite(ellipse.P).all() and np.isfinite(ellipse.centre).all()):
+        return None
+    covariance = (ellipse.P[0, 1] + ellipse.P[1, 0]) / 2
+    if min(ellipse.P[0, 0], ellipse.P[1, 1]) < 0:
+        return None
+    # Each coordinate in its own unit: states of very different sizes make no ellipse degenerate.
+    deviations = np.sqrt(np.diag(ellipse.P))
+    product = float(deviations.prod())
+    if abs(covariance) > (1 + math.sqrt(FLAT)) * product:
+        return None
+    correlation = min(1.0, max(-1.0, covariance / product)) if product else 1.0
+    t = np.array([0.0, math.pi]) if abs(correlation) > 1 - FLAT else np.linspace(0.0, 2 * math.pi, N_POINTS)
+    across = math.sqrt(1 - correlation**2)
+    unit = np.stack([np.cos(t), correlation * np.cos(t) + across * np.sin(t)], axis=1)
+    return np.asarray(ellipse.centre + radius * deviations * unit)
+
 
 RINGS: tuple[dict[str, Any], ...] = (
     {"ls": "-", "lw": 1.2},
@@ -203,7 +265,7 @@ def _draw(
             entry = Line2D([], [], **sample, gid=look.gid)
             handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
         keys: list[Handle] = [
-            (rf"${radius:g}\sigma$", Line2D([], [], color=REFERENCE, **ring))
+            (rf"${radius:g}\sigma$", Line2D([], [], color=DIM, **ring))
             for radius, ring in zip(radii, RINGS, strict=False)
         ]
         keys += _draw_dots(axes, dots, styles)
@@ -257,11 +319,11 @@ def _draw_dots(axes: Axes, dots: Mapping[str, Dots], styles: Mapping[str, LineSt
     from matplotlib.lines import Line2D
 
     for name, (x, y, *_) in dots.items():
-        color = REFERENCE if len(dots) == 1 else paler(styles[name].color, 0.35)
+        color = DIM if len(dots) == 1 else paler(styles[name].color, 0.35)
         axes.plot(x, y, color=color, zorder=2.0, gid=None if len(dots) == 1 else styles[name].gid, **DOTS)
     numbers = sorted({len(each.x) for each in dots.values()})
     text = f"{numbers[0]} runs" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} runs"
-    return [(text, Line2D([], [], color=REFERENCE, **{**DOTS, "ms": 3.0}))]
+    return [(text, Line2D([], [], color=DIM, **{**DOTS, "ms": 3.0}))]
 
 
 def _note(k: int, dots: dict[str, Dots]) -> str:

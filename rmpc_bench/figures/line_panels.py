@@ -7,14 +7,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.figures.axes import stacked_panels
-from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.change_axis import NONE, change_axis, draw_no_change, scaled_axis, set_axis
-from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
-from rmpc_bench.figures.line_styles import LineStyle, line_styles
-from rmpc_bench.figures.palette import DIM, INK
-from rmpc_bench.figures.scales import Axis
-from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+from rmpc_bench.figures.axes import NONE, Axis, change_axis, draw_no_change, scaled_axis, set_axis, stacked_panels
+from rmpc_bench.figures.labels import (
+    LINE_HEIGHT,
+    LINEAR,
+    POINTS_PER_INCH,
+    label_of,
+    literal,
+    shortened,
+    typeset,
+    width,
+    with_unit,
+    wrapped,
+)
+from rmpc_bench.figures.palette import DIM, INK, LineStyle, line_styles
+from rmpc_bench.figures.style import lay_out, style
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -22,14 +29,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.text import Annotation
 
-    from rmpc_bench.figures.sweep_content import SweepContent
+    from rmpc_bench.figures.sweep_axis import SweepContent
 
 MOST_TICKS = 8
 """Ticks of the axis of changes in per cent."""
 ALPHA = 0.13
 """Of the bands."""
-LINE = 1.25 * FONT_SIZE
-"""Distance of two names at the ends of lines [pt]."""
 NAME_SHARE = 0.3
 """Share of the width of the figure that a name may take before it is cut."""
 BEYOND = {-1: " ▼", 1: " ▲"}
@@ -137,7 +142,7 @@ def _move_apart(axes: Axes, texts: Sequence[Annotation]) -> None:
     """Move the names at the ends of lines apart; of more than fit, those of grey lines are left out first."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    gap = LINE / (POINTS_PER_INCH * figure.get_figheight() * axes.get_position().height)
+    gap = LINE_HEIGHT / (POINTS_PER_INCH * figure.get_figheight() * axes.get_position().height)
     most = 1 + int(1 / gap)
     kept = sorted(texts, key=lambda text: text.get_color() == DIM)[:most] if len(texts) > most else texts
     for text in texts:

@@ -7,12 +7,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
-from rmpc_bench.figures.change_axis import Log
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, on_two_lines, shortened
-from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
+from rmpc_bench.figures.axes import Log
+from rmpc_bench.figures.labels import (
+    POINTS_PER_INCH,
+    label_of,
+    literal,
+    metric_of,
+    on_two_lines,
+    quantity,
+    runs_sentence,
+    sentences,
+    shortened,
+)
+from rmpc_bench.figures.points import first_points, points_at, short_title, shown_rows, tables_of
 from rmpc_bench.figures.style import lay_out, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
 from rmpc_bench.types.figure import Inches, SweepFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout

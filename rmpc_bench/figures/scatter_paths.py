@@ -10,20 +10,22 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.burst_bands import bursts_of
-from rmpc_bench.figures.captions import joined, place, sentences, span_of
 from rmpc_bench.figures.curves import limits_of
-from rmpc_bench.figures.direct_labels import Label, write
-from rmpc_bench.figures.labels import name_of, unit_of
-from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import line_styles
-from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT
+from rmpc_bench.figures.labels import joined, name_of, place, sentences, unit_of
+from rmpc_bench.figures.legend import Handle, Label, finish, write
+from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT, grouped, line_styles
+from rmpc_bench.figures.points import short_title
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
-from rmpc_bench.figures.recorded_runs import OUTPUT, PanelSignal, find_run, last_sample
+from rmpc_bench.figures.recorded_runs import (
+    OUTPUT,
+    PanelSignal,
+    TimeWindow,
+    bursts_of,
+    find_run,
+    last_sample,
+    window_of,
+)
 from rmpc_bench.figures.style import style
-from rmpc_bench.figures.sweep_points import short_title
-from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import Array, DesignError, Status
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ROUNDING, ResultLayout
@@ -152,7 +154,7 @@ def paths_caption(made: PathContent) -> str:
     axes = joined(each.label(made.point) for each in made.quantities)
     has_reference = any(path.reference is not None for path in made.paths.values())
     return sentences(
-        f"Path of {axes} in run {keys.run} for {names}, {span_of(made.window)}"
+        f"Path of {axes} in run {keys.run} for {names}, {made.window.words}"
         + ("; dashed: reference" if has_reference else ""),
         place(made.point, made.title),
         f"Lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import joined, place, sentences, span_of
 from rmpc_bench.figures.curves import Cell, Choice, cell_of, middle_run
-from rmpc_bench.figures.labels import name_of
+from rmpc_bench.figures.labels import joined, name_of, place, sentences
+from rmpc_bench.figures.points import point_at, shared_content
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
-from rmpc_bench.figures.recorded_runs import RunSelection, differences, select_runs
-from rmpc_bench.figures.shared_content import shared_content
-from rmpc_bench.figures.signal_panels import WORDS, Content, draw_panels
-from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.recorded_runs import RunSelection, TimeWindow, differences, select_runs, window_of
+from rmpc_bench.figures.signal_content import WORDS, Content
+from rmpc_bench.figures.signal_panels import draw_panels
 from rmpc_bench.types import DesignError, NonNegative
 from rmpc_bench.types.figure import Inches, Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -123,7 +121,7 @@ class Signals(OnePointFigure):
         left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
         kinds = made.kinds()
         return sentences(
-            f"{names} over time, {span_of(made.window)}, of {joined(name_of(made.point, n) for n in made.cells)} on "
+            f"{names} over time, {made.window.words}, of {joined(name_of(made.point, n) for n in made.cells)} on "
             f"the same axes{left_out}",
             place(made.point, made.title),
             _first_upper("; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)),

@@ -7,19 +7,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import sentences
-from rmpc_bench.figures.change_axis import Log
-from rmpc_bench.figures.labels import metric_of
-from rmpc_bench.figures.point_tables import common_form, tables_of
-from rmpc_bench.figures.sweep_axis import POINTS, SweepAxis, axis_of, main_paths, other_paths, panel_title
-from rmpc_bench.figures.sweep_content import Show, SweepContent
-from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.figures.axes import Log
+from rmpc_bench.figures.labels import metric_of, sentences
+from rmpc_bench.figures.points import common_form, points_at, short_title, tables_of
+from rmpc_bench.figures.sweep_axis import (
+    POINTS,
+    Show,
+    SweepAxis,
+    SweepContent,
+    axis_of,
+    main_paths,
+    other_paths,
+    panel_title,
+)
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.result_rows import ResultTable

@@ -10,12 +10,11 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import place, sentences
-from rmpc_bench.figures.labels import literal, typeset
+from rmpc_bench.figures.labels import literal, place, sentences, typeset
 from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.line_styles import line_styles
-from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.palette import DIM, line_styles
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.style import style
 from rmpc_bench.types import Array, DesignError, ResultLayout
 from rmpc_bench.types.figure import OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -35,8 +34,8 @@ WIDE = 10.0
 """Factor between the smallest and the largest objective from which on their axis is logarithmic."""
 TUNING: dict[str, Any] = {"ls": "-", "marker": "o", "ms": 3.0, "lw": 1.0}
 TEST: dict[str, Any] = {"ls": (0, (4, 2)), "marker": "s", "ms": 3.5, "lw": 1.0, "mfc": "white"}
-CHOSEN: dict[str, Any] = {"color": REFERENCE, "ls": "-", "lw": 1.0}
-DEFAULT: dict[str, Any] = {"color": REFERENCE, "ls": (0, (1.2, 1.2)), "lw": 1.2}
+CHOSEN: dict[str, Any] = {"color": DIM, "ls": "-", "lw": 1.0}
+DEFAULT: dict[str, Any] = {"color": DIM, "ls": (0, (1.2, 1.2)), "lw": 1.2}
 
 
 @dataclass(frozen=True, kw_only=True)

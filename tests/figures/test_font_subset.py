@@ -9,7 +9,7 @@ import pytest
 from fontTools.ttLib import TTFont
 from matplotlib.ft2font import FT2Font, LoadFlags
 
-from rmpc_bench.figures.font_subset import subset_of
+from rmpc_bench.figures.pdf_fonts import subset_of
 
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 FLAGS = LoadFlags.NO_SCALE | LoadFlags.NO_HINTING

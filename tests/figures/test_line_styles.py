@@ -2,8 +2,7 @@
 
 import pytest
 
-from rmpc_bench.figures.line_styles import MARKED_FROM, legend_sample, line_styles
-from rmpc_bench.figures.palette import DIM
+from rmpc_bench.figures.palette import DIM, MARKED_FROM, legend_sample, line_styles
 
 METHODS = [f"M{number}" for number in range(9)]
 

@@ -5,8 +5,8 @@ import re
 
 import numpy as np
 
-from rmpc_bench.figures.stable_svg import stable_svg
 from rmpc_bench.figures.style import style
+from rmpc_bench.figures.svg_text import stable_svg
 
 
 def drawn(noise):

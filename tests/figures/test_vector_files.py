@@ -7,10 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 from pypdf import PdfReader
 
-from rmpc_bench.figures.files import save, svg_of
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import style
-from rmpc_bench.figures.vector_files import can_be_drawn_once
+from rmpc_bench.figures.files import can_be_drawn_once, save, svg_of
+from rmpc_bench.figures.style import Rendering, style
 
 BOTH = Rendering(formats=("svg", "pdf"))
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.figures.scales import Axis, difference_axis, ratio_axis, share_axis, value_axis
+from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
 
 
 class Line(NamedTuple):

@@ -1,0 +1,166 @@
+"""Points of a sweep that a figure shows: their selection, their titles, and the rows of a metric at each of them."""
+
+from __future__ import annotations
+
+import re
+import weakref
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+from weakref import WeakKeyDictionary
+
+from rmpc_bench.analysis.shown_numbers import Estimate
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.figure import PointValues
+from rmpc_bench.types.result_layout import texts_of
+from rmpc_bench.types.sweep_points import lies_at, no_such_point
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.comparison import Levels
+    from rmpc_bench.analysis.result_rows import Form, ResultRow, ResultTable
+    from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.types import MetricInfo
+
+MOST_PANELS = 6
+"""Panels below each other that a reader can still compare."""
+
+
+def points_at(trials: Trials, at: Sequence[PointValues] | None) -> Sequence[Trials]:
+    """Select, once each, the points that have the values by path of an entry of `at`; all points if it is not given.
+
+    Without a sweep it is the whole table.  Raises a DesignError when `at` names no point.
+    """
+    if at is None:
+        return trials.each
+    points: list[Trials] = []
+    for values in at:
+        points += [point for point in _having(trials, values) if point not in points]
+    return points
+
+
+def point_at(trials: Trials, at: PointValues | None) -> tuple[Trials, str]:
+    """Return the first point that has the given values by path, or the first one of all, and its title.
+
+    The title is empty where there is no sweep.  Raises a DesignError when `at` names no point.
+    """
+    points = trials.each if at is None else _having(trials, at)
+    of_several = f" (first of {len(points)} points)" if len(points) > 1 else ""
+    return points[0], short_title(points[0]) + of_several
+
+
+def short_title(point: Trials) -> str:
+    """Name a point by the last parts of its paths, such as ``Hp=10, Hu=8``; by whole paths if these are not unique.
+
+    A value of several words, such as ``pi first``, stands without its path if it is the only one.  A point whose values
+    share a name has its title, shortened in the same way.
+    """
+    # The title has only the name of values that change together.
+    title = f", {point.title}, "
+    named = "name" in point.point
+    shown = {path: text for path, text in point.point.items() if not named or f", {path}={text}, " in title}
+    last = [path.rpartition(".")[2] for path in shown]
+    names = last if len(set(last)) == len(last) else list(shown)
+    phrases = [text for text in shown.values() if re.search(r"\w \w", text)]
+    words = [text if phrases == [text] else f"{name}={text}" for name, text in zip(names, shown.values(), strict=True)]
+    if not named:
+        return printed(", ".join(words))
+    for (path, text), word in zip(shown.items(), words, strict=True):
+        title = title.replace(f", {path}={text}, ", f", {word}, ")
+    return printed(title[2:-2])
+
+
+def printed(title: str) -> str:
+    """Write the signs of a title as they are printed: a minus in front of a number, a cross between factors.
+
+    Examples
+    --------
+    >>> printed("delta from -1 to 1, noise x 0.01, 1e-5, run-2")
+    'delta from −1 to 1, noise × 0.01, 1e-5, run-2'
+    """
+    return re.sub(r"(?<= )x(?= \.?\d)", "×", re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", "−", title))
+
+
+def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:
+    texts = texts_of(values)
+    message = no_such_point([point.point for point in trials.each], texts)
+    if message:
+        raise DesignError(message, "at")
+    return [point for point in trials.each if lies_at(point.point, texts)]
+
+
+MOST_POINTS = 6
+"""Points below each other that a reader can still compare."""
+_tables: WeakKeyDictionary[Trials, dict[tuple[MetricInfo, Levels], ResultTable]] = WeakKeyDictionary()
+"""Table of trials -> metric and levels -> rows; an entry ends with its table."""
+
+
+def tables_of(results: Trials, points: Sequence[Trials], info: MetricInfo) -> list[ResultTable]:
+    """Collect the rows of a metric at points of the results, with the levels of intervals that all results have."""
+    from rmpc_bench.analysis.comparison import comparisons, levels
+    from rmpc_bench.analysis.result_rows import result_table
+    from rmpc_bench.analysis.statistics import summary
+
+    of, found = levels(results), []
+    for point in points:
+        known = _tables.setdefault(point, {})
+        if (info, of) not in known:
+            primary = point.primary or point.metrics[0].name
+            one = point.with_numbers(point.frame, metrics=(info,), primary=primary)
+            known[info, of] = result_table(one, summary(one), comparisons(one, of), info)
+        found.append(known[info, of])
+    return found
+
+
+def common_form(tables: Sequence[ResultTable]) -> Form:
+    """Find what compares the rows of all tables; shares of the runs where they differ, as these always exist."""
+    forms = {table.form for table in tables} - {"alone"}
+    return forms.pop() if len(forms) == 1 else "share" if forms else "alone"
+
+
+def shown_change(row: ResultRow, form: Form) -> Estimate:
+    """Return the change of a row in the form that all rows of a figure have; a ratio is relative to 1."""
+    if form == "share":
+        return Estimate(*(each / 100 for each in row.superiority))
+    return Estimate(*(1 + each / 100 for each in row.change)) if form == "ratio" else row.change
+
+
+def row_of(table: ResultTable, method: str) -> ResultRow | None:
+    """Return the row of a method; None where the point does not have it."""
+    return next((row for row in table.rows if row.method == method), None)
+
+
+def first_points(points: Sequence[Trials]) -> tuple[Sequence[Trials], str]:
+    """Return as many points as a figure shows below each other, and say where there are more."""
+    more = len(points) > MOST_POINTS
+    return points[:MOST_POINTS], f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+
+
+def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:
+    """Return the rows of a point in the order of the figure, which is that of the first point."""
+    from rmpc_bench.analysis.result_rows import NOT_COMPUTED
+
+    found = []
+    for name in order or [row.method for row in first.ordered]:
+        row, named = row_of(table, name), row_of(first, name)
+        if row is None and named is not None:
+            row = named._replace(n=0, mean=Estimate(), quantiles=(), word=NOT_COMPUTED, compared={})
+        found += [] if row is None else [row]
+    return found
+
+
+Content = TypeVar("Content")
+_last: list[tuple[weakref.ref[Any], str, Any]] = []
+"""One entry: the table, the keys of the figure, and the content."""
+
+
+def shared_content(results: Trials, keys: object, compute: Callable[[], Content]) -> Content:
+    """Return what a figure, a frozen dataclass, shows of a table.
+
+    The caption of a picture that was just drawn computes nothing again.
+    """
+    for table, text, content in _last:
+        if table() is results and text == repr(keys):
+            found: Content = content
+            return found
+    made = compute()
+    _last[:] = [(weakref.ref(results), repr(keys), made)]
+    return made
