@@ -7,7 +7,7 @@ squeeze them: it lies beyond the end of the axis, where an arrow stands for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -63,11 +63,7 @@ def _log(ratio: float) -> float:
 def ratio_axis(changes: Sequence[Estimate], margin: float, most: int = 6) -> Axis:
     """Choose the axis of changes [%] with their intervals, around no change.
 
-    Parameters
-    ----------
-    changes : estimates with finite values; intervals may be NaN
-    margin : the smallest relative change that matters
-    most : largest number of ticks in per cent
+    Intervals may be NaN; the margin is the smallest relative change that matters.
     """
     finite = [change for change in changes if math.isfinite(change.value)]
     rows = [tuple(_log(1 + (change.value if math.isnan(end) else end) / 100) for end in change) for change in finite]
@@ -90,10 +86,7 @@ def _ratio_ticks(low: float, high: float, most: int) -> tuple[Tick, ...]:
     """Choose ticks in per cent where all lie between 0.4 and 2.2, else factors."""
     if low >= math.log(0.4) and high <= math.log(2.2):
         for step in PER_CENT_STEPS:
-            first, last = (
-                math.ceil((math.exp(low) - 1) * 100 / step),
-                math.floor((math.exp(high) - 1) * 100 / step),
-            )
+            first, last = math.ceil((math.exp(low) - 1) * 100 / step), math.floor((math.exp(high) - 1) * 100 / step)
             if last - first + 1 <= most:
                 found = [k * step for k in range(first, last + 1) if k * step > -100]
                 return _thinned([Tick(math.log1p(k / 100), _per_cent(k)) for k in found], low, high)
@@ -105,17 +98,20 @@ def _per_cent(k: int) -> str:
 
 
 def _thinned(ticks: Sequence[Tick], low: float, high: float) -> tuple[Tick, ...]:
-    """Keep the tick of no change and, going away from it, those that leave room for their labels."""
-    if not ticks:
-        return ()
-    middle = min(range(len(ticks)), key=lambda k: abs(ticks[k].at))
-    kept = [ticks[middle]]
-    for side in (range(middle + 1, len(ticks)), range(middle - 1, -1, -1)):
-        last = ticks[middle].at
-        for k in side:
-            if abs(ticks[k].at - last) >= APART * (high - low):
-                kept.append(ticks[k])
-                last = ticks[k].at
+    """Leave room for the labels of ticks."""
+    return spaced(ticks, lambda tick, last: abs(tick.at - last.at) >= APART * (high - low))
+
+
+def spaced(ticks: Sequence[Tick], are_apart: Callable[[Tick, Tick], bool]) -> tuple[Tick, ...]:
+    """Keep the tick nearest to 0, which is no change, and going away from it those that are apart from the last one."""
+    middle = min(range(len(ticks)), key=lambda k: abs(ticks[k].at), default=0)
+    kept = list(ticks[middle : middle + 1])
+    for side in (ticks[middle + 1 :], ticks[:middle][::-1]):
+        last = ticks[middle] if side else None
+        for tick in side:
+            if last is not None and are_apart(tick, last):
+                kept.append(tick)
+                last = tick
     return tuple(sorted(kept))
 
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import STEPS, drawable
-from rmpc_bench.figures.labels import joined, label_of, place, sentences, symbol
+from rmpc_bench.figures.captions import joined, label_of, place, sentences
+from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.palette import LINE, LineStyle, are_rough, legend_sample, line_styles
 from rmpc_bench.figures.points import point_at
-from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, last_sample, shade, spans, window_of
-from rmpc_bench.figures.style import FONT_SIZE, style
+from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, spans, window_of
+from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
 from rmpc_bench.types import Array, NonNegative, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -93,7 +94,7 @@ class Elements(OnePointFigure):
         signals = layout_of(point).signals
         methods = self.order or [name for name in signals if self.signal in signals[name]]
         matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
-        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
         rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
         bursts = spans(bursts_of(point, rows), window)
         means = [f"{label_of(point, name)} {_means(matrix, window)}" for name, matrix in matrices.items()]
@@ -115,9 +116,23 @@ class Elements(OnePointFigure):
         self.require(layout)
         methods = self.order or [name for name, signals in layout.signals.items() if self.signal in signals]
         matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
-        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
-        size = self.size(0.7 + 0.8 * matrices[methods[0]].values.shape[1])
-        return _draw(point, title, self.signal, matrices, self.run, window, size)
+        window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
+        styles = line_styles(point.all_methods, list(matrices))
+        n = next(iter(matrices.values())).values.shape[1]
+        with style():
+            figure = new_figure(self.size(0.7 + 0.8 * n))
+            grid = _grid(figure, n)
+            _draw_elements(grid, matrices, window, styles)
+            for place in range(n):
+                grid[0, place].set_title(symbol(self.signal, f"{ANY},{place}"))
+                grid[place, 0].set_ylabel(symbol(self.signal, f"{place},{ANY}"))
+            rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in matrices}
+            keys = shade(grid.ravel(), spans(bursts_of(point, rows), window))
+            grid[0, 0].set_xlim(*window.limits)
+            figure.supxlabel(window.label, fontsize=FONT_SIZE)
+            handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
+            finish(figure, [*handles, *keys], _note(title, self.run, matrices), columns=True)
+        return figure
 
 
 class RecordedMatrix(NamedTuple):
@@ -138,35 +153,6 @@ def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix
     # The last value of a held signal is continued to the last sample.
     missing = len(traces.r) - len(values)
     return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
-
-
-def _draw(
-    point: Trials,
-    title: str,
-    signal: str,
-    matrices: Mapping[str, RecordedMatrix],
-    run: int,
-    window: TimeWindow,
-    size: tuple[float, float],
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    styles = line_styles(point.all_methods, list(matrices))
-    n = next(iter(matrices.values())).values.shape[1]
-    with style():
-        figure = MplFigure(figsize=size, layout="constrained")
-        grid = _grid(figure, n)
-        _draw_elements(grid, matrices, window, styles)
-        for place in range(n):
-            grid[0, place].set_title(symbol(signal, f"{ANY},{place}"))
-            grid[place, 0].set_ylabel(symbol(signal, f"{place},{ANY}"))
-        rows = {name: np.flatnonzero(point.traces[name].runs == run) for name in matrices}
-        keys = shade(grid.ravel(), spans(bursts_of(point, rows), window))
-        grid[0, 0].set_xlim(*window.limits)
-        figure.supxlabel(window.label, fontsize=FONT_SIZE)
-        handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
-        finish(figure, [*handles, *keys], _note(title, run, matrices), columns=True)
-    return figure
 
 
 def _grid(figure: MplFigure, n: int) -> Any:
@@ -190,7 +176,6 @@ def _draw_elements(
     grid: Any, matrices: Mapping[str, RecordedMatrix], window: TimeWindow, styles: Mapping[str, LineStyle]
 ) -> None:
     """Draw the matrices of all methods, those that failed last, so that they do not shrink the others."""
-    t = window.sample * np.arange(window.first, window.last + 1)
     failed = {name: matrix.status != Status.OK.word for name, matrix in matrices.items()}
     first = [name for name in matrices if not failed[name]] or list(matrices)
     for names in (first, [name for name in matrices if name not in first]):
@@ -200,7 +185,7 @@ def _draw_elements(
             rough = are_rough([values[name] for name in first])
             for name in names:
                 line = styles[name].line(held=matrices[name].held, rough=rough)
-                grid[i, j].plot(t, values[name], **{**line, "lw": THINNER * line["lw"]})
+                grid[i, j].plot(window.times, values[name], **{**line, "lw": THINNER * line["lw"]})
         if names is not first:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)

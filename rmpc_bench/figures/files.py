@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO, StringIO
@@ -28,16 +28,9 @@ if TYPE_CHECKING:
 PROGRAMS = ("pdflatex", "xelatex", "lualatex")
 """Programs that measure the texts, the preferred one first."""
 NO_LATEX = f"pgf needs a LaTeX ({', '.join(PROGRAMS)}) on the search path, and there is none; choose pdf or svg"
-_SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "#": r"\#",
-    "_": r"\_",
-    "&": r"\&",
-    "~": r"\textasciitilde{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-}
+_SPECIAL = str.maketrans(
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"} | {each: f"\\{each}" for each in "#_&{}$"}
+)
 _FORMULA = re.compile(r"((?<!\\)\$(?:\\(?!text\b).|[^$\\])*\$)")
 r"""A formula.  Inside ``\text{..}`` matplotlib leaves every command to LaTeX, so that one with it is plain text."""
 
@@ -83,8 +76,7 @@ def _escaped(text: str, *, ismath: bool) -> str:
     """Write the characters as text that matplotlib leaves to LaTeX; it treats `^` and `%` itself."""
     parts = _FORMULA.split(text) if ismath else [text]
     for place in range(0, len(parts), 2):
-        plain = parts[place].replace(r"\$", "$")
-        parts[place] = "".join(_SPECIAL.get(each, each) for each in plain)
+        parts[place] = parts[place].replace(r"\$", "$").translate(_SPECIAL)
     return "".join(parts)
 
 
@@ -103,11 +95,10 @@ def can_be_drawn_once(figure: MplFigure) -> bool:
     return not figure.findobj(is_image)
 
 
-def svg_and_pdf(figure: MplFigure, svg: Mapping[str, Any], pdf: Mapping[str, Any]) -> tuple[str, bytes]:
-    """Draw a picture that `can_be_drawn_once` as SVG and PDF, with the settings of each for `savefig`.
+def svg_and_pdf(figure: MplFigure) -> tuple[str, bytes]:
+    """Draw a picture that `can_be_drawn_once`, whose layout is final, as SVG and PDF; call it under `style`.
 
-    Its layout is final; call it under `style`.  The SVG is that of `savefig`, and the texts of the PDF are placed as in
-    it.
+    The SVG is that of `savefig`, and the texts of the PDF are placed as in it.
     """
     from matplotlib.backends import backend_pdf, backend_svg
 
@@ -115,13 +106,13 @@ def svg_and_pdf(figure: MplFigure, svg: Mapping[str, Any], pdf: Mapping[str, Any
     of_pdf: Any = backend_pdf
     width, height = (float(size) for size in figure.get_size_inches())
     text, data = StringIO(), BytesIO()
-    file = of_pdf.PdfFile(data, metadata=pdf.get("metadata"))
+    file = of_pdf.PdfFile(data, metadata=FORMATS[".pdf"]["metadata"])
     file.newPage(width, height)
     renderer = of_pdf.RendererPdf(file, 72, height, width)
     usual = module.RendererSVG
     module.RendererSVG = _both(usual, renderer)
     try:
-        figure.savefig(text, format="svg", **svg)
+        figure.savefig(text, format="svg", **FORMATS[".svg"])
     finally:
         module.RendererSVG = usual
     renderer.finalize()
@@ -226,7 +217,7 @@ def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | N
 def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
     """Write SVG and PDF from one draw."""
     with style(), small_fonts():
-        svg, pdf = svg_and_pdf(figure, FORMATS[".svg"], FORMATS[".pdf"])
+        svg, pdf = svg_and_pdf(figure)
     replace_text(directory / f"{stem}.svg", as_file(themed(svg), families(font_family())))
     with replaced(directory / f"{stem}.pdf") as partial:
         partial.write_bytes(pdf)
@@ -310,8 +301,6 @@ class FigureResult:
         FileNotFoundError
             If a .pgf is asked for and no LaTeX is installed.
         """
-        from rmpc_bench.figures.style import rendered
-
         file = Path(path)
         if file.suffix.lower() not in FORMATS:
             raise ValueError(f"{file}: the ending gives the format, one of {', '.join(FORMATS)}")

@@ -1,28 +1,20 @@
-"""Text in figures: formulas where matplotlib can set them, units, lines that fit into their place, and captions.
-
-A caption is plain text with formulas as ``$..$``.  Its numbers are written by the functions that write those of the
-tables, so that the same number has the same digits everywhere.
-"""
+"""Text in figures: formulas where matplotlib can set them, units, and lines that fit into their place."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.figures.points import short_title
-from rmpc_bench.figures.style import FONT_SIZE, font_family, has_labels
+from rmpc_bench.figures.style import FONT_SIZE, LINE_HEIGHT, font_family, has_labels
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types import MetricInfo
 
-POINTS_PER_INCH = 72
 MOST_LINES, COLUMN_PAD, LONGEST_TURNED = 3, 3.0, 90.0
 """Lines of the name of a column, free space beside it, and width of a turned one [pt]."""
-LINE_HEIGHT = 1.25 * FONT_SIZE
-"""Height of a line of text [pt]."""
 GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
 ACCENTS = ("hat", "breve")
 DID_NOT_OCCUR = "did not occur"
@@ -196,43 +188,3 @@ def _width(text: str, family: str, formulas: str) -> float:
 def marked(trials: Trials, method: str) -> str:
     """Return the name of a method for a table, where an oracle estimator is marked."""
     return f"{method} (oracle)" if method in trials.oracles else method
-
-
-def joined(words: Iterable[str]) -> str:
-    """Join words as a sentence does: ``a, b and c``."""
-    *first, last = list(words) or [""]
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def sentences(*parts: str) -> str:
-    """Join parts of a caption, each a sentence or empty, and end every one with a full stop."""
-    return " ".join(part if part.endswith(".") else f"{part}." for part in parts if part)
-
-
-def quantity(info: MetricInfo) -> str:
-    """Name a metric with its unit, such as ``MSE [rad^2]``."""
-    return f"{info.words} [{info.unit}]" if info.unit else info.words
-
-
-def label_of(trials: Trials, method: str) -> str:
-    """Return the text that stands for a method in figures."""
-    return trials.labels.get(method, method)
-
-
-def place(trials: Trials, title: str) -> str:
-    """Name the point of a sweep that a figure of one point shows; empty without a sweep."""
-    return f"Shown is the point {title}" if title else ""
-
-
-def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
-    """Say how many runs there are, and which methods failed in how many of them."""
-    sizes = sorted({len(point.runs) for point in points}) or [0]
-    n = f"n = {sizes[0]}" if len(sizes) == 1 else f"n = {sizes[0]} to {sizes[-1]}"
-    noun = "run" if sizes == [1] else "runs"
-    failed = []
-    for point in points:
-        where = f" at {short_title(point)}" if len(points) > 1 else ""
-        failed += [f"{label_of(point, name)} {point.n_failed(name)}{where}" for name in methods if point.n_failed(name)]
-    if not failed:
-        return f"{n} {noun} of every method; no run failed"
-    return f"{n} {noun} of every method; failed runs are left out ({', '.join(failed)})"

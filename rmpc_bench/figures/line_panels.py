@@ -8,20 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.figures.axes import NONE, Axis, change_axis, draw_no_change, scaled_axis, set_axis, stacked_panels
-from rmpc_bench.figures.labels import (
-    LINE_HEIGHT,
-    LINEAR,
-    POINTS_PER_INCH,
-    label_of,
-    literal,
-    shortened,
-    typeset,
-    width,
-    with_unit,
-    wrapped,
-)
+from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.labels import LINEAR, literal, shortened, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.palette import DIM, INK, LineStyle, line_styles
-from rmpc_bench.figures.style import lay_out, style
+from rmpc_bench.figures.style import LINE_HEIGHT, POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -29,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.text import Annotation
 
-    from rmpc_bench.figures.sweep_axis import SweepContent
+    from rmpc_bench.figures.sweep_content import SweepContent
 
 MOST_TICKS = 8
 """Ticks of the axis of changes in per cent."""
@@ -53,11 +43,9 @@ class Name(NamedTuple):
 
 def draw_lines(content: SweepContent, size: tuple[float, float]) -> MplFigure:
     """Draw the panels from top to bottom, on common axes."""
-    from matplotlib.figure import Figure as MplFigure
-
     axis, styles = _axis(content), line_styles(content.trials.all_methods, content.methods)
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         panels = stacked_panels(figure, len(content.panels))
         title, found = _title(content, 0.75 * size[0] * POINTS_PER_INCH, is_log=axis.log), []
         for axes, panel in zip(panels, content.panels, strict=True):
@@ -70,8 +58,7 @@ def draw_lines(content: SweepContent, size: tuple[float, float]) -> MplFigure:
         for (axes, _), written in zip(found, texts, strict=True):
             content.axis.scale(axes)
             _move_apart(axes, written)
-        lay_out(figure)
-        figure.set_layout_engine(None)
+        fix_layout(figure)
     return figure
 
 

@@ -22,49 +22,31 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
     from matplotlib.lines import Line2D
 
-LIGHT: Mapping[str, str] = {
-    "bg": "#ffffff",
-    "fg": "#1b1f24",
-    "dim": "#59636e",
-    "line": "#d0d7de",
-    "soft": "#f3f5f7",
-    "band": "#e4e8ec",
-    "better": "#0b5cad",
-    "worse": "#a34700",
-    "fail": "#8a0f3c",
-    "m1": "#1177aa",
-    "m2": "#cc4400",
-    "m3": "#9900ff",
-    "m4": "#660000",
-    "m5": "#112288",
-    "m6": "#996666",
-    "m7": "#442244",
+_GROUNDS = {
+    "bg": ("#ffffff", "#14171a"),
+    "fg": ("#1b1f24", "#e6e9ec"),
+    "dim": ("#59636e", "#a3adb8"),
+    "line": ("#d0d7de", "#3a424a"),
+    "soft": ("#f3f5f7", "#1d2226"),
+    "band": ("#e4e8ec", "#2b3238"),
+    "better": ("#0b5cad", "#7cb8f5"),
+    "worse": ("#a34700", "#f0a35e"),
+    "fail": ("#8a0f3c", "#f58ab0"),
+    "m1": ("#1177aa", "#4499bb"),
+    "m2": ("#cc4400", "#cc7a22"),
+    "m3": ("#9900ff", "#bb66ff"),
+    "m4": ("#660000", "#ffdd00"),
+    "m5": ("#112288", "#77ffee"),
+    "m6": ("#996666", "#999977"),
+    "m7": ("#442244", "#ccff99"),
 }
-"""The seven colours of methods can be distinguished by readers with protan, deutan and tritan vision."""
-DARK: Mapping[str, str] = {
-    "bg": "#14171a",
-    "fg": "#e6e9ec",
-    "dim": "#a3adb8",
-    "line": "#3a424a",
-    "soft": "#1d2226",
-    "band": "#2b3238",
-    "better": "#7cb8f5",
-    "worse": "#f0a35e",
-    "fail": "#f58ab0",
-    "m1": "#4499bb",
-    "m2": "#cc7a22",
-    "m3": "#bb66ff",
-    "m4": "#ffdd00",
-    "m5": "#77ffee",
-    "m6": "#999977",
-    "m7": "#ccff99",
-}
+"""Name -> colour on a light and on a dark ground; readers with any colour vision can tell m1 to m7 apart."""
+LIGHT: Mapping[str, str] = {name: light for name, (light, _) in _GROUNDS.items()}
+DARK: Mapping[str, str] = {name: dark for name, (_, dark) in _GROUNDS.items()}
 PRINT: Mapping[str, str] = {**LIGHT, "fg": "#000000"}
 """Colours that matplotlib draws with; each stands for one variable."""
 METHODS = tuple(PRINT[f"m{number}"] for number in range(1, 8))
 INK, GROUND, DIM, LINE, BAND = (PRINT[name] for name in ("fg", "bg", "dim", "line", "band"))
-FIXED_INK, FIXED_GROUND = "#010101", "#fefefe"
-"""Black and white on an area whose colour is the same on a light and on a dark ground."""
 
 
 def in_css(colour: str) -> str:
@@ -95,10 +77,8 @@ THIN = 0.7
 """Width of the grey lines of methods beyond the seventh, which are too many to be distinguished [pt]."""
 MOST_TRAVEL = 6.0
 """Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
-N_MARKERS = 8
-"""Markers along a line over time."""
 MARKED_FROM = 4
-"""Number of lines in a panel from which on they also have markers: dashes alone are hard to distinguish then."""
+"""Number of lines in a panel from which on the legend has markers: dashes alone are hard to distinguish then."""
 
 
 class LineStyle(NamedTuple):
@@ -112,8 +92,6 @@ class LineStyle(NamedTuple):
     zorder: float
     marker: str = "o"
     """Of single points, such as the mean of a method."""
-    place: int = 0
-    """Position among the shown methods, which moves its markers along the line."""
     n_shown: int = 1
     gid: str | None = None
     """Name of the groups of the method in an SVG, by which a page hides them."""
@@ -127,17 +105,6 @@ class LineStyle(NamedTuple):
         shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": dashes, "lw": self.linewidth}
         look = {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default"}
         return {**look, **shape, "gid": self.gid}
-
-    def marks(self, n_samples: int, *, rough: bool = False) -> dict[str, Any]:
-        """Return the keywords of some markers along a line over time; none where dashes distinguish the lines.
-
-        Rough lines have no dashes; two of them then have markers already.
-        """
-        if self.n_shown < (2 if rough else MARKED_FROM) or n_samples < 2 or self.color == DIM:
-            return {}
-        step = max(1, n_samples // N_MARKERS)
-        every = (self.place * step // self.n_shown, step)
-        return {"marker": self.marker, "ms": 2.8, "mew": 0.6, "mfc": GROUND, "markevery": every}
 
 
 def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineStyle]:
@@ -155,7 +122,7 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
         color, dashes, width = (METHODS[number], dashes, 1.3) if number < len(METHODS) else (DIM, "-", THIN)
         zorder = 2.5 + 0.01 * place - (number >= len(METHODS))
         gid = f"method-{name}"
-        found[name] = LineStyle(color, dashes, width, stepwidth, zorder, marker, place, len(shown), gid)
+        found[name] = LineStyle(color, dashes, width, stepwidth, zorder, marker, len(shown), gid)
     return found
 
 
@@ -171,13 +138,17 @@ def are_rough(signals: Sequence[Array]) -> bool:
     return any(bool(np.nansum(np.abs(np.diff(values))) > MOST_TRAVEL * reach) for values in signals)
 
 
-def legend_sample(style: LineStyle, *, rough: bool = False) -> Line2D:
-    """Make a piece of a method's line for the legend, without dashes if all signals are rough."""
+def sample(**look: Any) -> Line2D:
+    """Make a piece of a line for the legend."""
     from matplotlib.lines import Line2D
 
-    look = style.line(rough=rough)
-    marks = style.marks(2, rough=rough)
-    return Line2D([], [], **{**look, **({**marks, "markevery": None} if marks else {})})
+    return Line2D([], [], **look)
+
+
+def legend_sample(style: LineStyle) -> Line2D:
+    """Make a piece of a method's line for the legend, with its marker where dashes alone are hard to distinguish."""
+    marks: dict[str, Any] = {"marker": style.marker, "ms": 2.8, "mew": 0.6, "mfc": GROUND}
+    return sample(**style.line(), **(marks if style.n_shown >= MARKED_FROM and style.color != DIM else {}))
 
 
 @contextmanager

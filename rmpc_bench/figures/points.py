@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
-import weakref
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from rmpc_bench.analysis.shown_numbers import Estimate
+from rmpc_bench.figures.captions import short_title
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import PointValues
 from rmpc_bench.types.result_layout import texts_of
@@ -19,9 +18,6 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.result_rows import Form, ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types import MetricInfo
-
-MOST_PANELS = 6
-"""Panels below each other that a reader can still compare."""
 
 
 def points_at(trials: Trials, at: Sequence[PointValues] | None) -> Sequence[Trials]:
@@ -45,38 +41,6 @@ def point_at(trials: Trials, at: PointValues | None) -> tuple[Trials, str]:
     points = trials.each if at is None else _having(trials, at)
     of_several = f" (first of {len(points)} points)" if len(points) > 1 else ""
     return points[0], short_title(points[0]) + of_several
-
-
-def short_title(point: Trials) -> str:
-    """Name a point by the last parts of its paths, such as ``Hp=10, Hu=8``; by whole paths if these are not unique.
-
-    A value of several words, such as ``pi first``, stands without its path if it is the only one.  A point whose values
-    share a name has its title, shortened in the same way.
-    """
-    # The title has only the name of values that change together.
-    title = f", {point.title}, "
-    named = "name" in point.point
-    shown = {path: text for path, text in point.point.items() if not named or f", {path}={text}, " in title}
-    last = [path.rpartition(".")[2] for path in shown]
-    names = last if len(set(last)) == len(last) else list(shown)
-    phrases = [text for text in shown.values() if re.search(r"\w \w", text)]
-    words = [text if phrases == [text] else f"{name}={text}" for name, text in zip(names, shown.values(), strict=True)]
-    if not named:
-        return printed(", ".join(words))
-    for (path, text), word in zip(shown.items(), words, strict=True):
-        title = title.replace(f", {path}={text}, ", f", {word}, ")
-    return printed(title[2:-2])
-
-
-def printed(title: str) -> str:
-    """Write the signs of a title as they are printed: a minus in front of a number, a cross between factors.
-
-    Examples
-    --------
-    >>> printed("delta from -1 to 1, noise x 0.01, 1e-5, run-2")
-    'delta from −1 to 1, noise × 0.01, 1e-5, run-2'
-    """
-    return re.sub(r"(?<= )x(?= \.?\d)", "×", re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", "−", title))
 
 
 def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:
@@ -128,10 +92,12 @@ def row_of(table: ResultTable, method: str) -> ResultRow | None:
     return next((row for row in table.rows if row.method == method), None)
 
 
-def first_points(points: Sequence[Trials]) -> tuple[Sequence[Trials], str]:
-    """Return as many points as a figure shows below each other, and say where there are more."""
+def first_tables(results: Trials, at: Sequence[PointValues] | None, info: MetricInfo) -> tuple[list[ResultTable], str]:
+    """Collect the rows of as many points as stand below each other in a figure, and say where there are more."""
+    points = points_at(results, at)
     more = len(points) > MOST_POINTS
-    return points[:MOST_POINTS], f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+    words = f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+    return tables_of(results, points[:MOST_POINTS], info), words
 
 
 def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:
@@ -145,22 +111,3 @@ def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | No
             row = named._replace(n=0, mean=Estimate(), quantiles=(), word=NOT_COMPUTED, compared={})
         found += [] if row is None else [row]
     return found
-
-
-Content = TypeVar("Content")
-_last: list[tuple[weakref.ref[Any], str, Any]] = []
-"""One entry: the table, the keys of the figure, and the content."""
-
-
-def shared_content(results: Trials, keys: object, compute: Callable[[], Content]) -> Content:
-    """Return what a figure, a frozen dataclass, shows of a table.
-
-    The caption of a picture that was just drawn computes nothing again.
-    """
-    for table, text, content in _last:
-        if table() is results and text == repr(keys):
-            found: Content = content
-            return found
-    made = compute()
-    _last[:] = [(weakref.ref(results), repr(keys), made)]
-    return made

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
+from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.figures.axes import drawable
 from rmpc_bench.figures.palette import BAND
 from rmpc_bench.types import Array, DesignError, Status
 from rmpc_bench.types.result_layout import empty_window, samples_between
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
     from rmpc_bench.analysis.traces import Traces
@@ -40,6 +40,11 @@ class TimeWindow(NamedTuple):
     def slice(self) -> slice:
         """The same samples, for indexing."""
         return slice(self.first, self.last + 1)
+
+    @property
+    def times(self) -> Array:
+        """Times of the samples."""
+        return self.sample * np.arange(self.first, self.last + 1)
 
     @property
     def in_seconds(self) -> bool:
@@ -77,40 +82,23 @@ class RunSelection(NamedTuple):
     """Their positions in the traces."""
     failed: bool
     """Whether all recorded runs failed; they are shown then, as there are no others."""
-    n_failed: int
 
 
-class PanelSignal(NamedTuple):
-    """A component of a recorded signal, the content of one panel."""
+def signal_of(traces: Traces, name: str, component: int) -> Array | None:
+    """Return a component of a signal, (runs, samples), None if not recorded; a held one has none at the last sample."""
+    recorded = traces.signals.get(OUTPUT if name == ERROR else name)
+    if recorded is None:
+        return None
+    return (
+        np.asarray(traces.r[:, component] - recorded[:, :, component]) if name == ERROR else recorded[:, :, component]
+    )
 
-    signal: str
-    component: int
-    label: str
 
-    def values(self, traces: Traces) -> Array:
-        """Return the values of the recorded runs, (runs, samples); a held signal has none at the last sample."""
-        if self.signal == ERROR:
-            return np.asarray(traces.r[:, self.component] - traces.signals[OUTPUT][:, :, self.component])
-        return traces.signals[self.signal][:, :, self.component]
-
-    def is_in(self, traces: Traces) -> bool:
-        """Whether the signal is recorded of a method."""
-        return (OUTPUT if self.signal == ERROR else self.signal) in traces.signals
-
-    def is_held(self, traces: Traces) -> bool:
-        """Whether the signal is constant over a sample, as the input and all that a controller reports are."""
-        return self.is_in(traces) and self.values(traces).shape[1] < len(traces.r)
-
-    def curves(self, traces: Traces, window: TimeWindow, rows: Array) -> tuple[Array, Array]:
-        """Return times (samples,) and values (runs, samples) in a window; a held signal is continued to the last one.
-
-        The rows are positions of runs in the traces.
-        """
-        values = self.values(traces)[rows]
-        missing = len(traces.r) - values.shape[1]
-        values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
-        times = window.sample * np.arange(len(traces.r))
-        return times[window.slice], drawable(values[:, window.slice])
+def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
+    """Return the samples in a window of a signal, (runs, samples); a held signal is continued to the last one."""
+    missing = len(traces.r) - values.shape[1]
+    values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
+    return drawable(values[:, window.slice])
 
 
 def select_runs(point: Trials, method: str) -> RunSelection:
@@ -119,7 +107,7 @@ def select_runs(point: Trials, method: str) -> RunSelection:
     table = point.frame[point.frame["method"] == method]
     failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
     rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
-    return RunSelection(rows, bool(failed.all()), int(failed.sum()))
+    return RunSelection(rows, bool(failed.all()))
 
 
 def differences(point: Trials, methods: Sequence[str]) -> Trials:
@@ -155,9 +143,15 @@ def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
     return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
 
 
-def last_sample(point: Trials, method: str) -> int:
-    """Return the index of the last recorded sample."""
-    return len(point.traces[method].r) - 1
+def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
+    """Find the recorded run to draw thick: the given one, else the one with the middle value of the primary metric."""
+    runs = point.traces[method].runs
+    if run is not None:
+        return find_run(point, method, run)[0]
+    info = point.primary_info or point.metrics[0]
+    table = point.frame[point.frame["method"] == method].set_index("run")[info.name]
+    values = distance_from_best(table.reindex(runs[rows]).to_numpy(dtype=float), info.direction)
+    return int(rows[np.argsort(values, kind="stable")[len(rows) // 2]])
 
 
 SIGNAL = "bursts"
@@ -181,7 +175,7 @@ def spans(bursts: Array | None, window: TimeWindow) -> list[tuple[float, float]]
     """Find where bursts begin and end on the axis: half a sample beyond their samples, but not outside the window."""
     if bursts is None:
         return []
-    shown = np.concatenate([[False], bursts[window.first : window.last + 1], [False]]).astype(np.int64)
+    shown = np.concatenate([[False], bursts[window.slice], [False]]).astype(np.int64)
     starts, stops = (window.first + np.flatnonzero(np.diff(shown) == step) for step in (1, -1))
     low, high = window.limits
     return [
@@ -200,119 +194,9 @@ def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[
     return [("burst", Patch(color=BAND, lw=0))] if bands else []
 
 
-class Curve(NamedTuple):
-    """Values of one component over the samples."""
-
-    k: Array
-    values: Array
-
-    def at(self, k: int) -> float:
-        """Value at a sample, NaN where there is none; a constant has it at every sample."""
-        found = self.values if len(self.k) == 1 else self.values[self.k == k]
-        return float(found[0]) if len(found) else np.nan
-
-
-class SeriesComponent(NamedTuple):
-    """A component of a series: its exact values, those from runs, or both."""
-
-    exact: Curve | None
-    runs: Curve | None
-    n_runs: frozenset[int] = frozenset()
-    """Numbers of runs, more than one where it changes from sample to sample."""
-    counts: Array | None = None
-    """(samples,) numbers of runs at the samples of `runs`."""
-
-    @property
-    def best(self) -> Curve:
-        """The exact values where they exist, else those from runs."""
-        found = self.exact or self.runs
-        assert found is not None, "made from at least one row"
-        return found
-
-
-def component_of(rows: pd.DataFrame) -> SeriesComponent:
-    """Read one component of one method; of values from runs, those from most runs count at every sample."""
-    rows = rows.sort_values(["k", "n"])
-    exact, sampled = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
-    counts = sampled["n"].to_numpy(dtype=np.int64)
-    return SeriesComponent(_curve(exact), _curve(sampled), frozenset(map(int, counts)), counts)
-
-
-def components(
-    point_series: pd.DataFrame, quantity: str, methods: Iterable[str]
-) -> dict[str, dict[str, SeriesComponent]]:
-    """Read all components of a quantity by method and component, without the methods that do not have it."""
-    table = point_series[point_series["quantity"] == quantity]
-    found: dict[str, dict[str, SeriesComponent]] = {}
-    for name in methods:
-        own = table[table["method"] == name]
-        if len(own):
-            found[name] = {
-                str(component): component_of(rows) for component, rows in own.groupby("component", sort=False)
-            }
-    return found
-
-
-def cut(curve: Curve, window: TimeWindow) -> Curve | None:
-    """Cut a curve to a window: a constant covers it; None if the curve ends before it."""
-    if len(curve.k) == 1:
-        return Curve(np.array([window.first, window.last]), np.repeat(curve.values, 2))
-    inside = (curve.k >= window.first) & (curve.k <= window.last)
-    return Curve(curve.k[inside], curve.values[inside]) if inside.any() else None
-
-
-def _curve(rows: pd.DataFrame) -> Curve | None:
-    return Curve(rows["k"].to_numpy(dtype=np.int64), rows["value"].to_numpy(dtype=float)) if len(rows) else None
-
-
-EDGE = 1e-9
-"""Relative distance beyond the edge up to which a state counts as inside: rounding."""
-
 _Value = TypeVar("_Value")
-
-
-class Tube(NamedTuple):
-    """States, estimates and reported sets of one run, at the samples that are shown."""
-
-    x: Array
-    """(samples, components) true states."""
-    x_hat: Array
-    """(samples, components)."""
-    S: Array
-    """(samples, components, components): x is reported to lie in E(x_hat, S)."""
-    gaussian: bool
-    """Whether S is the shape of a confidence ellipsoid."""
-    status: str
 
 
 def reported_set(values: Mapping[str, _Value]) -> _Value | None:
     """Choose the set M, else the covariance P, from values by quantity; None if there is neither."""
     return values.get("M", values.get("P"))
-
-
-def tube_of(point: Trials, name: str, run: int, components: Sequence[int], window: TimeWindow, level: float) -> Tube:
-    """Read the run of a method and the sets that it reports; a method without M has the ellipsoid of P at `level`."""
-    row, status = find_run(point, name, run)
-    x, x_hat = (point.traces[name].signals[signal][row] for signal in ("x", "x_hat"))
-    S, gaussian = _shapes(point, name, level)
-    S = S[window.slice] if len(S) > 1 else np.repeat(S, window.last + 1 - window.first, axis=0)
-    chosen = list(components)
-    # The projection of an ellipsoid has this part of its shape matrix.
-    part = S[:, chosen][:, :, chosen]
-    return Tube(x[window.slice][:, chosen], x_hat[window.slice][:, chosen], part, gaussian, status)
-
-
-def _shapes(point: Trials, name: str, level: float) -> tuple[Array, bool]:
-    """Return the shape matrices of the reported sets, axis 0 = k, and whether they are made from P."""
-    known = point.series.loc[point.series["method"] == name, "quantity"].unique()
-    quantity = reported_set({quantity: str(quantity) for quantity in known})
-    assert quantity is not None, "the check of the figure requires one"
-    values = point.matrix_series(quantity, name)
-    return (_quantile(level, values.shape[-1]) * values, True) if quantity == "P" else (values, False)
-
-
-def _quantile(level: float, n: int) -> float:
-    """Return the quantile of chi-square with n degrees of freedom."""
-    from scipy.special import gammaincinv
-
-    return 2.0 * float(gammaincinv(n / 2.0, level))

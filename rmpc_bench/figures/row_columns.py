@@ -12,19 +12,12 @@ from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.rank_rows import ranking
 from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
-from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis
-from rmpc_bench.figures.labels import (
-    LINEAR,
-    POINTS_PER_INCH,
-    label_of,
-    metric_label,
-    typeset,
-    width,
-    with_unit,
-    wrapped,
-)
+from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis, spaced
+from rmpc_bench.figures.captions import label_of
+from rmpc_bench.figures.labels import LINEAR, metric_label, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.palette import BAND, GROUND, INK, PRINT
 from rmpc_bench.figures.points import common_form, shown_change
+from rmpc_bench.figures.style import POINTS_PER_INCH
 from rmpc_bench.types import DesignError
 
 if TYPE_CHECKING:
@@ -116,19 +109,11 @@ class Column(NamedTuple):
         axes.set_xlabel("\n".join(wrapped(self.label, room)))
 
 
-def with_room(axis: Axis, room: float) -> list[Tick]:
-    """Leave out ticks whose labels would touch, going away from that nearest to 0."""
+def with_room(axis: Axis, room: float) -> tuple[Tick, ...]:
+    """Leave out ticks whose labels would touch."""
     scale = room / (axis.high - axis.low)
-    middle = min(range(len(axis.ticks)), key=lambda k: abs(axis.ticks[k].at), default=0)
-    kept = list(axis.ticks[middle : middle + 1])
-    for side in (axis.ticks[middle + 1 :], axis.ticks[:middle][::-1]):
-        last = axis.ticks[middle] if axis.ticks else None
-        for tick in side:
-            assert last is not None
-            if abs(tick.at - last.at) * scale >= (width(tick.label) + width(last.label)) / 2 + APART:
-                kept.append(tick)
-                last = tick
-    return sorted(kept)
+    labels = {tick: width(tick.label) / 2 for tick in axis.ticks}
+    return spaced(axis.ticks, lambda tick, last: abs(tick.at - last.at) * scale >= labels[tick] + labels[last] + APART)
 
 
 def column_of(

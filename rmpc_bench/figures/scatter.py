@@ -12,23 +12,13 @@ import numpy as np
 from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.labels import (
-    LINEAR,
-    joined,
-    literal,
-    metric_of,
-    name_of,
-    quantity,
-    runs_sentence,
-    sentences,
-    typeset,
-    with_unit,
-)
+from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
 from rmpc_bench.figures.legend import Handle, Label, finish, write
-from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler
-from rmpc_bench.figures.points import points_at, short_title
+from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler, sample
+from rmpc_bench.figures.points import points_at
 from rmpc_bench.figures.scatter_paths import SignalPlane, draw_paths, paths_caption, paths_content
-from rmpc_bench.figures.style import style
+from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, MetricInfo, NonNegative, Positive
 from rmpc_bench.types.figure import Index, SweepFigure
 from rmpc_bench.types.issue import Issue, unknown
@@ -228,37 +218,27 @@ class Scatter(SweepFigure):
         self.require(layout_of(results))
         infos = metric_of(results, self.x), metric_of(results, self.y)
         dots = dots_of(points, self.order or results.methods, infos, self.bars)
-        return _draw(self, results, dots, infos, self.size(0.8 * self.width))
-
-
-def _draw(
-    keys: Scatter,
-    trials: Trials,
-    dots: Sequence[Dot],
-    infos: tuple[MetricInfo, MetricInfo],
-    size: tuple[float, float],
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    shown = [dot for dot in dots if dot.is_finite]
-    best = not_dominated(shown, infos) if keys.front else []
-    styles = line_styles(trials.all_methods, list(dict.fromkeys(dot.method for dot in shown)))
-    several = frozenset(name for name in styles if sum(dot.method == name for dot in shown) > 1)
-    for listed in (several, frozenset(styles)):
-        with style():
-            figure = MplFigure(figsize=size, layout="constrained")
-            (axes,) = stacked_panels(figure, 1)
-            few_ticks(axes)
-            for dot in shown:
-                marker = _marker(styles[dot.method], filled=not keys.front or dot in best)
-                axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
-            _set_limits(axes, shown, infos, log=keys.log)
-            lines = _draw_lines(axes, shown, best, styles)
-            finish(figure, _handles(trials, shown, listed, styles, front=keys.front), _note(dots, MEANING[keys.bars]))
-            # If labels beside the dots overlap, all methods go into the legend.
-            if write(axes, _labels(trials, shown, listed, several, styles), lines):
-                break
-    return figure
+        shown = [dot for dot in dots if dot.is_finite]
+        best = not_dominated(shown, infos) if self.front else []
+        styles = line_styles(results.all_methods, list(dict.fromkeys(dot.method for dot in shown)))
+        several = frozenset(name for name in styles if sum(dot.method == name for dot in shown) > 1)
+        for listed in (several, frozenset(styles)):
+            with style():
+                figure = new_figure(self.size(0.8 * self.width))
+                (axes,) = stacked_panels(figure, 1)
+                few_ticks(axes)
+                for dot in shown:
+                    marker = _marker(styles[dot.method], filled=not self.front or dot in best)
+                    axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
+                _set_limits(axes, shown, infos, log=self.log)
+                lines = _draw_lines(axes, shown, best, styles)
+                finish(
+                    figure, _handles(results, shown, listed, styles, front=self.front), _note(dots, MEANING[self.bars])
+                )
+                # If labels beside the dots overlap, all methods go into the legend.
+                if write(axes, _labels(results, shown, listed, several, styles), lines):
+                    break
+        return figure
 
 
 def _marker(look: LineStyle, *, filled: bool) -> dict[str, Any]:
@@ -317,16 +297,14 @@ def _handles(
     trials: Trials, shown: Sequence[Dot], listed: frozenset[str], styles: Mapping[str, LineStyle], *, front: bool
 ) -> list[Handle]:
     """Make the legend entries of methods without labels beside their dots, and of the front."""
-    from matplotlib.lines import Line2D
-
     found: list[Handle] = []
     for name in (name for name in styles if name in listed):
         mine = [dot for dot in shown if dot.method == name]
         text = name_of(trials, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
-        found.append((text, Line2D([], [], **_marker(styles[name], filled=True))))
+        found.append((text, sample(**_marker(styles[name], filled=True))))
     if front:
         filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
-        found.append(("not dominated", Line2D([], [], **filled)))
+        found.append(("not dominated", sample(**filled)))
     return found
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from rmpc_bench.figures.axes import STEPS, make_logarithmic
 from rmpc_bench.figures.curves import Area, Cell
-from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, name_of, typeset, wrapped
+from rmpc_bench.figures.labels import LINEAR, literal, name_of, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.palette import DIM, INK, LINE, LineStyle, grouped, line_styles, paler
+from rmpc_bench.figures.palette import DIM, INK, LINE, LineStyle, grouped, line_styles, paler, sample
 from rmpc_bench.figures.recorded_runs import bursts_of, shade, spans
 from rmpc_bench.figures.signal_content import EDGES, QUIET, WORDS, Content, needed_points, reach_of, thinned
-from rmpc_bench.figures.style import style
+from rmpc_bench.figures.style import POINTS_PER_INCH, new_figure, style
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -31,13 +31,11 @@ ALONE = 1.1
 
 def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> MplFigure:
     """Draw a block of rows for as many methods as there are columns, and further blocks below it."""
-    from matplotlib.figure import Figure as MplFigure
-
     methods, n = list(made.cells), len(made.rows)
     styles = line_styles(made.point.all_methods, methods)
     n_blocks = -(-len(methods) // n_columns)
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         grid: Any = figure.subplots(n * n_blocks, n_columns, sharex=True, squeeze=False)
         shown = [[cell for cells in made.cells.values() if (cell := cells[row]) is not None] for row in range(n)]
         heights = [float(np.ptp(reach_of(cells)[0])) if cells else 0.0 for cells in shown]
@@ -193,7 +191,6 @@ def _padded(low: float, high: float, *, log: bool) -> tuple[float, float]:
 
 def _keys(made: Content) -> list[Handle]:
     """Explain the kinds of lines and areas, in grey what has the colour of its method."""
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     found: list[Handle] = []
@@ -207,7 +204,7 @@ def _keys(made: Content) -> list[Handle]:
         if kind in areas:
             found.append((made.words(kind), Patch(color=paler(DIM, 0.75), lw=0)))
         else:
-            found.append((made.words(kind), Line2D([], [], color=colour, **how)))
+            found.append((made.words(kind), sample(color=colour, **how)))
     return found
 
 

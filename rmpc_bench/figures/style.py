@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,6 +96,7 @@ def _is_installed(family: str) -> bool:
         return False
 
 
+_FORMULAS: dict[Any, Any] = {}
 MOST = 2000
 """Formulas that are kept; matplotlib keeps 50 for each renderer, and makes a renderer for every file."""
 
@@ -116,7 +117,12 @@ def formulas_once() -> Iterator[None]:
         return
 
     def parsed(self: Any, *settings: Any) -> Any:
-        return _parsed(self._output_type, _Reader(self, usual.__wrapped__), *settings)
+        key = self._output_type, *settings
+        if key not in _FORMULAS:
+            if len(_FORMULAS) == MOST:
+                _FORMULAS.clear()
+            _FORMULAS[key] = usual.__wrapped__(self, *settings)
+        return _FORMULAS[key]
 
     parser._parse_cached = parsed
     try:
@@ -125,27 +131,11 @@ def formulas_once() -> Iterator[None]:
         parser._parse_cached = usual
 
 
-class _Reader:
-    """Reads a formula; all readers are equal, as the kind of output is an argument of its own."""
-
-    def __init__(self, parser: Any, read: Any) -> None:
-        self.parser, self.read = parser, read
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Reader)
-
-    def __hash__(self) -> int:
-        return 0
-
-
-@lru_cache(maxsize=MOST)
-def _parsed(output: str, reader: _Reader, *settings: Any) -> Any:
-    del output
-    return reader.read(reader.parser, *settings)
-
-
 FONT_SIZE = 8
 """Size of all texts at the printed width [pt, of which an inch has 72]."""
+POINTS_PER_INCH = 72
+LINE_HEIGHT = 1.25 * FONT_SIZE
+"""Height of a line of text [pt]."""
 STYLE: dict[Any, Any] = {
     "font.size": FONT_SIZE,
     "axes.labelsize": FONT_SIZE,
@@ -248,6 +238,13 @@ def style() -> Iterator[None]:
         matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
         with formulas_once():
             yield
+
+
+def new_figure(size: tuple[float, float]) -> MplFigure:
+    """Make an empty picture [in], whose layout leaves room for its labels; call it under `style`."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, layout="constrained")
 
 
 def fix_layout(figure: MplFigure) -> None:

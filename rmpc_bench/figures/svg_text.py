@@ -111,12 +111,11 @@ def _without_repetition(text: str) -> str:
     """Leave out what draws nothing, and what is said twice."""
     for name, style in dict(_DEFINED.findall(text)).items():
         text = re.sub(rf'(href="#{re.escape(name)}"[^>]*?) {re.escape(style)}', r"\1", text)
-    return _LINES.sub(_as_one, _NOTHING.sub("", text))
-
-
-def _as_one(found: re.Match[str]) -> str:
-    """Join lines of one style that follow each other, such as those of a grid."""
-    return f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n'
+    # Lines of one style that follow each other, such as those of a grid, are one.
+    one = _LINES.sub(
+        lambda found: f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n', _NOTHING.sub("", text)
+    )
+    return one
 
 
 def _without_empty_groups(text: str) -> str:
@@ -140,13 +139,12 @@ def _with_usual_font(svg: str) -> str:
     if not usual:
         return svg
     font = usual[0][0]
-    svg = re.sub(rf'(?:; )?{re.escape(font)}(?:; )?(?=([^"]*)")', _between, svg).replace(' style=""', "")
+    svg = re.sub(
+        rf'(?:; )?{re.escape(font)}(?:; )?(?=([^"]*)")',
+        lambda found: "; " if found[0].startswith("; ") and found[1] else "",
+        svg,
+    ).replace(' style=""', "")
     return svg.replace("<svg ", f'<svg style="{font}" ', 1)
-
-
-def _between(found: re.Match[str]) -> str:
-    """Keep one semicolon where declarations stand on both sides."""
-    return "; " if found[0].startswith("; ") and found[1] else ""
 
 
 def _prime(found: re.Match[str]) -> str:
@@ -195,9 +193,6 @@ def _joined(found: re.Match[str]) -> str:
             words[-1] = ([*words[-1][0], x], y, style, words[-1][3] + character)
         else:
             words.append(([x], y, style, character))
-    return (
-        "\n".join(
-            f'<tspan x="{" ".join(places)}" y="{y}" style="{style}">{text}</tspan>' for places, y, style, text in words
-        )
-        + "\n"
+    return "".join(
+        f'<tspan x="{" ".join(at)}" y="{y}" style="{style}">{text}</tspan>\n' for at, y, style, text in words
     )

@@ -12,7 +12,7 @@ from rmpc_bench.analysis.failures import FACTOR
 from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.points import printed
+from rmpc_bench.figures.captions import printed
 from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, shown_points
 from rmpc_bench.report.latex_columns import capitalised, chosen_columns

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.points import printed, short_title
+from rmpc_bench.figures.captions import printed, short_title
 from rmpc_bench.report.columns import mean_alone
 from rmpc_bench.report.latex_columns import (
     GAP,

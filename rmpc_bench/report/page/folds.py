@@ -14,7 +14,7 @@ from rmpc_bench.analysis.drivers import FAILED, REST
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.points import short_title
+from rmpc_bench.figures.captions import short_title
 from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.background import limits_fold, settings_fold
 from rmpc_bench.report.page.matrix import MOST_OPEN, interval_rows, matrices_of

@@ -11,8 +11,10 @@ import numpy as np
 
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate
 from rmpc_bench.figures.axes import WIDE, Log, value_axis
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, width
-from rmpc_bench.figures.points import row_of, shown_change
+from rmpc_bench.figures.captions import short_title
+from rmpc_bench.figures.labels import literal, width
+from rmpc_bench.figures.points import common_form, row_of, shown_change
+from rmpc_bench.figures.style import POINTS_PER_INCH
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -274,3 +276,46 @@ def _number(text: str) -> tuple[float, str] | None:
     if not math.isfinite(value) or (found["both"] and not found["unit"]):
         return None
     return value, ("\N{PLUS-MINUS SIGN}%" if found["both"] else "%") if found["unit"] else ""
+
+
+def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None = None) -> SweepContent:
+    """Arrange the tables of the points of a sweep: over one path or two, or point by point."""
+    points = [table.trials.point for table in tables]
+    titles = [short_title(table.trials) for table in tables]
+    paths = [path] if isinstance(path, str) else list(path or main_paths(points))
+    axis = axis_of(points, paths[0], titles) if len(paths) == 1 else None
+    methods = tuple(dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline))
+    if len(paths) == 2 and not other_paths(points, *paths):
+        return _grid(tables, points, paths, methods)
+    if axis is None or axis.numbers is None:
+        return _list(tables, points, paths, titles, methods)
+    others = other_paths(points, axis.path)
+    panels: dict[str, dict[str, ResultTable]] = {}
+    for point, table in zip(points, tables, strict=True):
+        panels.setdefault(panel_title(point, others), {})[point[axis.path]] = table
+    return SweepContent(axis, panels, methods, common_form(tables))
+
+
+def _grid(
+    tables: Sequence[ResultTable], points: Sequence[Mapping[str, str]], paths: Sequence[str], methods: tuple[str, ...]
+) -> SweepContent:
+    """Arrange points by two paths."""
+    across, down = (axis_of(points, path) for path in paths)
+    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts}
+    for point, table in zip(points, tables, strict=True):
+        panels[point[down.path]][point[across.path]] = table
+    return SweepContent(across, panels, methods, common_form(tables), down)
+
+
+def _list(
+    tables: Sequence[ResultTable],
+    points: Sequence[Mapping[str, str]],
+    paths: Sequence[str],
+    titles: Sequence[str],
+    methods: tuple[str, ...],
+) -> SweepContent:
+    """Arrange points one after the other, named by their path where it tells them apart."""
+    single = len(paths) == 1 and paths[0] != POINTS and not other_paths(points, *paths)
+    names = [point[paths[0]] for point in points] if single else list(titles)
+    axis = SweepAxis(POINTS, tuple(names), None, "", "point of the sweep")
+    return SweepContent(axis, {"": dict(zip(names, tables, strict=True))}, methods, common_form(tables))
