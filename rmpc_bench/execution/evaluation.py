@@ -13,10 +13,8 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.figure_result import FigureResult
-from rmpc_bench.figures.paper import thin_lines
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import rendered
+from rmpc_bench.figures.files import FigureResult, thin_lines
+from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table

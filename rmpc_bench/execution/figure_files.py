@@ -15,10 +15,8 @@ from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
 from rmpc_bench.execution.latex_files import write_caption
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.files import page_svg, save
-from rmpc_bench.figures.paper import thin_lines
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import rendered
+from rmpc_bench.figures.files import page_svg, save, thin_lines
+from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.types import DesignError, Figure
 

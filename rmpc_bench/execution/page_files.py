@@ -16,8 +16,7 @@ from rmpc_bench.config.tree import plain
 from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import rendered
+from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
 from rmpc_bench.replaced_file import replace_text

@@ -29,8 +29,7 @@ from rmpc_bench.execution.published_state import with_time
 from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.tuning_report import tuning
-from rmpc_bench.figures.fonts import remark_on
-from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import Rendering, remark_on
 from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
 from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.ranks_table import RanksTable

@@ -9,8 +9,8 @@ from typing import Any, get_args
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.stored_experiment import StoredExperiment
-from rmpc_bench.figures.pgf import NO_LATEX, latex_program
-from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.files import NO_LATEX, latex_program
+from rmpc_bench.figures.style import Rendering
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column, Font, Format, Style

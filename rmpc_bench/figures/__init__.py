@@ -4,14 +4,10 @@ The kinds are boxplot, elements, ellipses, rows, scatter, signals, sweep and tun
 on the layout of the results in `check` and draws them in `draw`.
 Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.
 
-Numbers     nees_lines, pareto_front, reported_sets, recorded_runs, samples, ellipse_outline, window
-Over time   quantities (what can be shown), curves (its numbers), signal_panels, thinning, burst_bands
-Scatter     scatter (metrics), scatter_paths (signals)
-Drawing     axes, legend, labels, direct_labels, sweep_points
-Rows        boxes, row_columns; point_tables (the rows of a metric at every point)
-Sweeps      sweep_axis, sweep_content, line_panels, cell_panels
-Style       palette (colours on both grounds), style (fonts), line_styles (colour and dashes of a method)
-Files       rendering (width, font, style, formats), files (how each format is written), svg_text, stable_svg
-Others      component_plot (plots of a component itself), figure_result (what `figure` returns),
-            shared_content (what picture and caption share)
+What is shown  points (of a sweep), recorded_runs (and series), quantities, curves and signal_content (over time),
+               scatter_paths, sweep_axis
+Drawing        row_columns, signal_panels, line_panels, cell_panels; axes, labels, legend
+Style          palette (colours on both grounds, look of a method), style (fonts and settings)
+Files          files (how each format is written, and what `figure` returns), svg_text, pdf_fonts
+Others         component_plot (plots of a component itself)
 """

@@ -9,22 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import FAR
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
-from rmpc_bench.figures.change_axis import Log, scaled_axis, set_axis
-from rmpc_bench.figures.labels import (
-    LINEAR,
-    POINTS_PER_INCH,
-    literal,
-    metric_label,
-    metric_of,
-    names_of_columns,
-    wrapped,
-)
+from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
+from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.labels import LINEAR, literal, metric_label, metric_of, names_of_columns, wrapped
 from rmpc_bench.figures.palette import DIM
-from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
-from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.figures.points import first_tables, shown_rows
+from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, fix_layout, new_figure, style
 from rmpc_bench.types import Array
 from rmpc_bench.types.figure import SweepFigure
 
@@ -79,49 +69,43 @@ class Boxplot(SweepFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
+        from rmpc_bench.figures.row_columns import draw_box
+
         tables, _ = self._tables(results)
-        return _draw(self, tables)
+        first = tables[0]
+        rows = [shown_rows(table, first, self.order) for table in tables]
+        values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
+        axis = scaled_axis([each for panel in values for column in panel for each in column.tolist()], self.log)
+        with style():
+            slot = (self.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
+            names, how, tall = names_of_columns([label_of(first.trials, row.method) for row in rows[0]], slot)
+            size = self.size(FIRST + PANEL * (len(tables) - 1) + max(0.0, tall / POINTS_PER_INCH - 0.3))
+            figure = new_figure(size)
+            panels = list(figure.subplots(len(tables), sharex=True, sharey=True, squeeze=False)[:, 0])
+            for axes, table, shown, columns in zip(panels, tables, rows, values, strict=True):
+                set_axis(axes, axis, upright=True)
+                for place, (row, column) in enumerate(zip(shown, columns, strict=True)):
+                    draw_box(axes, row, place, axis, upright=True)
+                    _draw_beyond(axes, column, row.quantiles, place, f"method-{row.method}", len(shown))
+                if len(tables) > 1 or table.trials.point:
+                    axes.set_title(
+                        "\n".join(wrapped(literal(short_title(table.trials)), 0.8 * size[0] * POINTS_PER_INCH))
+                    )
+            panels[-1].set_xlim(-0.6, len(names) - 0.4)
+            panels[-1].set_xticks(range(len(names)), names, **how)
+            for axes in panels:
+                axes.tick_params(axis="x", length=0)
+            for label, row in zip(panels[-1].get_xticklabels(), rows[0], strict=True):
+                label.set_gid(f"method-{row.method}")
+            remark = LINEAR if self.log is True and not axis.log else ""
+            text = "\n".join(wrapped(metric_label(first.info) + remark, 0.8 * size[1] * POINTS_PER_INCH))
+            (panels[0].set_ylabel if len(panels) == 1 else figure.supylabel)(text, fontsize=FONT_SIZE)
+            fix_layout(figure)
+        return figure
 
     def _tables(self, results: Trials) -> tuple[list[ResultTable], str]:
         self.require(layout_of(results))
-        points, words = first_points(points_at(results, self.at))
-        return tables_of(results, points, metric_of(results, self.metric)), words
-
-
-def _draw(keys: Boxplot, tables: Sequence[ResultTable]) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    from rmpc_bench.figures.boxes import draw_box
-
-    first = tables[0]
-    rows = [shown_rows(table, first, keys.order) for table in tables]
-    values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
-    axis = scaled_axis([each for panel in values for column in panel for each in column.tolist()], keys.log)
-    with style():
-        slot = (keys.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
-        names, how, tall = names_of_columns([label_of(first.trials, row.method) for row in rows[0]], slot)
-        size = keys.size(FIRST + PANEL * (len(tables) - 1) + max(0.0, tall / POINTS_PER_INCH - 0.3))
-        figure = MplFigure(figsize=size, layout="constrained")
-        panels = list(figure.subplots(len(tables), sharex=True, sharey=True, squeeze=False)[:, 0])
-        for axes, table, shown, columns in zip(panels, tables, rows, values, strict=True):
-            set_axis(axes, axis, upright=True)
-            for place, (row, column) in enumerate(zip(shown, columns, strict=True)):
-                draw_box(axes, row, place, axis, upright=True)
-                _draw_beyond(axes, column, row.quantiles, place, f"method-{row.method}", len(shown))
-            if len(tables) > 1 or table.trials.point:
-                axes.set_title("\n".join(wrapped(literal(short_title(table.trials)), 0.8 * size[0] * POINTS_PER_INCH)))
-        panels[-1].set_xlim(-0.6, len(names) - 0.4)
-        panels[-1].set_xticks(range(len(names)), names, **how)
-        for axes in panels:
-            axes.tick_params(axis="x", length=0)
-        for label, row in zip(panels[-1].get_xticklabels(), rows[0], strict=True):
-            label.set_gid(f"method-{row.method}")
-        remark = LINEAR if keys.log is True and not axis.log else ""
-        text = "\n".join(wrapped(metric_label(first.info) + remark, 0.8 * size[1] * POINTS_PER_INCH))
-        (panels[0].set_ylabel if len(panels) == 1 else figure.supylabel)(text, fontsize=FONT_SIZE)
-        lay_out(figure)
-        figure.set_layout_engine(None)
-    return figure
+        return first_tables(results, self.at, metric_of(results, self.metric))
 
 
 def _values(table: ResultTable, method: str) -> Array:

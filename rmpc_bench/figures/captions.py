@@ -1,4 +1,4 @@
-"""Sentences that captions share: who is shown, how many runs there are, which failed, and the main numbers.
+"""Captions of figures, and the titles of points of a sweep.
 
 A caption is plain text with formulas as ``$..$``.  Its numbers are written by the functions that write those of the
 tables, so that the same number has the same digits everywhere.
@@ -6,14 +6,12 @@ tables, so that the same number has the same digits everywhere.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from rmpc_bench.figures.sweep_points import short_title
-
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
-    from rmpc_bench.figures.window import TimeWindow
     from rmpc_bench.types import MetricInfo
 
 
@@ -43,12 +41,6 @@ def place(trials: Trials, title: str) -> str:
     return f"Shown is the point {title}" if title else ""
 
 
-def span_of(window: TimeWindow) -> str:
-    """Name the samples that a figure shows, such as ``t = 0 to 20 s``."""
-    first, last = (f"{end:g}" for end in window.limits)
-    return f"t = {first} to {last} s" if window.in_seconds else f"k = {first} to {last}"
-
-
 def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
     """Say how many runs there are, and which methods failed in how many of them."""
     sizes = sorted({len(point.runs) for point in points}) or [0]
@@ -61,3 +53,35 @@ def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
     if not failed:
         return f"{n} {noun} of every method; no run failed"
     return f"{n} {noun} of every method; failed runs are left out ({', '.join(failed)})"
+
+
+def short_title(point: Trials) -> str:
+    """Name a point by the last parts of its paths, such as ``Hp=10, Hu=8``; by whole paths if these are not unique.
+
+    A value of several words, such as ``pi first``, stands without its path if it is the only one.  A point whose values
+    share a name has its title, shortened in the same way.
+    """
+    # The title has only the name of values that change together.
+    title = f", {point.title}, "
+    named = "name" in point.point
+    shown = {path: text for path, text in point.point.items() if not named or f", {path}={text}, " in title}
+    last = [path.rpartition(".")[2] for path in shown]
+    names = last if len(set(last)) == len(last) else list(shown)
+    phrases = [text for text in shown.values() if re.search(r"\w \w", text)]
+    words = [text if phrases == [text] else f"{name}={text}" for name, text in zip(names, shown.values(), strict=True)]
+    if not named:
+        return printed(", ".join(words))
+    for (path, text), word in zip(shown.items(), words, strict=True):
+        title = title.replace(f", {path}={text}, ", f", {word}, ")
+    return printed(title[2:-2])
+
+
+def printed(title: str) -> str:
+    """Write the signs of a title as they are printed: a minus in front of a number, a cross between factors.
+
+    Examples
+    --------
+    >>> printed("delta from -1 to 1, noise x 0.01, 1e-5, run-2")
+    'delta from −1 to 1, noise × 0.01, 1e-5, run-2'
+    """
+    return re.sub(r"(?<= )x(?= \.?\d)", "×", re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", "−", title))

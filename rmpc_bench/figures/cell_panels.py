@@ -8,22 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCONCLUSIVE, WORSE
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
-from rmpc_bench.figures.boxes import VERDICT_COLOURS
+from rmpc_bench.figures.axes import NONE
 from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.change_axis import NONE
-from rmpc_bench.figures.labels import (
-    POINTS_PER_INCH,
-    literal,
-    names_of_columns,
-    on_two_lines,
-    typeset,
-    width,
-    with_unit,
-    wrapped,
-)
+from rmpc_bench.figures.labels import literal, names_of_columns, on_two_lines, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.palette import GROUND, INK, PRINT
-from rmpc_bench.figures.point_tables import row_of
-from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+from rmpc_bench.figures.points import row_of
+from rmpc_bench.figures.row_columns import VERDICT_COLOURS
+from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, lay_out, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,8 +65,6 @@ class Block(NamedTuple):
 
 def draw_cells(content: SweepContent, keys: Figure) -> MplFigure:
     """Draw a matrix of points and methods, or a panel of cells per method."""
-    from matplotlib.figure import Figure as MplFigure
-
     blocks = _grids(content) if content.down is not None else [_matrix(content)]
     with style():
         limit = NAME_SHARE * keys.size(1.0)[0] * POINTS_PER_INCH
@@ -83,7 +72,7 @@ def draw_cells(content: SweepContent, keys: Figure) -> MplFigure:
     heights = [block.head + ROW * len(block.rows) * block.n_lines for block in blocks]
     size = keys.size(0.3 + sum(heights))
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         panels = figure.subplots(len(blocks), squeeze=False, height_ratios=heights)[:, 0]
         for axes, block in zip(panels, blocks, strict=True):
             _draw(axes, block)

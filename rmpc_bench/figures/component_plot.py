@@ -10,7 +10,8 @@ import numpy as np
 from rmpc_bench.figures.axes import drawable, stacked_panels
 from rmpc_bench.figures.labels import typeset
 from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.style import COLOURS, FONT_SIZE, style
+from rmpc_bench.figures.palette import METHODS
+from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
 from rmpc_bench.types import Array, Line, Panel
 
 if TYPE_CHECKING:
@@ -30,17 +31,15 @@ MARGIN = 0.12
 
 def draw_component(panels: Sequence[Panel]) -> MplFigure:
     """Draw the panels of a component from top to bottom, each with its own axes, for `files.save_as`."""
-    from matplotlib.figure import Figure as MplFigure
-
     height = 0.4 + 1.6 * len(panels) + EQUAL_AXES_HEIGHT * sum(panel.equal for panel in panels)
     with style():
-        figure = MplFigure(figsize=(WIDTH, height), layout="constrained")
+        figure = new_figure((WIDTH, height))
         # The same label in several panels is one entry of the legend and has one colour.
         handles: dict[str, Artist] = {}
         labels = list(dict.fromkeys(line.label for panel in panels for line in panel.lines))
         for axes, panel in zip(stacked_panels(figure, len(panels), sharex=False), panels, strict=True):
             for line in panel.lines:
-                handles[line.label] = _drawn(axes, line, COLOURS[labels.index(line.label) % len(COLOURS)])
+                handles[line.label] = _drawn(axes, line, METHODS[labels.index(line.label) % len(METHODS)])
             if panel.equal:
                 axes.set_aspect("equal", adjustable="box")
                 axes.margins(MARGIN)

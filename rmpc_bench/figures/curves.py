@@ -2,27 +2,156 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.estimation_errors import ErrorMoments, ensemble_errors, recorded_errors, reported_covariance
+from rmpc_bench.analysis.estimation_errors import (
+    ErrorMoments,
+    ErrorRuns,
+    ensemble_errors,
+    recorded_errors,
+    recorded_innovations,
+    reported_covariance,
+)
 from rmpc_bench.analysis.nees import chi_square_band
-from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.figures.axes import drawable
-from rmpc_bench.figures.nees_lines import nees_of, nis_of
 from rmpc_bench.figures.quantities import Quantity
-from rmpc_bench.figures.recorded_runs import ERROR, OUTPUT, PanelSignal, RunSelection, find_run
-from rmpc_bench.figures.reported_sets import EDGE, tube_of
-from rmpc_bench.figures.samples import Curve, component_of, components, cut
-from rmpc_bench.figures.window import TimeWindow
+from rmpc_bench.figures.recorded_runs import (
+    ERROR,
+    OUTPUT,
+    RunSelection,
+    TimeWindow,
+    reported_set,
+    shown_part,
+    signal_of,
+)
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import pandas as pd
 
     from rmpc_bench.analysis.trials import Trials
 
+
+class Curve(NamedTuple):
+    """Values of one component over the samples."""
+
+    k: Array
+    values: Array
+
+    def at(self, k: int) -> float:
+        """Value at a sample, NaN where there is none; a constant has it at every sample."""
+        found = self.values if len(self.k) == 1 else self.values[self.k == k]
+        return float(found[0]) if len(found) else np.nan
+
+    def cut(self, window: TimeWindow) -> Curve:
+        """Cut to a window; a constant covers it."""
+        if len(self.k) == 1:
+            return Curve(np.array([window.first, window.last]), np.repeat(self.values, 2))
+        inside = (self.k >= window.first) & (self.k <= window.last)
+        return Curve(self.k[inside], self.values[inside])
+
+
+class SeriesComponent(NamedTuple):
+    """A component of a series: its exact values, those from runs, or both."""
+
+    exact: Curve | None
+    runs: Curve | None
+
+    @property
+    def best(self) -> Curve:
+        """The exact values where they exist, else those from runs."""
+        found = self.exact or self.runs
+        assert found is not None, "made from at least one row"
+        return found
+
+    @property
+    def behind(self) -> Curve | None:
+        """Those from runs where the exact ones exist too."""
+        return self.runs if self.exact is not None else None
+
+
+def component_of(rows: pd.DataFrame) -> SeriesComponent:
+    """Read one component of one method; of values from runs, those from most runs count at every sample."""
+    rows = rows.sort_values(["k", "n"])
+    parts = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
+    exact, runs = (
+        Curve(each["k"].to_numpy(dtype=np.int64), each["value"].to_numpy(dtype=float)) if len(each) else None
+        for each in parts
+    )
+    return SeriesComponent(exact, runs)
+
+
+def components(point: Trials, quantity: str, method: str) -> dict[str, SeriesComponent]:
+    """Read all components of a quantity of a method; none where it does not have it."""
+    own = point.series[(point.series["quantity"] == quantity) & (point.series["method"] == method)]
+    return {str(component): component_of(rows) for component, rows in own.groupby("component", sort=False)}
+
+
+class NeesLines(NamedTuple):
+    """NEES of a method over the samples, divided by the degrees of freedom."""
+
+    exact: Array | None
+    """(samples,) expected value; None without exact moments."""
+    average: Array | None
+    """(samples,) average over runs; None without runs."""
+    freedom: Array
+    """(samples,) degrees of freedom of all runs together."""
+
+    @property
+    def main(self) -> Array:
+        """The main line."""
+        found = self.average if self.exact is None else self.exact
+        assert found is not None, "a method has one of both"
+        return found
+
+
+def nees_of(point: Trials, method: str) -> NeesLines | None:
+    """Compute the average NEES: of the ensemble where all runs have the same P, else of the recorded runs."""
+    recorded = recorded_errors(point, method)
+    exact, sampled = (ensemble_errors(point, method, exact=each) for each in (True, False))
+    known = exact or sampled
+    P = None if known is None else reported_covariance(point, method, len(known.mean))
+    own = recorded is not None and recorded.P is not None and recorded.P.ndim == 4
+    expected, average = None, None
+    if exact is not None and P is not None:
+        squares = exact.squares(P)
+        expected = _divided(squares.values, squares.freedom)
+    if sampled is not None and P is not None and not own:
+        squares = sampled.squares(P)
+        average = _divided(squares.values, squares.freedom)
+        return NeesLines(expected, average, sampled.n * squares.freedom)
+    if recorded is not None and recorded.P is not None and len(recorded.runs):
+        return _of_runs(recorded, expected)
+    return None if expected is None else NeesLines(expected, None, np.zeros(len(expected)))
+
+
+def nis_of(point: Trials, method: str) -> NeesLines | None:
+    """Compute the average NIS of the recorded runs; see `nees_of`."""
+    recorded = recorded_innovations(point, method)
+    return None if recorded is None or not len(recorded.runs) else _of_runs(recorded, None)
+
+
+def _of_runs(recorded: ErrorRuns, expected: Array | None) -> NeesLines | None:
+    """Average the normalised squares of runs; a sample that a run does not have counts for the others only."""
+    values, freedom = recorded.squares()
+    missing = np.isnan(values)
+    if missing.all():
+        return None
+    total = np.where(missing, 0, freedom).sum(axis=0)
+    average = _divided(np.where(missing, 0.0, values).sum(axis=0), total)
+    return NeesLines(expected, average, total)
+
+
+def _divided(values: Array, freedom: Array) -> Array:
+    """Divide by the degrees of freedom; NaN where there are none."""
+    return np.asarray(np.where(freedom > 0, values / np.maximum(freedom, 1), np.nan))
+
+
+EDGE = 1e-9
+"""Relative distance beyond the edge of a set up to which a state counts as inside: rounding."""
 BAND = (0.05, 0.95)
 """Quantiles over the runs at the ends of a band."""
 FEW = 10
@@ -68,36 +197,22 @@ class Choice(NamedTuple):
     log: bool
 
 
-def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
-    """Find the recorded run to draw thick: the given one, else the one with the middle value of the primary metric."""
-    runs = point.traces[method].runs
-    if run is not None:
-        return find_run(point, method, run)[0]
-    info = point.primary_info or point.metrics[0]
-    table = point.frame[point.frame["method"] == method].set_index("run")[info.name]
-    values = distance_from_best(table.reindex(runs[rows]).to_numpy(dtype=float), info.direction)
-    return int(rows[np.argsort(values, kind="stable")[len(rows) // 2]])
-
-
 def cell_of(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
     """Read what a panel shows; None where the method does not have the quantity."""
     made = _CELLS[quantity.kind](point, method, quantity, window, choice)
     return made if made is not None and (made.lines or made.areas) else None
 
 
-def times(window: TimeWindow) -> Array:
-    """Times of the samples of a window."""
-    return window.sample * np.arange(window.first, window.last + 1)
-
-
 def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
     """Single runs, or what they have in common, of a recorded signal."""
     traces = point.traces.get(method)
-    signal = PanelSignal(quantity.name, quantity.number, "")
-    if traces is None or choice.selection is None or not signal.is_in(traces):
+    if traces is None or choice.selection is None:
         return None
-    held, shown = signal.is_held(traces), choice.selection.rows
-    t, values = signal.curves(traces, window, shown)
+    every = signal_of(traces, quantity.name, quantity.number)
+    if every is None:
+        return None
+    held, t = every.shape[1] < len(traces.r), window.times
+    values = shown_part(every[choice.selection.rows], traces, window)
     if choice.show == "width":
         low, high = np.nanquantile(values, BAND, axis=0)
         return Cell((Line("main", t, high - low),), levels=(("average", float(np.nanmean(high - low))),))
@@ -118,7 +233,7 @@ def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow
         return Cell((*lines, Line("main", *(_steps(t, middle) if held else (t, middle)))), tuple(areas), levels)
     thin = values if choice.n_thin is None else values[: choice.n_thin]
     lines += [Line("run", t, run) for run in thin] if len(values) > 1 else []
-    main = signal.curves(traces, window, np.array([choice.middle]))[1][0]
+    (main,) = shown_part(every[[choice.middle]], traces, window)
     return Cell((*lines, Line("main", *(_steps(t, main) if held else (t, main)))), levels=levels)
 
 
@@ -129,14 +244,14 @@ def _steps(t: Array, values: Array) -> tuple[Array, Array]:
 
 def limits_of(point: Trials, method: str, quantity: Quantity) -> list[float]:
     """Limits of a component in the method's controller."""
-    known: Mapping[str, tuple[float | None, float | None]] = point.limits.get(method, {})
+    known = point.limits.get(method, {})
     ends = known.get(f"{quantity.name}.{quantity.number}", known.get(quantity.name, (None, None)))
     return [end for end in ends if end is not None]
 
 
 def _error(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
     """Errors of the estimate with three reported standard deviations on both sides of 0, and their actual spread."""
-    i, t = quantity.number, times(window)
+    i, t = quantity.number, window.times
     recorded = recorded_errors(point, method)
     exact, sampled = (ensemble_errors(point, method, exact=each) for each in (True, False))
     moments = exact or sampled
@@ -171,31 +286,20 @@ def _error(point: Trials, method: str, quantity: Quantity, window: TimeWindow, c
 def _variance(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
     """Variance of the error over the ensemble, and the reported one as its bound."""
     entry = f"{quantity.number},{quantity.number}"
-    actual = components(point.series, "cov(e)", [method]).get(method, {}).get(entry)
+    actual, reported = (components(point, name, method).get(entry) for name in ("cov(e)", "P"))
     if actual is None:
         return None
-    lines = [_cut("from runs", actual.runs, window)] if actual.exact is not None and actual.runs is not None else []
-    lines.append(_cut("main", actual.best, window))
-    reported = components(point.series, "P", [method]).get(method, {}).get(entry)
-    lines += [_cut("bound", reported.best, window)] if reported is not None else []
-    return Cell(tuple(line for line in lines if line is not None))
+    shown = {"from runs": actual.behind, "main": actual.best, "bound": reported.best if reported else None}
+    return _of_series(window, shown)
 
 
 def _mean(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
     """Mean of the estimate over the ensemble, and that of the true state."""
-    state, estimate = (
-        components(point.series, name, [method]).get(method, {}).get(str(quantity.number))
-        for name in ("mean(x)", "mean(x_hat)")
-    )
+    entry = str(quantity.number)
+    state, estimate = (components(point, name, method).get(entry) for name in ("mean(x)", "mean(x_hat)"))
     if state is None or estimate is None:
         return None
-    behind = estimate.runs if estimate.exact is not None else None
-    lines = [
-        _cut("state", state.best, window),
-        _cut("from runs", behind, window),
-        _cut("main", estimate.best, window),
-    ]
-    return Cell(tuple(line for line in lines if line is not None))
+    return _of_series(window, {"state": state.best, "from runs": estimate.behind, "main": estimate.best})
 
 
 def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
@@ -205,8 +309,14 @@ def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, 
     rows = table[chosen & (table["component"] == quantity.component)]
     if not len(rows) and not quantity.component:
         rows = table[chosen]
-    line = _cut("main", component_of(rows).best, window) if len(rows) else None
-    return Cell((line,)) if line is not None else None
+    return _of_series(window, {"main": component_of(rows).best}) if len(rows) else None
+
+
+def _of_series(window: TimeWindow, curves: Mapping[str, Curve | None]) -> Cell:
+    """Make lines of stored curves by kind, of those that have values in the window."""
+    pieces = {kind: curve.cut(window) for kind, curve in curves.items() if curve is not None}
+    shown = [(kind, piece) for kind, piece in pieces.items() if len(piece.k)]
+    return Cell(tuple(Line(kind, window.sample * piece.k, drawable(piece.values)) for kind, piece in shown))
 
 
 def _nees(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
@@ -214,7 +324,7 @@ def _nees(point: Trials, method: str, quantity: Quantity, window: TimeWindow, ch
     found = nees_of(point, method) if quantity.kind == "nees" else nis_of(point, method)
     if found is None:
         return None
-    t, lines, areas = times(window), [], []
+    t, lines, areas = window.times, [], []
 
     def gaps(values: Array) -> Array:
         return np.where(np.isfinite(values) & ((values > 0) | (not choice.log)), values, np.nan)[window.slice]
@@ -231,21 +341,31 @@ def _tube(point: Trials, method: str, quantity: Quantity, window: TimeWindow, ch
     """One run among the sets that the method reports for its state."""
     if choice.selection is None:
         return None
-    run = int(point.traces[method].runs[choice.middle])
-    tube = tube_of(point, method, run, [quantity.number], window, choice.level)
-    x, x_hat = tube.x[:, 0], tube.x_hat[:, 0]
-    half, t = np.sqrt(np.maximum(tube.S[:, 0, 0], 0.0)), times(window)
+    signals, i = point.traces[method].signals, quantity.number
+    x, x_hat = (signals[name][choice.middle][window.slice, i] for name in ("x", "x_hat"))
+    shapes, gaussian = _shapes(point, method, choice.level)
+    own = shapes[:, i, i]
+    own = own[window.slice] if len(own) > 1 else np.repeat(own, len(x))
+    half, t = np.sqrt(np.maximum(own, 0.0)), window.times
     beyond = np.where(np.abs(x - x_hat) > half * (1.0 + EDGE), x, np.nan)
     lines = [Line("main", t, drawable(x_hat)), Line("state", t, drawable(x))]
     lines += [Line("outside", t, drawable(beyond))] if np.isfinite(beyond).any() else []
-    kind = "set P" if tube.gaussian else "set M"
+    kind = "set P" if gaussian else "set M"
     return Cell(tuple(lines), (Area(kind, t, drawable(x_hat - half), drawable(x_hat + half)),))
 
 
-def _cut(kind: str, curve: Curve | None, window: TimeWindow) -> Line | None:
-    """Make a line of a stored curve inside a window; None where it has no values there."""
-    piece = None if curve is None else cut(curve, window)
-    return None if piece is None else Line(kind, window.sample * piece.k, drawable(piece.values))
+def _shapes(point: Trials, name: str, level: float) -> tuple[Array, bool]:
+    """Return the shape matrices of the reported sets, axis 0 = k, and whether they are ellipsoids of P at `level`."""
+    from scipy.special import gammaincinv
+
+    known = point.series.loc[point.series["method"] == name, "quantity"].unique()
+    quantity = reported_set({quantity: str(quantity) for quantity in known})
+    assert quantity is not None, "the check of the figure requires one"
+    values = point.matrix_series(quantity, name)
+    if quantity != "P":
+        return values, False
+    # The quantile of chi-square with n degrees of freedom.
+    return 2.0 * float(gammaincinv(values.shape[-1] / 2.0, level)) * values, True
 
 
 _CELLS = {

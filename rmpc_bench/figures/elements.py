@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import STEPS, drawable
-from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
+from rmpc_bench.figures.captions import joined, label_of, place, sentences
 from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
-from rmpc_bench.figures.recorded_runs import find_run, last_sample
-from rmpc_bench.figures.style import FONT_SIZE, GREY, style
-from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.palette import LINE, LineStyle, are_rough, legend_sample, line_styles
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, spans, window_of
+from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
 from rmpc_bench.types import Array, NonNegative, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -96,14 +94,14 @@ class Elements(OnePointFigure):
         signals = layout_of(point).signals
         methods = self.order or [name for name in signals if self.signal in signals[name]]
         matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
-        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
         rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
-        bursts = burst_bands.spans(burst_bands.bursts_of(point, rows), window)
+        bursts = spans(bursts_of(point, rows), window)
         means = [f"{label_of(point, name)} {_means(matrix, window)}" for name, matrix in matrices.items()]
         failed = [f"{label_of(point, name)} {each.status}" for name, each in matrices.items() if each.status != "ok"]
         return sentences(
             f"Elements of the matrix {symbol(self.signal)} of {joined(label_of(point, name) for name in methods)} in "
-            f"run {self.run}, {span_of(window)}, a panel for each, as in the matrix; indices count from 0",
+            f"run {self.run}, {window.words}, a panel for each, as in the matrix; indices count from 0",
             place(point, title),
             "The panels of the diagonal have one vertical axis, all others another one",
             "Bursts of the noise are shaded" if bursts else "",
@@ -118,9 +116,23 @@ class Elements(OnePointFigure):
         self.require(layout)
         methods = self.order or [name for name, signals in layout.signals.items() if self.signal in signals]
         matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
-        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
-        size = self.size(0.7 + 0.8 * matrices[methods[0]].values.shape[1])
-        return _draw(point, title, self.signal, matrices, self.run, window, size)
+        window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
+        styles = line_styles(point.all_methods, list(matrices))
+        n = next(iter(matrices.values())).values.shape[1]
+        with style():
+            figure = new_figure(self.size(0.7 + 0.8 * n))
+            grid = _grid(figure, n)
+            _draw_elements(grid, matrices, window, styles)
+            for place in range(n):
+                grid[0, place].set_title(symbol(self.signal, f"{ANY},{place}"))
+                grid[place, 0].set_ylabel(symbol(self.signal, f"{place},{ANY}"))
+            rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in matrices}
+            keys = shade(grid.ravel(), spans(bursts_of(point, rows), window))
+            grid[0, 0].set_xlim(*window.limits)
+            figure.supxlabel(window.label, fontsize=FONT_SIZE)
+            handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
+            finish(figure, [*handles, *keys], _note(title, self.run, matrices), columns=True)
+        return figure
 
 
 class RecordedMatrix(NamedTuple):
@@ -143,35 +155,6 @@ def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix
     return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
 
 
-def _draw(
-    point: Trials,
-    title: str,
-    signal: str,
-    matrices: Mapping[str, RecordedMatrix],
-    run: int,
-    window: TimeWindow,
-    size: tuple[float, float],
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    styles = line_styles(point.all_methods, list(matrices))
-    n = next(iter(matrices.values())).values.shape[1]
-    with style():
-        figure = MplFigure(figsize=size, layout="constrained")
-        grid = _grid(figure, n)
-        _draw_elements(grid, matrices, window, styles)
-        for place in range(n):
-            grid[0, place].set_title(symbol(signal, f"{ANY},{place}"))
-            grid[place, 0].set_ylabel(symbol(signal, f"{place},{ANY}"))
-        rows = {name: np.flatnonzero(point.traces[name].runs == run) for name in matrices}
-        keys = burst_bands.shade(grid.ravel(), burst_bands.spans(burst_bands.bursts_of(point, rows), window))
-        grid[0, 0].set_xlim(*window.limits)
-        figure.supxlabel(window.label, fontsize=FONT_SIZE)
-        handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
-        finish(figure, [*handles, *keys], _note(title, run, matrices), columns=True)
-    return figure
-
-
 def _grid(figure: MplFigure, n: int) -> Any:
     """Make panels on one horizontal axis; those of the diagonal share a vertical axis, and so do all others."""
     from matplotlib.ticker import MaxNLocator
@@ -179,7 +162,7 @@ def _grid(figure: MplFigure, n: int) -> Any:
     grid: Any = figure.subplots(n, n, sharex=True, squeeze=False)
     for index in np.ndindex(n, n):
         axes, first = grid[index], grid[0, int(index[0] != index[1])]
-        axes.grid(color=GREY, linewidth=0.4)
+        axes.grid(color=LINE, linewidth=0.4)
         axes.set_axisbelow(True)
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
         axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
@@ -193,7 +176,6 @@ def _draw_elements(
     grid: Any, matrices: Mapping[str, RecordedMatrix], window: TimeWindow, styles: Mapping[str, LineStyle]
 ) -> None:
     """Draw the matrices of all methods, those that failed last, so that they do not shrink the others."""
-    t = window.sample * np.arange(window.first, window.last + 1)
     failed = {name: matrix.status != Status.OK.word for name, matrix in matrices.items()}
     first = [name for name in matrices if not failed[name]] or list(matrices)
     for names in (first, [name for name in matrices if name not in first]):
@@ -203,7 +185,7 @@ def _draw_elements(
             rough = are_rough([values[name] for name in first])
             for name in names:
                 line = styles[name].line(held=matrices[name].held, rough=rough)
-                grid[i, j].plot(t, values[name], **{**line, "lw": THINNER * line["lw"]})
+                grid[i, j].plot(window.times, values[name], **{**line, "lw": THINNER * line["lw"]})
         if names is not first:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)

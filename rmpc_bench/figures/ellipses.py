@@ -13,15 +13,13 @@ from annotated_types import Len
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_sentence, sentences
-from rmpc_bench.figures.ellipse_outline import Ellipse, outline
+from rmpc_bench.figures.curves import Curve, components
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.samples import Curve, components
-from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.types import Array, DesignError, MetricInfo, Positive
+from rmpc_bench.figures.palette import DIM, LineStyle, grouped, line_styles, paler, sample
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.style import new_figure, style
+from rmpc_bench.types import Array, DesignError, Positive
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
@@ -31,6 +29,61 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.trials import Trials
+
+N_POINTS = 181
+FLAT = 1e-12
+"""Distance from 1 of the correlation of a segment: the rounding of a singular P."""
+
+THIN = 0.02
+"""Width of an ellipse, relative to its length in units of the standard deviations, below which it looks like a line."""
+
+
+class Ellipse(NamedTuple):
+    """The ellipse (z - centre)' P^-1 (z - centre) = 1."""
+
+    centre: Array
+    """(2,)."""
+    P: Array
+    """(2, 2) covariance or shape matrix."""
+
+    @property
+    def shape(self) -> str:
+        """What it looks like: ``ellipse``, ``segment``, ``point``, or ``none`` where P is no covariance or not finite.
+
+        An ellipse so thin that both of its sides coincide on paper counts as a segment.
+        """
+        if outline(self, 1.0) is None:
+            return "none"
+        deviations = np.sqrt(np.diag(self.P))
+        if not deviations.any():
+            return "point"
+        if not deviations.all():
+            return "segment"
+        correlation = min(1.0, abs(self.P[0, 1] + self.P[1, 0]) / 2 / float(deviations.prod()))
+        return "segment" if math.sqrt(1 - correlation**2) < THIN else "ellipse"
+
+
+def outline(ellipse: Ellipse, radius: float) -> Array | None:
+    """Find the points z with (z - centre)' P^-1 (z - centre) = radius^2; the segment where P is singular.
+
+    Return (points, 2) coordinates, two points for a segment; None where P is no covariance or not finite.
+    """
+    if not (np.isfinite(ellipse.P).all() and np.isfinite(ellipse.centre).all()):
+        return None
+    covariance = (ellipse.P[0, 1] + ellipse.P[1, 0]) / 2
+    if min(ellipse.P[0, 0], ellipse.P[1, 1]) < 0:
+        return None
+    # Each coordinate in its own unit: states of very different sizes make no ellipse degenerate.
+    deviations = np.sqrt(np.diag(ellipse.P))
+    product = float(deviations.prod())
+    if abs(covariance) > (1 + math.sqrt(FLAT)) * product:
+        return None
+    correlation = min(1.0, max(-1.0, covariance / product)) if product else 1.0
+    t = np.array([0.0, math.pi]) if abs(correlation) > 1 - FLAT else np.linspace(0.0, 2 * math.pi, N_POINTS)
+    across = math.sqrt(1 - correlation**2)
+    unit = np.stack([np.cos(t), correlation * np.cos(t) + across * np.sin(t)], axis=1)
+    return np.asarray(ellipse.centre + radius * deviations * unit)
+
 
 RINGS: tuple[dict[str, Any], ...] = (
     {"ls": "-", "lw": 1.2},
@@ -45,12 +98,8 @@ BROAD = 2.0
 """Factor of the width of the lines of a segment, which a thin ellipse is not."""
 END: dict[str, Any] = {"marker": "D", "ms": 3.0, "mew": 0.0}
 POINT: dict[str, Any] = {"marker": "x", "ms": 8.0, "mew": 2.0}
-REMARKS = {
-    "ellipse": "",
-    "segment": " (segment: $P$ is singular)",
-    "point": " (point: $P = 0$)",
-    "none": " (no ellipse)",
-}
+REMARKS = {"ellipse": "", "point": " (point: $P = 0$)", "none": " (no ellipse)"}
+REMARKS["segment"] = " (segment: $P$ is singular)"
 """What the legend says of a shape."""
 SERIES = ("mean(x_hat)", "P")
 """Series that give the centre and the shape of an ellipse."""
@@ -92,9 +141,8 @@ class Ellipses(OnePointFigure):
         yield from super().check(layout)
         yield from layout.require_series(*SERIES)
         yield from layout.require_series_of(self.order, *SERIES)
-        yield from layout.require_component(
-            "state", self.components, layout.n_states(self.order, *SERIES), "components"
-        )
+        n = layout.n_states(self.order, *SERIES)
+        yield from layout.require_component("state", self.components, n, "components")
         yield from layout.require_pair("state", self.components, "components")
         if not 1 <= len(self.sigmas) <= len(RINGS) or not all(0 < radius < math.inf for radius in self.sigmas):
             yield Issue("sigmas", f"must be 1 to {len(RINGS)} positive numbers")
@@ -113,8 +161,7 @@ class Ellipses(OnePointFigure):
         ]
         return sentences(
             f"Ellipses of the covariance $P$ that {joined(label_of(point, name) for name in methods)} report at "
-            f"k = {k}, "
-            f"with the radii {radii} standard deviations about the mean of the estimates (crosses)",
+            f"k = {k}, with the radii {radii} standard deviations about the mean of the estimates (crosses)",
             place(point, title),
             f"Dots are the runs in the plane of {quantity(x)} and {quantity(y)}",
             runs_sentence([point], methods),
@@ -126,9 +173,31 @@ class Ellipses(OnePointFigure):
         point, title = point_at(results, self.at)
         layout = layout_of(point)
         self.require(layout)
-        axes_of = metric_of(point, self.x), metric_of(point, self.y)
+        infos = metric_of(point, self.x), metric_of(point, self.y)
         k, ellipses = ellipses_of(point, self.order or layout.methods_having(*SERIES), self.components, self.k)
-        return _draw(point, title, ellipses, axes_of, k, self.sigmas, self.size(2.6))
+        methods = list(ellipses)
+        styles = line_styles(point.all_methods, methods)
+        dots = dots_of(point, methods, *(info.name for info in infos))
+        with style():
+            figure = new_figure(self.size(2.6))
+            (axes,) = stacked_panels(figure, 1)
+            few_ticks(axes)
+            handles: list[Handle] = []
+            for name, ellipse in ellipses.items():
+                look = styles[name]
+                with grouped(axes, look.gid):
+                    keys_of = _draw_ellipse(axes, ellipse, self.sigmas, look.color, look.zorder)
+                entry = sample(**keys_of, gid=look.gid)
+                handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
+            keys: list[Handle] = [
+                (rf"${radius:g}\sigma$", sample(color=DIM, **ring))
+                for radius, ring in zip(self.sigmas, RINGS, strict=False)
+            ]
+            keys += _draw_dots(axes, dots, styles)
+            axes.set_xlabel(metric_label(infos[0]))
+            axes.set_ylabel(metric_label(infos[1]))
+            finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
+        return figure
 
 
 class Dots(NamedTuple):
@@ -147,25 +216,18 @@ def ellipses_of(
 
     Raises a DesignError when there is no such sample.
     """
-    P, x_hat = (components(point.series, name, methods) for name in ("P", "mean(x_hat)"))
     entries = [*map(str, pair), *(f"{i},{j}" for i in pair for j in pair)]
-    found: dict[str, dict[str, Curve]] = {}
+    found: dict[str, list[Curve]] = {}
     for name in methods:
-        parts = {component: values.best for component, values in (P[name] | x_hat[name]).items()}
-        found[name] = {component: parts[component] for component in entries}
-    last = min(_last(list(parts.values())) for parts in found.values())
+        known = components(point, "P", name) | components(point, "mean(x_hat)", name)
+        found[name] = [known[entry].best for entry in entries]
+    # Some curves may be constant.
+    last = int(min(min([each.k[-1] for each in parts if len(each.k) > 1], default=0) for parts in found.values()))
     if k is not None and not 0 <= k <= last:
         raise DesignError(f"there is no sample {k} (the samples are 0 to {last})", "k")
     k = last if k is None else k
-    values = {name: {entry: curve.at(k) for entry, curve in parts.items()} for name, parts in found.items()}
-    i, j = pair
-    return k, {
-        name: Ellipse(
-            np.array([at[str(i)], at[str(j)]]),
-            np.array([[at[f"{i},{i}"], at[f"{i},{j}"]], [at[f"{j},{i}"], at[f"{j},{j}"]]]),
-        )
-        for name, at in values.items()
-    }
+    values = {name: np.array([curve.at(k) for curve in parts]) for name, parts in found.items()}
+    return k, {name: Ellipse(each[:2], each[2:].reshape(2, 2)) for name, each in values.items()}
 
 
 def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, Dots]:
@@ -173,61 +235,18 @@ def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, 
     found = {name: (point.column(x, name), point.column(y, name)) for name in methods}
     first = found[methods[0]]
     common = all(_same(a, b) for columns in found.values() for a, b in zip(first, columns, strict=True))
-    return {name: _dots(*found[name], point.n_failed(name)) for name in (methods[:1] if common else methods)}
-
-
-def _draw(
-    point: Trials,
-    title: str,
-    ellipses: dict[str, Ellipse],
-    axes_of: tuple[MetricInfo, MetricInfo],
-    k: int,
-    radii: Sequence[float],
-    size: tuple[float, float],
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-    from matplotlib.lines import Line2D
-
-    methods = list(ellipses)
-    styles = line_styles(point.all_methods, methods)
-    dots = dots_of(point, methods, *(info.name for info in axes_of))
-    with style():
-        figure = MplFigure(figsize=size, layout="constrained")
-        (axes,) = stacked_panels(figure, 1)
-        few_ticks(axes)
-        handles: list[Handle] = []
-        for name, ellipse in ellipses.items():
-            look = styles[name]
-            with grouped(axes, look.gid):
-                sample = _draw_ellipse(axes, ellipse, radii, look.color, look.zorder)
-            entry = Line2D([], [], **sample, gid=look.gid)
-            handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
-        keys: list[Handle] = [
-            (rf"${radius:g}\sigma$", Line2D([], [], color=REFERENCE, **ring))
-            for radius, ring in zip(radii, RINGS, strict=False)
-        ]
-        keys += _draw_dots(axes, dots, styles)
-        axes.set_xlabel(metric_label(axes_of[0]))
-        axes.set_ylabel(metric_label(axes_of[1]))
-        finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
-    return figure
-
-
-def _last(parts: Sequence[Curve]) -> int:
-    """Find the last sample of curves, some of which may be constant."""
-    return int(min([curve.k[-1] for curve in parts if len(curve.k) > 1], default=0))
+    dots = {}
+    for name in methods[:1] if common else methods:
+        a, b = found[name]
+        finite, n_infinite = np.isfinite(a) & np.isfinite(b), int((np.isinf(a) | np.isinf(b)).sum())
+        dots[name] = Dots(drawable(a[finite]), drawable(b[finite]), point.n_failed(name), n_infinite)
+    return dots
 
 
 def _same(a: Array, b: Array) -> bool:
     """Whether two columns are equal in the runs that both methods finished."""
     both = ~(np.isnan(a) | np.isnan(b))
     return bool(np.array_equal(a[both], b[both]))
-
-
-def _dots(x: Array, y: Array, n_failed: int) -> Dots:
-    finite = np.isfinite(x) & np.isfinite(y)
-    n_infinite = int((np.isinf(x) | np.isinf(y)).sum())
-    return Dots(drawable(x[finite]), drawable(y[finite]), n_failed, n_infinite)
 
 
 def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> dict[str, Any]:
@@ -254,22 +273,17 @@ def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: s
 
 def _draw_dots(axes: Axes, dots: Mapping[str, Dots], styles: Mapping[str, LineStyle]) -> list[Handle]:
     """Draw the runs below the ellipses; return their legend entry."""
-    from matplotlib.lines import Line2D
-
     for name, (x, y, *_) in dots.items():
-        color = REFERENCE if len(dots) == 1 else paler(styles[name].color, 0.35)
+        color = DIM if len(dots) == 1 else paler(styles[name].color, 0.35)
         axes.plot(x, y, color=color, zorder=2.0, gid=None if len(dots) == 1 else styles[name].gid, **DOTS)
     numbers = sorted({len(each.x) for each in dots.values()})
     text = f"{numbers[0]} runs" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} runs"
-    return [(text, Line2D([], [], color=REFERENCE, **{**DOTS, "ms": 3.0}))]
+    return [(text, sample(color=DIM, **{**DOTS, "ms": 3.0}))]
 
 
 def _note(k: int, dots: dict[str, Dots]) -> str:
     """Name the sample of the ellipses, and count the runs that are missing."""
     n_failed, n_infinite = (sum(each[place] for each in dots.values()) for place in (2, 3))
-    parts = [
-        f"at k = {k}",
-        f"{n_failed} failed" if n_failed else "",
-        f"{n_infinite} {DID_NOT_OCCUR}" if n_infinite else "",
-    ]
+    parts = [f"at k = {k}", f"{n_failed} failed" if n_failed else ""]
+    parts += [f"{n_infinite} {DID_NOT_OCCUR}"] if n_infinite else []
     return ", ".join(filter(None, parts))

@@ -1,22 +1,190 @@
-"""Files of figures: their formats, written with reproducible bytes."""
+"""Files of figures, written with reproducible bytes: SVG, PDF, PNG, and PGF, which a LaTeX document inputs.
+
+SVG and PDF come from one draw: both have points as units, and what is drawn is the same.
+"""
 
 from __future__ import annotations
 
-from io import StringIO
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.figures.fonts import families
+import numpy as np
+
 from rmpc_bench.figures.pdf_fonts import small_fonts
-from rmpc_bench.figures.pgf import as_latex
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import font_family, rendered, style
+from rmpc_bench.figures.style import Rendering, families, font_family, rendered, style
 from rmpc_bench.figures.svg_text import as_file, for_page, themed
-from rmpc_bench.figures.vector_files import can_be_drawn_once, svg_and_pdf
 from rmpc_bench.replaced_file import refuse_outside, replace_text, replaced
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
+
+PROGRAMS = ("pdflatex", "xelatex", "lualatex")
+"""Programs that measure the texts, the preferred one first."""
+NO_LATEX = f"pgf needs a LaTeX ({', '.join(PROGRAMS)}) on the search path, and there is none; choose pdf or svg"
+_SPECIAL = str.maketrans(
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"} | {each: f"\\{each}" for each in "#_&{}$"}
+)
+_FORMULA = re.compile(r"((?<!\\)\$(?:\\(?!text\b).|[^$\\])*\$)")
+r"""A formula.  Inside ``\text{..}`` matplotlib leaves every command to LaTeX, so that one with it is plain text."""
+
+
+def latex_program() -> str | None:
+    """Name an installed LaTeX; None where there is none."""
+    return next(filter(shutil.which, PROGRAMS), None)
+
+
+@contextmanager
+def as_latex() -> Iterator[None]:
+    """Let matplotlib measure texts with the LaTeX that is there, and write their special characters as text.
+
+    Raises a FileNotFoundError if no LaTeX is installed.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_pgf import RendererPgf
+
+    program = latex_program()
+    if program is None:
+        raise FileNotFoundError(NO_LATEX)
+    renderer: Any = RendererPgf
+    measure, draw = renderer.get_text_width_height_descent, renderer.draw_text
+
+    def measured(self: Any, s: str, prop: Any, ismath: Any) -> Any:
+        return measure(self, _escaped(s, ismath=bool(ismath)), prop, ismath)
+
+    def drawn(
+        self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **more: Any
+    ) -> None:
+        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **more)
+
+    # Labels of ticks are made while a figure is drawn, so its texts cannot be changed before.
+    renderer.get_text_width_height_descent, renderer.draw_text = measured, drawn
+    try:
+        with matplotlib.rc_context({"pgf.texsystem": program}):
+            yield
+    finally:
+        renderer.get_text_width_height_descent, renderer.draw_text = measure, draw
+
+
+def _escaped(text: str, *, ismath: bool) -> str:
+    """Write the characters as text that matplotlib leaves to LaTeX; it treats `^` and `%` itself."""
+    parts = _FORMULA.split(text) if ismath else [text]
+    for place in range(0, len(parts), 2):
+        parts[place] = parts[place].replace(r"\$", "$").translate(_SPECIAL)
+    return "".join(parts)
+
+
+FORWARDED = ("draw_path", "draw_markers", "draw_path_collection", "draw_text")
+"""Methods of a renderer that draw lines, areas, points and texts."""
+
+
+def can_be_drawn_once(figure: MplFigure) -> bool:
+    """Whether a picture has lines, areas, points and texts only; images depend on the format."""
+    from matplotlib.collections import QuadMesh
+    from matplotlib.image import _ImageBase
+
+    def is_image(artist: Any) -> bool:
+        return isinstance(artist, (QuadMesh, _ImageBase)) or artist.get_rasterized() or bool(artist.get_agg_filter())
+
+    return not figure.findobj(is_image)
+
+
+def svg_and_pdf(figure: MplFigure) -> tuple[str, bytes]:
+    """Draw a picture that `can_be_drawn_once`, whose layout is final, as SVG and PDF; call it under `style`.
+
+    The SVG is that of `savefig`, and the texts of the PDF are placed as in it.
+    """
+    from matplotlib.backends import backend_pdf, backend_svg
+
+    module: Any = backend_svg
+    of_pdf: Any = backend_pdf
+    width, height = (float(size) for size in figure.get_size_inches())
+    text, data = StringIO(), BytesIO()
+    file = of_pdf.PdfFile(data, metadata=FORMATS[".pdf"]["metadata"])
+    file.newPage(width, height)
+    renderer = of_pdf.RendererPdf(file, 72, height, width)
+    usual = module.RendererSVG
+    module.RendererSVG = _both(usual, renderer)
+    try:
+        figure.savefig(text, format="svg", **FORMATS[".svg"])
+    finally:
+        module.RendererSVG = usual
+    renderer.finalize()
+    file.finalize()
+    content = data.getvalue()
+    file.close()
+    return text.getvalue(), content
+
+
+def _both(svg: Any, pdf: Any) -> Any:
+    """Return a renderer of SVG that lets a renderer of PDF draw the same."""
+
+    class Both(svg):  # type: ignore[misc]
+        """Draws twice; what a method of the SVG draws by other methods is drawn by it alone."""
+
+        inner = False
+
+        def new_gc(self) -> Any:
+            """The PDF keeps more in it than the SVG needs."""
+            return pdf.new_gc()
+
+    for name in FORWARDED:
+        setattr(Both, name, _forwarded(name, svg, pdf))
+    return Both
+
+
+def _forwarded(name: str, svg: Any, pdf: Any) -> Callable[..., Any]:
+    usual, other = getattr(svg, name), getattr(pdf, name)
+
+    def draw(self: Any, gc: Any, *arguments: Any, **settings: Any) -> Any:
+        if self.inner:
+            return usual(self, gc, *arguments, **settings)
+        if name == "draw_text":
+            x, y, *rest = arguments
+            # An SVG counts from the upper end, a PDF from the lower one.
+            other(gc, x, self.height - y, *rest, **settings)
+        else:
+            other(gc, *arguments, **settings)
+        self.inner = True
+        try:
+            return usual(self, gc, *arguments, **settings)
+        finally:
+            self.inner = False
+
+    return draw
+
+
+THINNER = 0.8
+"""Factor on the widths of all lines."""
+LEAST = 0.35
+"""Thinnest line [pt]; a printer may lose thinner ones."""
+
+
+def thin_lines(figure: MplFigure) -> None:
+    """Make all lines thinner, those of markers and frames included; nothing moves, so the layout may be final."""
+    from matplotlib.collections import Collection
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    for line in figure.findobj(Line2D):
+        line.set_linewidth(_thinner(line.get_linewidth()))
+        line.set_markeredgewidth(_thinner(line.get_markeredgewidth()))
+    for patch in figure.findobj(Patch):
+        patch.set_linewidth(_thinner(patch.get_linewidth()))
+    for collection in figure.findobj(Collection):
+        collection.set_linewidth([_thinner(float(width)) for width in np.atleast_1d(collection.get_linewidth())])
+
+
+def _thinner(width: float) -> float:
+    """Return the new width; lines that are thinner than the thinnest stay as they are."""
+    return max(min(LEAST, width), THINNER * width)
+
 
 FORMATS: dict[str, dict[str, Any]] = {
     ".svg": {"metadata": {"Date": None, "Creator": None}},
@@ -49,7 +217,7 @@ def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | N
 def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
     """Write SVG and PDF from one draw."""
     with style(), small_fonts():
-        svg, pdf = svg_and_pdf(figure, FORMATS[".svg"], FORMATS[".pdf"])
+        svg, pdf = svg_and_pdf(figure)
     replace_text(directory / f"{stem}.svg", as_file(themed(svg), families(font_family())))
     with replaced(directory / f"{stem}.pdf") as partial:
         partial.write_bytes(pdf)
@@ -95,3 +263,47 @@ def _drawn(figure: MplFigure) -> str:
     with style():
         figure.savefig(text, format="svg", **FORMATS[".svg"])
     return themed(text.getvalue())
+
+
+@dataclass(frozen=True, eq=False)
+class FigureResult:
+    """A drawn figure.
+
+    Parameters
+    ----------
+    figure : the matplotlib figure, which may be adjusted
+    rendering : font and style
+    """
+
+    figure: MplFigure
+    rendering: Rendering = field(default_factory=Rendering)
+
+    @property
+    def axes(self) -> tuple[Axes, ...]:
+        """The axes of the figure."""
+        return tuple(self.figure.axes)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure in the format of the file name's ending: .svg, .pdf, .png or .pgf.
+
+        Parameters
+        ----------
+        path : the file, replaced; its directory must exist
+
+        Returns
+        -------
+        the file
+
+        Raises
+        ------
+        ValueError
+            If the ending is not one of these.
+        FileNotFoundError
+            If a .pgf is asked for and no LaTeX is installed.
+        """
+        file = Path(path)
+        if file.suffix.lower() not in FORMATS:
+            raise ValueError(f"{file}: the ending gives the format, one of {', '.join(FORMATS)}")
+        with rendered(self.rendering):
+            save_as(self.figure, file)
+        return file

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.figures.style import FONT_SIZE, font_family, has_labels
+from rmpc_bench.figures.style import FONT_SIZE, LINE_HEIGHT, font_family, has_labels
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types import MetricInfo
 
-POINTS_PER_INCH = 72
 MOST_LINES, COLUMN_PAD, LONGEST_TURNED = 3, 3.0, 90.0
 """Lines of the name of a column, free space beside it, and width of a turned one [pt]."""
-LINE_HEIGHT = 1.25 * FONT_SIZE
-"""Height of a line of text [pt]."""
 GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
 ACCENTS = ("hat", "breve")
 DID_NOT_OCCUR = "did not occur"

@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.figures.axes import stacked_panels
+from rmpc_bench.figures.axes import NONE, Axis, change_axis, draw_no_change, scaled_axis, set_axis, stacked_panels
 from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.change_axis import NONE, change_axis, draw_no_change, scaled_axis, set_axis
-from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, shortened, typeset, width, with_unit, wrapped
-from rmpc_bench.figures.line_styles import LineStyle, line_styles
-from rmpc_bench.figures.palette import DIM, INK
-from rmpc_bench.figures.scales import Axis
-from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
+from rmpc_bench.figures.labels import LINEAR, literal, shortened, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.palette import DIM, INK, LineStyle, line_styles
+from rmpc_bench.figures.style import LINE_HEIGHT, POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -28,8 +25,6 @@ MOST_TICKS = 8
 """Ticks of the axis of changes in per cent."""
 ALPHA = 0.13
 """Of the bands."""
-LINE = 1.25 * FONT_SIZE
-"""Distance of two names at the ends of lines [pt]."""
 NAME_SHARE = 0.3
 """Share of the width of the figure that a name may take before it is cut."""
 BEYOND = {-1: " ▼", 1: " ▲"}
@@ -48,11 +43,9 @@ class Name(NamedTuple):
 
 def draw_lines(content: SweepContent, size: tuple[float, float]) -> MplFigure:
     """Draw the panels from top to bottom, on common axes."""
-    from matplotlib.figure import Figure as MplFigure
-
     axis, styles = _axis(content), line_styles(content.trials.all_methods, content.methods)
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         panels = stacked_panels(figure, len(content.panels))
         title, found = _title(content, 0.75 * size[0] * POINTS_PER_INCH, is_log=axis.log), []
         for axes, panel in zip(panels, content.panels, strict=True):
@@ -65,8 +58,7 @@ def draw_lines(content: SweepContent, size: tuple[float, float]) -> MplFigure:
         for (axes, _), written in zip(found, texts, strict=True):
             content.axis.scale(axes)
             _move_apart(axes, written)
-        lay_out(figure)
-        figure.set_layout_engine(None)
+        fix_layout(figure)
     return figure
 
 
@@ -137,7 +129,7 @@ def _move_apart(axes: Axes, texts: Sequence[Annotation]) -> None:
     """Move the names at the ends of lines apart; of more than fit, those of grey lines are left out first."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    gap = LINE / (POINTS_PER_INCH * figure.get_figheight() * axes.get_position().height)
+    gap = LINE_HEIGHT / (POINTS_PER_INCH * figure.get_figheight() * axes.get_position().height)
     most = 1 + int(1 / gap)
     kept = sorted(texts, key=lambda text: text.get_color() == DIM)[:most] if len(texts) > most else texts
     for text in texts:

@@ -1,20 +1,75 @@
-"""Recorded runs of a figure: which of them are shown, and the values of their signals at the samples."""
+"""Recorded runs and stored series of a figure: which of them it shows, in which window, and their values."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
+from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.figures.axes import drawable
-from rmpc_bench.figures.window import TimeWindow
+from rmpc_bench.figures.palette import BAND
 from rmpc_bench.types import Array, DesignError, Status
+from rmpc_bench.types.result_layout import empty_window, samples_between
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from rmpc_bench.analysis.traces import Traces
     from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.figures.legend import Handle
+
+
+class TimeWindow(NamedTuple):
+    """The samples that are shown, both ends included, and the length of one on the axis."""
+
+    first: int
+    last: int
+    sample: float
+    label: str
+    """Label of the axis."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Both ends on the axis."""
+        return self.first * self.sample, self.last * self.sample
+
+    @property
+    def slice(self) -> slice:
+        """The same samples, for indexing."""
+        return slice(self.first, self.last + 1)
+
+    @property
+    def times(self) -> Array:
+        """Times of the samples."""
+        return self.sample * np.arange(self.first, self.last + 1)
+
+    @property
+    def in_seconds(self) -> bool:
+        """Whether the axis shows seconds, and not samples."""
+        return self.label != "$k$"
+
+    @property
+    def words(self) -> str:
+        """The same samples in a caption, such as ``t = 0 to 20 s``."""
+        first, last = (f"{end:g}" for end in self.limits)
+        return f"t = {first} to {last} s" if self.in_seconds else f"k = {first} to {last}"
+
+
+def window_of(point: Trials, last: int, start: float | None, stop: float | None) -> TimeWindow:
+    """Find the samples between two times [s], both included; these are samples where the sampling time is not known.
+
+    An end that is not given is that of the samples.  Raises a DesignError when less than two samples are left.
+    """
+    sample, label = (point.Ts, "$t$ [s]") if point.Ts else (1.0, "$k$")
+    window = TimeWindow(*samples_between(start, stop, sample, last), sample, label)
+    if window.first >= window.last:
+        issue = empty_window(start, last * sample)
+        raise DesignError(issue.message, issue.key)
+    return window
+
 
 ERROR, OUTPUT = "e", "y"
 """The control error r - y, which is computed from the recorded output."""
@@ -27,40 +82,23 @@ class RunSelection(NamedTuple):
     """Their positions in the traces."""
     failed: bool
     """Whether all recorded runs failed; they are shown then, as there are no others."""
-    n_failed: int
 
 
-class PanelSignal(NamedTuple):
-    """A component of a recorded signal, the content of one panel."""
+def signal_of(traces: Traces, name: str, component: int) -> Array | None:
+    """Return a component of a signal, (runs, samples), None if not recorded; a held one has none at the last sample."""
+    recorded = traces.signals.get(OUTPUT if name == ERROR else name)
+    if recorded is None:
+        return None
+    return (
+        np.asarray(traces.r[:, component] - recorded[:, :, component]) if name == ERROR else recorded[:, :, component]
+    )
 
-    signal: str
-    component: int
-    label: str
 
-    def values(self, traces: Traces) -> Array:
-        """Return the values of the recorded runs, (runs, samples); a held signal has none at the last sample."""
-        if self.signal == ERROR:
-            return np.asarray(traces.r[:, self.component] - traces.signals[OUTPUT][:, :, self.component])
-        return traces.signals[self.signal][:, :, self.component]
-
-    def is_in(self, traces: Traces) -> bool:
-        """Whether the signal is recorded of a method."""
-        return (OUTPUT if self.signal == ERROR else self.signal) in traces.signals
-
-    def is_held(self, traces: Traces) -> bool:
-        """Whether the signal is constant over a sample, as the input and all that a controller reports are."""
-        return self.is_in(traces) and self.values(traces).shape[1] < len(traces.r)
-
-    def curves(self, traces: Traces, window: TimeWindow, rows: Array) -> tuple[Array, Array]:
-        """Return times (samples,) and values (runs, samples) in a window; a held signal is continued to the last one.
-
-        The rows are positions of runs in the traces.
-        """
-        values = self.values(traces)[rows]
-        missing = len(traces.r) - values.shape[1]
-        values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
-        times = window.sample * np.arange(len(traces.r))
-        return times[window.slice], drawable(values[:, window.slice])
+def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
+    """Return the samples in a window of a signal, (runs, samples); a held signal is continued to the last one."""
+    missing = len(traces.r) - values.shape[1]
+    values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
+    return drawable(values[:, window.slice])
 
 
 def select_runs(point: Trials, method: str) -> RunSelection:
@@ -69,7 +107,7 @@ def select_runs(point: Trials, method: str) -> RunSelection:
     table = point.frame[point.frame["method"] == method]
     failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
     rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
-    return RunSelection(rows, bool(failed.all()), int(failed.sum()))
+    return RunSelection(rows, bool(failed.all()))
 
 
 def differences(point: Trials, methods: Sequence[str]) -> Trials:
@@ -105,6 +143,60 @@ def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
     return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
 
 
-def last_sample(point: Trials, method: str) -> int:
-    """Return the index of the last recorded sample."""
-    return len(point.traces[method].r) - 1
+def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
+    """Find the recorded run to draw thick: the given one, else the one with the middle value of the primary metric."""
+    runs = point.traces[method].runs
+    if run is not None:
+        return find_run(point, method, run)[0]
+    info = point.primary_info or point.metrics[0]
+    table = point.frame[point.frame["method"] == method].set_index("run")[info.name]
+    values = distance_from_best(table.reindex(runs[rows]).to_numpy(dtype=float), info.direction)
+    return int(rows[np.argsort(values, kind="stable")[len(rows) // 2]])
+
+
+SIGNAL = "bursts"
+
+
+def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
+    """Find the samples at which the noise of the shown runs is in a burst; None if not recorded, or if the runs differ.
+
+    `rows` has the places of the shown runs in the traces of each method.
+    """
+    if not all(SIGNAL in point.traces[name].signals for name in rows):
+        return None
+    kept = [point.traces[name].signals[SIGNAL][shown] for name, shown in rows.items()]
+    if not sum(map(len, kept)):
+        return None
+    flags = np.concatenate(kept)[:, :, 0] > 0.5
+    return np.asarray(flags[0]) if (flags == flags[0]).all() else None
+
+
+def spans(bursts: Array | None, window: TimeWindow) -> list[tuple[float, float]]:
+    """Find where bursts begin and end on the axis: half a sample beyond their samples, but not outside the window."""
+    if bursts is None:
+        return []
+    shown = np.concatenate([[False], bursts[window.slice], [False]]).astype(np.int64)
+    starts, stops = (window.first + np.flatnonzero(np.diff(shown) == step) for step in (1, -1))
+    low, high = window.limits
+    return [
+        (max(low, (start - 0.5) * window.sample), min(high, (stop - 0.5) * window.sample))
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True)
+    ]
+
+
+def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[Handle]:
+    """Draw the bands of `spans` behind the curves of panels over time; return their legend entry."""
+    from matplotlib.patches import Patch
+
+    for axes in panels:
+        for start, end in bands:
+            axes.axvspan(start, end, color=BAND, lw=0, zorder=0.2)
+    return [("burst", Patch(color=BAND, lw=0))] if bands else []
+
+
+_Value = TypeVar("_Value")
+
+
+def reported_set(values: Mapping[str, _Value]) -> _Value | None:
+    """Choose the set M, else the covariance P, from values by quantity; None if there is neither."""
+    return values.get("M", values.get("P"))

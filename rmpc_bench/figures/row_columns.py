@@ -1,4 +1,4 @@
-"""Columns of a figure of rows: their axis, and what they draw of every row."""
+"""Columns of a figure of rows: their axis, and what they draw of every row, such as the box of its runs."""
 
 from __future__ import annotations
 
@@ -10,21 +10,58 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.rank_rows import ranking
-from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
+from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
-from rmpc_bench.figures.boxes import VERDICT_COLOURS, draw_box
+from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis, spaced
 from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.change_axis import Log, change_axis, draw_no_change, scaled_axis, set_axis
-from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, metric_label, typeset, width, with_unit, wrapped
-from rmpc_bench.figures.palette import GROUND, INK
-from rmpc_bench.figures.point_tables import common_form, shown_change
-from rmpc_bench.figures.scales import Axis, Tick
+from rmpc_bench.figures.labels import LINEAR, metric_label, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.palette import BAND, GROUND, INK, PRINT
+from rmpc_bench.figures.points import common_form, shown_change
+from rmpc_bench.figures.style import POINTS_PER_INCH
 from rmpc_bench.types import DesignError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from rmpc_bench.analysis.trials import Trials
+
+VERDICT_COLOURS = {BETTER: PRINT["better"], WORSE: PRINT["worse"], FAILS_MORE: PRINT["fail"]}
+"""Word of a verdict -> colour; that of any other is the ink."""
+WIDTH, CAP = 0.56, 0.28
+"""Widths of a box and of the end of a whisker, as shares of the distance of two boxes."""
+TINT = 0.18
+"""Opacity of the colour of a verdict in a box."""
+THIN, MEDIAN = 0.8, 1.8
+"""Widths of the lines of a box and of its median [pt]."""
+
+
+def draw_box(axes: Axes, row: ResultRow, place: float, axis: Axis, *, upright: bool = False) -> None:
+    """Draw the box of a method; a box or whisker without end has an arrow at the end of the axis."""
+    from matplotlib.patches import Rectangle
+
+    if not row.quantiles:
+        return
+    back = math.exp if axis.log else float
+    first, last = back(axis.low), back(axis.high)
+    low, q1, median, q3, high = (min(max(each, first), last) for each in row.quantiles)
+    gid = f"method-{row.method}"
+    colour = VERDICT_COLOURS.get(row.word)
+    face: Any = (colour, TINT) if colour else BAND
+    corner, size = (q1, place - WIDTH / 2), (q3 - q1, WIDTH)
+    corner, size = (corner[::-1], size[::-1]) if upright else (corner, size)
+    axes.add_patch(Rectangle(corner, *size, facecolor=face, edgecolor=INK, lw=THIN, gid=gid, zorder=2.2))
+    whiskers = [(low, q1, 0.0), (q3, high, 0.0)]
+    whiskers += [(end, end, CAP) for end, known in ((low, low), (high, row.quantiles[-1])) if math.isfinite(known)]
+    for parts, thick in ((whiskers, THIN), ([(median, median, WIDTH)], MEDIAN)):
+        # One line with gaps takes less of a file than several.
+        values = np.array([[start, end, math.nan] for start, end, _ in parts]).ravel()
+        places = np.array([[place - across / 2, place + across / 2, math.nan] for *_, across in parts]).ravel()
+        x, y = (places, values) if upright else (values, places)
+        axes.plot(x, y, color=INK, lw=thick, solid_capstyle="butt", gid=gid, zorder=2.3)
+    if not math.isfinite(row.quantiles[-1]):
+        point, marker = ((place, last), "^") if upright else ((last, place), ">")
+        axes.plot(*point, ls="", marker=marker, ms=4, color=INK, clip_on=False, gid=gid, zorder=2.4)
+
 
 LINE, DOT = 2.0, 4.5
 """Width of an interval and size of its middle [pt]."""
@@ -72,19 +109,11 @@ class Column(NamedTuple):
         axes.set_xlabel("\n".join(wrapped(self.label, room)))
 
 
-def with_room(axis: Axis, room: float) -> list[Tick]:
-    """Leave out ticks whose labels would touch, going away from that nearest to 0."""
+def with_room(axis: Axis, room: float) -> tuple[Tick, ...]:
+    """Leave out ticks whose labels would touch."""
     scale = room / (axis.high - axis.low)
-    middle = min(range(len(axis.ticks)), key=lambda k: abs(axis.ticks[k].at), default=0)
-    kept = list(axis.ticks[middle : middle + 1])
-    for side in (axis.ticks[middle + 1 :], axis.ticks[:middle][::-1]):
-        last = axis.ticks[middle] if axis.ticks else None
-        for tick in side:
-            assert last is not None
-            if abs(tick.at - last.at) * scale >= (width(tick.label) + width(last.label)) / 2 + APART:
-                kept.append(tick)
-                last = tick
-    return sorted(kept)
+    labels = {tick: width(tick.label) / 2 for tick in axis.ticks}
+    return spaced(axis.ticks, lambda tick, last: abs(tick.at - last.at) * scale >= labels[tick] + labels[last] + APART)
 
 
 def column_of(

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences
-from rmpc_bench.figures.change_axis import Log
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, on_two_lines, shortened
-from rmpc_bench.figures.point_tables import first_points, shown_rows, tables_of
-from rmpc_bench.figures.style import lay_out, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.figures.axes import Log
+from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.labels import literal, metric_of, on_two_lines, shortened
+from rmpc_bench.figures.points import first_tables, shown_rows
+from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types.figure import Inches, SweepFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
-    from rmpc_bench.figures.row_columns import Column
 
 ROW, DENSE_ROW, DENSE = 0.28, 0.19, 10
 """Height of a row [in], of up to so many rows and of more."""
@@ -108,7 +106,38 @@ class Rows(SweepFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the rows of the points from top to bottom; see `Figure.draw`."""
-        return _draw(self, results, self._tables(results)[0])
+        from rmpc_bench.figures.row_columns import Options, column_of
+
+        tables, _ = self._tables(results)
+        shown = self._columns(tables)
+        if "rank" in shown:
+            tables = tables[:1]
+        rows = [shown_rows(table, tables[0], self.order) for table in tables]
+        n_rows = len(rows[0])
+        height = n_rows * (ROW if n_rows <= DENSE else DENSE_ROW)
+        size = self.size(REST + len(tables) * (height + POINT * (len(tables) > 1)))
+        with style():
+            options = Options(self.log, self.above, "rank" in shown)
+            columns = [column_of(name, results, tables, rows, options) for name in shown]
+            if "rank" in shown:
+                order = next(column.order for column in columns if column.order)
+                rows = [
+                    sorted((row for row in rows[0] if row.method in order), key=lambda row: order.index(row.method))
+                ]
+            figure = new_figure(size)
+            shape, widths = (len(tables), len(shown)), [WIDTHS[name] for name in shown]
+            panels = figure.subplots(*shape, squeeze=False, sharex="col", sharey="row", width_ratios=widths)
+            for line, table, there in zip(panels, tables, rows, strict=True):
+                _name_rows(line, table, there, NAME_SHARE * size[0] * POINTS_PER_INCH)
+                for axes, column in zip(line, columns, strict=True):
+                    column.draw(axes, table, there)
+                if len(tables) > 1:
+                    line[0].set_title(literal(short_title(table.trials)), loc="left")
+            lay_out(figure)
+            for axes, column in zip(panels[-1], columns, strict=True):
+                column.finish(axes)
+            fix_layout(figure)
+        return figure
 
     def _columns(self, tables: Sequence[ResultTable]) -> tuple[str, ...]:
         """Columns that have something to show: no change of a single method."""
@@ -118,53 +147,7 @@ class Rows(SweepFigure):
 
     def _tables(self, results: Trials) -> tuple[list[ResultTable], str]:
         self.require(layout_of(results))
-        points, words = first_points(points_at(results, self.at))
-        return tables_of(results, points, metric_of(results, self.metric)), words
-
-
-def _draw(keys: Rows, results: Trials, tables: Sequence[ResultTable]) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    from rmpc_bench.figures.row_columns import Options, column_of
-
-    shown = keys._columns(tables)
-    if "rank" in shown:
-        tables = tables[:1]
-    rows = [shown_rows(table, tables[0], keys.order) for table in tables]
-    n_rows = len(rows[0])
-    height = n_rows * (ROW if n_rows <= DENSE else DENSE_ROW)
-    size = keys.size(REST + len(tables) * (height + POINT * (len(tables) > 1)))
-    with style():
-        options = Options(keys.log, keys.above, "rank" in shown)
-        columns = [column_of(name, results, tables, rows, options) for name in shown]
-        if "rank" in shown:
-            rows = [_in_order_of_ranks(rows[0], columns)]
-        figure = MplFigure(figsize=size, layout="constrained")
-        panels = figure.subplots(
-            len(tables),
-            len(shown),
-            squeeze=False,
-            sharex="col",
-            sharey="row",
-            width_ratios=[WIDTHS[name] for name in shown],
-        )
-        for line, table, there in zip(panels, tables, rows, strict=True):
-            _name_rows(line, table, there, NAME_SHARE * size[0] * POINTS_PER_INCH)
-            for axes, column in zip(line, columns, strict=True):
-                column.draw(axes, table, there)
-            if len(tables) > 1:
-                line[0].set_title(literal(short_title(table.trials)), loc="left")
-        lay_out(figure)
-        for axes, column in zip(panels[-1], columns, strict=True):
-            column.finish(axes)
-        lay_out(figure)
-        figure.set_layout_engine(None)
-    return figure
-
-
-def _in_order_of_ranks(rows: Sequence[ResultRow], columns: Sequence[Column]) -> list[ResultRow]:
-    order = next(column.order for column in columns if column.order)
-    return sorted((row for row in rows if row.method in order), key=lambda row: order.index(row.method))
+        return first_tables(results, self.at, metric_of(results, self.metric))
 
 
 def _name_rows(panels: Sequence[Axes], table: ResultTable, rows: Sequence[ResultRow], limit: float) -> None:

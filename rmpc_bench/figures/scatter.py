@@ -5,22 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences
-from rmpc_bench.figures.direct_labels import Label, write
+from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences, short_title
 from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
-from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.pareto_front import Dot, dots_of, not_dominated
+from rmpc_bench.figures.legend import Handle, Label, finish, write
+from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler, sample
+from rmpc_bench.figures.points import points_at
 from rmpc_bench.figures.scatter_paths import SignalPlane, draw_paths, paths_caption, paths_content
-from rmpc_bench.figures.style import REFERENCE, WHITE, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
-from rmpc_bench.types import Array, MetricInfo, NonNegative, Positive
+from rmpc_bench.figures.style import new_figure, style
+from rmpc_bench.types import Array, DesignError, MetricInfo, NonNegative, Positive
 from rmpc_bench.types.figure import Index, SweepFigure
 from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
@@ -31,10 +30,88 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
+
+class Spread(NamedTuple):
+    """A value and the ends of its bar, NaN where there is none."""
+
+    low: float
+    middle: float
+    high: float
+
+
+class Dot(NamedTuple):
+    """A method at a point of the sweep."""
+
+    method: str
+    point: Trials
+    x: Spread
+    y: Spread
+    n: int
+    """Runs that have both values."""
+    n_runs: int
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether it can be drawn."""
+        return bool(np.isfinite([self.x.middle, self.y.middle]).all())
+
+
+def dots_of(
+    points: Sequence[Trials], methods: Sequence[str], infos: tuple[MetricInfo, MetricInfo], bars: str
+) -> list[Dot]:
+    """Find the dots of every method in the order of the sweep; trials that points share make one dot.
+
+    Raises a DesignError when no method has a value of both metrics.
+    """
+    found: dict[tuple[str, str], Dot] = {}
+    for name in methods:
+        for point in points:
+            key = name, point.keys.get(name, point.title)
+            if name in point.methods and key not in found:
+                found[key] = _dot(point, name, infos, bars)
+    if not any(dot.is_finite for dot in found.values()):
+        raise DesignError(f"no method has a value of both {infos[0].name} and {infos[1].name}", "x")
+    return list(found.values())
+
+
+def not_dominated(dots: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo]) -> list[Dot]:
+    """Find the drawable dots that are not dominated, from best in x to best in y, by the metrics' directions."""
+    signs = [-1.0 if info.direction == "higher" else 1.0 for info in infos]
+    costs = [(signs[0] * dot.x.middle, signs[1] * dot.y.middle) for dot in dots]
+    best = [
+        place
+        for place, (x, y) in enumerate(costs)
+        if not any(other[0] <= x and other[1] <= y and other != (x, y) for other in costs)
+    ]
+    return [dots[place] for place in sorted(best, key=lambda place: costs[place])]
+
+
+def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: str) -> Dot:
+    from rmpc_bench.analysis.pairs import distance_from_best
+
+    columns = [point.column(info.name, name) for info in infos]
+    both: Array = ~np.isnan(np.stack(columns)).any(axis=0)
+    x, y = (
+        spread_of(distance_from_best(column[both], info.direction), bars)
+        for column, info in zip(columns, infos, strict=True)
+    )
+    return Dot(name, point, x, y, int(both.sum()), len(both))
+
+
+def spread_of(values: Array, bars: str) -> Spread:
+    """Return the median with the quartiles, or the mean with one standard error (`se`) on both sides, without NaN."""
+    if bars == "quartiles":
+        return Spread(*(float(quantile(values, share)) for share in (0.25, 0.5, 0.75)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        mean = float(values.mean()) if len(values) else np.nan
+    error = standard_error(values)
+    return Spread(mean - error, mean, mean + error)
+
+
 MOST_DOTS = 60
 """Dots that can still be distinguished."""
 MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
-FRONT: dict[str, Any] = {"color": REFERENCE, "lw": 0.9, "zorder": 2.1}
+FRONT: dict[str, Any] = {"color": DIM, "lw": 0.9, "zorder": 2.1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,42 +218,32 @@ class Scatter(SweepFigure):
         self.require(layout_of(results))
         infos = metric_of(results, self.x), metric_of(results, self.y)
         dots = dots_of(points, self.order or results.methods, infos, self.bars)
-        return _draw(self, results, dots, infos, self.size(0.8 * self.width))
-
-
-def _draw(
-    keys: Scatter,
-    trials: Trials,
-    dots: Sequence[Dot],
-    infos: tuple[MetricInfo, MetricInfo],
-    size: tuple[float, float],
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-
-    shown = [dot for dot in dots if dot.is_finite]
-    best = not_dominated(shown, infos) if keys.front else []
-    styles = line_styles(trials.all_methods, list(dict.fromkeys(dot.method for dot in shown)))
-    several = frozenset(name for name in styles if sum(dot.method == name for dot in shown) > 1)
-    for listed in (several, frozenset(styles)):
-        with style():
-            figure = MplFigure(figsize=size, layout="constrained")
-            (axes,) = stacked_panels(figure, 1)
-            few_ticks(axes)
-            for dot in shown:
-                marker = _marker(styles[dot.method], filled=not keys.front or dot in best)
-                axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
-            _set_limits(axes, shown, infos, log=keys.log)
-            lines = _draw_lines(axes, shown, best, styles)
-            finish(figure, _handles(trials, shown, listed, styles, front=keys.front), _note(dots, MEANING[keys.bars]))
-            # If labels beside the dots overlap, all methods go into the legend.
-            if write(axes, _labels(trials, shown, listed, several, styles), lines):
-                break
-    return figure
+        shown = [dot for dot in dots if dot.is_finite]
+        best = not_dominated(shown, infos) if self.front else []
+        styles = line_styles(results.all_methods, list(dict.fromkeys(dot.method for dot in shown)))
+        several = frozenset(name for name in styles if sum(dot.method == name for dot in shown) > 1)
+        for listed in (several, frozenset(styles)):
+            with style():
+                figure = new_figure(self.size(0.8 * self.width))
+                (axes,) = stacked_panels(figure, 1)
+                few_ticks(axes)
+                for dot in shown:
+                    marker = _marker(styles[dot.method], filled=not self.front or dot in best)
+                    axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
+                _set_limits(axes, shown, infos, log=self.log)
+                lines = _draw_lines(axes, shown, best, styles)
+                finish(
+                    figure, _handles(results, shown, listed, styles, front=self.front), _note(dots, MEANING[self.bars])
+                )
+                # If labels beside the dots overlap, all methods go into the legend.
+                if write(axes, _labels(results, shown, listed, several, styles), lines):
+                    break
+        return figure
 
 
 def _marker(look: LineStyle, *, filled: bool) -> dict[str, Any]:
     """Return the marker of a method; that of a dominated dot is hollow."""
-    inside = look.color if filled else WHITE
+    inside = look.color if filled else GROUND
     return {"ls": "", "marker": look.marker, "ms": 4.2, "mew": 1.0, "mec": look.color, "mfc": inside, "gid": look.gid}
 
 
@@ -230,16 +297,14 @@ def _handles(
     trials: Trials, shown: Sequence[Dot], listed: frozenset[str], styles: Mapping[str, LineStyle], *, front: bool
 ) -> list[Handle]:
     """Make the legend entries of methods without labels beside their dots, and of the front."""
-    from matplotlib.lines import Line2D
-
     found: list[Handle] = []
     for name in (name for name in styles if name in listed):
         mine = [dot for dot in shown if dot.method == name]
         text = name_of(trials, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
-        found.append((text, Line2D([], [], **_marker(styles[name], filled=True))))
+        found.append((text, sample(**_marker(styles[name], filled=True))))
     if front:
-        filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": REFERENCE, "mfc": REFERENCE}
-        found.append(("not dominated", Line2D([], [], **filled)))
+        filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
+        found.append(("not dominated", sample(**filled)))
     return found
 
 

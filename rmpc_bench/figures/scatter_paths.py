@@ -10,20 +10,14 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.burst_bands import bursts_of
-from rmpc_bench.figures.captions import joined, place, sentences, span_of
+from rmpc_bench.figures.captions import joined, place, sentences, short_title
 from rmpc_bench.figures.curves import limits_of
-from rmpc_bench.figures.direct_labels import Label, write
 from rmpc_bench.figures.labels import name_of, unit_of
-from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import line_styles
-from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT
+from rmpc_bench.figures.legend import Handle, Label, finish, write
+from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT, grouped, line_styles, sample
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
-from rmpc_bench.figures.recorded_runs import OUTPUT, PanelSignal, find_run, last_sample
-from rmpc_bench.figures.style import style
-from rmpc_bench.figures.sweep_points import short_title
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.recorded_runs import OUTPUT, TimeWindow, bursts_of, find_run, shown_part, signal_of, window_of
+from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, Status
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ROUNDING, ResultLayout
@@ -121,7 +115,7 @@ def paths_content(keys: SignalPlane, points: Sequence[Trials]) -> PathContent:
     if not methods:
         raise DesignError(f"no method has both {keys.x} and {keys.y}", "x")
     x, y = quantities(layout, [keys.x, keys.y])
-    window = window_of(point, last_sample(point, methods[0]), keys.start, keys.stop)
+    window = window_of(point, len(point.traces[methods[0]].r) - 1, keys.start, keys.stop)
     title = short_title(point) + (f" (first of {len(points)} points)" if len(points) > 1 else "")
     return PathContent(
         keys, point, title, (x, y), window, {name: _path(keys, point, name, (x, y), window) for name in methods}
@@ -134,9 +128,8 @@ def _path(
     """Read the path of one method."""
     row, status = find_run(point, name, keys.run)
     traces = point.traces[name]
-    columns = [
-        PanelSignal(each.name, each.number, "").curves(traces, window, np.array([row]))[1][0] for each in quantities
-    ]
+    signals = [signal_of(traces, each.name, each.number) for each in quantities]
+    columns = [shown_part(each[[row]], traces, window)[0] for each in signals if each is not None]
     values, reference = np.stack(columns, axis=1), None
     if all(each.name == OUTPUT for each in quantities):
         reference = traces.r[window.slice][:, [each.number for each in quantities]]
@@ -152,7 +145,7 @@ def paths_caption(made: PathContent) -> str:
     axes = joined(each.label(made.point) for each in made.quantities)
     has_reference = any(path.reference is not None for path in made.paths.values())
     return sentences(
-        f"Path of {axes} in run {keys.run} for {names}, {span_of(made.window)}"
+        f"Path of {axes} in run {keys.run} for {names}, {made.window.words}"
         + ("; dashed: reference" if has_reference else ""),
         place(made.point, made.title),
         f"Lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
@@ -163,20 +156,20 @@ def paths_caption(made: PathContent) -> str:
 
 def draw_paths(made: PathContent, size: tuple[float, float]) -> MplFigure:
     """Draw all paths in a panel."""
-    from matplotlib.figure import Figure as MplFigure
-    from matplotlib.lines import Line2D
-
     styles = line_styles(made.point.all_methods, list(made.paths))
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         (axes,) = stacked_panels(figure, 1)
         few_ticks(axes)
-        handles: list[Handle] = [(name_of(made.point, n), Line2D([], [], **styles[n].line())) for n in made.paths]
+        handles: list[Handle] = [(name_of(made.point, n), sample(**styles[n].line())) for n in made.paths]
         handles += _draw_reference(axes, made)
         for name in sorted(made.paths, key=lambda name: made.paths[name].failed):
             limits = axes.get_xlim(), axes.get_ylim()
             with grouped(axes, styles[name].gid):
-                _draw_path(axes, made, name, styles[name].line())
+                look, values = styles[name].line(), made.paths[name].values
+                axes.plot(*values.T, **look)
+                dots = values[marks_of(made.window, made.keys.marks)]
+                axes.plot(*dots.T, ls="", marker="o", ms=2.2, mew=0.0, color=look["color"], zorder=look["zorder"])
             if made.paths[name].failed and not all(path.failed for path in made.paths.values()):
                 # The values of a failed run may be huge and must not shrink the other paths.
                 axes.set_xlim(limits[0])
@@ -190,14 +183,6 @@ def draw_paths(made: PathContent, size: tuple[float, float]) -> MplFigure:
         finish(figure, handles, ", ".join(filter(None, [made.title, f"run {made.keys.run}"])))
         _write_times(axes, made)
     return figure
-
-
-def _draw_path(axes: Axes, made: PathContent, name: str, look: dict[str, Any]) -> None:
-    """Draw a path with its marks."""
-    values = made.paths[name].values
-    axes.plot(*values.T, **look)
-    dots = values[marks_of(made.window, made.keys.marks)]
-    axes.plot(*dots.T, ls="", marker="o", ms=2.2, mew=0.0, color=look["color"], zorder=look["zorder"])
 
 
 def _draw_reference(axes: Axes, made: PathContent) -> list[Handle]:

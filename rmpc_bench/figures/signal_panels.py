@@ -1,25 +1,20 @@
-"""The panels of quantities over time, their common axes, and lines with as few points as a reader sees."""
+"""The panels of quantities over time and their common axes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import STEPS, make_logarithmic
 from rmpc_bench.figures.curves import Area, Cell
-from rmpc_bench.figures.labels import LINEAR, POINTS_PER_INCH, literal, name_of, typeset, wrapped
+from rmpc_bench.figures.labels import LINEAR, literal, name_of, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.method_groups import grouped
-from rmpc_bench.figures.palette import DIM, GROUND, INK, LINE, PRINT
-from rmpc_bench.figures.quantities import Quantity
-from rmpc_bench.figures.recorded_runs import RunSelection
-from rmpc_bench.figures.style import style
-from rmpc_bench.figures.thinning import needed_points, thinned
-from rmpc_bench.figures.window import TimeWindow
+from rmpc_bench.figures.palette import DIM, INK, LINE, LineStyle, grouped, line_styles, paler, sample
+from rmpc_bench.figures.recorded_runs import bursts_of, shade, spans
+from rmpc_bench.figures.signal_content import EDGES, QUIET, WORDS, Content, needed_points, reach_of, thinned
+from rmpc_bench.figures.style import POINTS_PER_INCH, new_figure, style
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -28,130 +23,22 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-COLUMN, MOST_COLUMNS = 1.5, 4
-"""Least width of a column [in], and columns up to which their panels are wide enough."""
-FAR = 1.0
-"""A limit further away than this times the reach of the curves is not shown."""
-WILD = 6.0
-"""Reach of all runs, as a multiple of that of thick lines, up to which a panel shows them whole."""
 MANY = 30.0
 """Ratio of the ends of a logarithmic axis up to which it has more ticks than powers of ten."""
 ALONE = 1.1
 """Width of a thick line without thin ones [pt]."""
-CIRCLE: Mapping[str, Any] = {"ls": "", "marker": "o", "ms": 3.0, "mew": 0.7, "mfc": GROUND}
-OWN = ""
-"""Stands for the colour of the method."""
-
-
-class Look(NamedTuple):
-    """How a kind of line or area looks, and what it means."""
-
-    look: str
-    meaning: str
-    style: Mapping[str, Any]
-
-
-WORDS: Mapping[str, Look] = {
-    "main": Look("thick", "", {"color": OWN, "lw": 1.5, "zorder": 3.0}),
-    "run": Look("thin", "single runs", {"color": paler(INK, 0.7), "lw": 0.5, "zorder": 2.2}),
-    "band": Look("area", "from 5 to 95 % of the runs", {"color": OWN, "zorder": 1.5}),
-    "average": Look("thin dashes", "average over time", {"color": OWN, "lw": 0.7, "ls": (0, (3, 2)), "zorder": 2.4}),
-    "spread": Look("thin coloured", r"mean $\pm 3$ standard deviations", {"color": OWN, "lw": 0.7, "zorder": 2.6}),
-    "from runs": Look("pale", "from runs", {"color": OWN, "lw": 0.7, "alpha": 0.5, "zorder": 2.3}),
-    "state": Look("black", "true state", {"color": INK, "lw": 0.8, "zorder": 2.8}),
-    "outside": Look("circles", "outside", {**CIRCLE, "color": INK, "zorder": 3.2}),
-    "reference": Look("dashed", "reference", {"color": INK, "lw": 0.9, "ls": (0, (4, 2)), "zorder": 2.5}),
-    "limit": Look("dotted", "limit", {"color": PRINT["worse"], "lw": 1.0, "ls": (0, (1.2, 1.6)), "zorder": 2.5}),
-    "bound": Look("dashed", "reported variance", {"color": INK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 2.9}),
-    "reported": Look("grey", r"reported $\pm 3\sigma$", {"color": paler(DIM, 0.75), "zorder": 0.5}),
-    "consistent": Look("grey", "band of a consistent estimator", {"color": paler(DIM, 0.75), "zorder": 0.5}),
-    "set M": Look("area", "set $M$", {"color": OWN, "zorder": 1.5}),
-    "set P": Look("area", "of $P$", {"color": OWN, "zorder": 1.5}),
-}
-"""Kinds of lines and areas in the order of the legend."""
-QUIET: Mapping[str, Mapping[str, Any]] = {
-    "zero": {"color": DIM, "lw": 0.6, "zorder": 2.1},
-    "one": {"color": INK, "lw": 0.7, "zorder": 2.1},
-}
-"""Levels that need no entry in a legend."""
-EDGES = {"reported": (0, (4, 2)), "set P": (0, (3, 1.5)), "set M": "-"}
-"""Dashes of the lines around areas that have some."""
-
-
-class Content(NamedTuple):
-    """What a figure of quantities over time shows."""
-
-    point: Trials
-    title: str
-    rows: Sequence[Quantity]
-    cells: Mapping[str, Sequence[Cell | None]]
-    """Method -> the content of its panels."""
-    window: TimeWindow
-    selections: Mapping[str, RunSelection]
-    log: bool | None
-    level: float
-    run: int | None
-    left_out: bool
-
-    def columns(self, width: float) -> int:
-        """Columns of panels in a picture of some width [in]; methods that do not fit stand below the others."""
-        most = max(1, min(MOST_COLUMNS, int(width / COLUMN)))
-        return -(-len(self.cells) // -(-len(self.cells) // most))
-
-    def kinds(self) -> set[str]:
-        """Kinds of lines, areas and levels that are shown."""
-        shown = [cell for cells in self.cells.values() for cell in cells if cell is not None]
-        return {each[0] for cell in shown for group in cell for each in group} - ({"limit"} - self.near())
-
-    def near(self) -> set[str]:
-        """``limit`` if some limit lies in the reach of its panels."""
-        rows = ([cell for cells in self.cells.values() if (cell := cells[row])] for row in range(len(self.rows)))
-        return {"limit"} if any(_reach(cells)[1] for cells in rows if cells) else set()
-
-    def words(self, kind: str) -> str:
-        """Say what a kind of line means here."""
-        if kind == "set P":
-            return f"{100 * self.level:g} % of $P$"
-        if kind == "consistent":
-            return f"{100 * self.level:g} % {WORDS[kind].meaning}"
-        if kind != "main":
-            return WORDS[kind].meaning
-        kinds = {each.kind for each in self.rows}
-        found = []
-        if kinds & {"recorded", "error", "tube"}:
-            found.append(self._of_runs())
-        found += ["average over the runs"] if kinds & {"nees", "nis"} else []
-        found += ["variance of the error"] if "variance" in kinds else []
-        found += ["mean of the estimate"] if "mean" in kinds else []
-        found += ["value of the design"] if "series" in kinds else []
-        return ", ".join(found)
-
-    def _of_runs(self) -> str:
-        """Say which run is thick, or what of all runs."""
-        shown = self.kinds()
-        if "band" in shown or "average" in shown:
-            return "median" if "band" in shown else "width from 5 to 95 % of the runs"
-        if self.run is not None:
-            return f"run {self.run}"
-        if all(len(each.rows) < 2 for each in self.selections.values()):
-            found = {int(run) for name in self.selections for run in self.point.traces[name].runs[:1]}
-            return f"run {found.pop()}" if len(found) == 1 else "the recorded run"
-        info = self.point.primary_info or self.point.metrics[0]
-        return f"run with the middle {info.words}"
 
 
 def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> MplFigure:
     """Draw a block of rows for as many methods as there are columns, and further blocks below it."""
-    from matplotlib.figure import Figure as MplFigure
-
     methods, n = list(made.cells), len(made.rows)
     styles = line_styles(made.point.all_methods, methods)
     n_blocks = -(-len(methods) // n_columns)
     with style():
-        figure = MplFigure(figsize=size, layout="constrained")
+        figure = new_figure(size)
         grid: Any = figure.subplots(n * n_blocks, n_columns, sharex=True, squeeze=False)
         shown = [[cell for cells in made.cells.values() if (cell := cells[row]) is not None] for row in range(n)]
-        heights = [float(np.ptp(_reach(cells)[0])) if cells else 0.0 for cells in shown]
+        heights = [float(np.ptp(reach_of(cells)[0])) if cells else 0.0 for cells in shown]
         thin = thinned([*zip(heights, shown, strict=True)])
         for place in range(n_columns * n_blocks):
             block, column = divmod(place, n_columns)
@@ -264,7 +151,7 @@ def _align(made: Content, grid: Any, n: int, n_columns: int) -> None:
         if not shown:
             continue
         good = [cell for name, (_, cell) in shown.items() if not _failed(made, name)]
-        ends, limits = _reach(good or [cell for _, cell in shown.values()])
+        ends, limits = reach_of(good or [cell for _, cell in shown.values()])
         log = quantity.kind in ("nees", "nis") if made.log is None else made.log
         log = log and ends[0] > 0
         for axes, cell in shown.values():
@@ -291,27 +178,6 @@ def _failed(made: Content, name: str) -> bool:
     return name in made.selections and made.selections[name].failed
 
 
-def _reach(cells: Sequence[Cell]) -> tuple[tuple[float, float], list[float]]:
-    """Ends of what all panels of a quantity show, and the limits that are not far away from it."""
-    thick = _ends([line.values for cell in cells for line in cell.lines if line.kind != "run"])
-    whole = _ends([line.values for cell in cells for line in cell.lines])
-    areas = _ends([end for cell in cells for area in cell.areas for end in (area.low, area.high)])
-    room = WILD * ((thick[1] - thick[0]) or abs(thick[0]) or 1.0)
-    low = min(max(whole[0], thick[0] - room), max(areas[0], thick[0] - room))
-    high = max(min(whole[1], thick[1] + room), min(areas[1], thick[1] + room))
-    reach = (high - low) or abs(high) or 1.0
-    levels = {value for cell in cells for kind, value in cell.levels if kind == "limit"}
-    limits = sorted(each for each in levels if low - FAR * reach <= each <= high + FAR * reach)
-    return (min([low, *limits]), max([high, *limits])), limits
-
-
-def _ends(values: Sequence[Array]) -> tuple[float, float]:
-    """The smallest and the largest finite value; infinities in the wrong order without any."""
-    every = np.concatenate([np.zeros(0), *map(np.ravel, values)])
-    every = every[np.isfinite(every)]
-    return (float(every.min()), float(every.max())) if len(every) else (np.inf, -np.inf)
-
-
 def _padded(low: float, high: float, *, log: bool) -> tuple[float, float]:
     """Limits of an axis with some room at both ends."""
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -325,7 +191,6 @@ def _padded(low: float, high: float, *, log: bool) -> tuple[float, float]:
 
 def _keys(made: Content) -> list[Handle]:
     """Explain the kinds of lines and areas, in grey what has the colour of its method."""
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     found: list[Handle] = []
@@ -339,7 +204,7 @@ def _keys(made: Content) -> list[Handle]:
         if kind in areas:
             found.append((made.words(kind), Patch(color=paler(DIM, 0.75), lw=0)))
         else:
-            found.append((made.words(kind), Line2D([], [], color=colour, **how)))
+            found.append((made.words(kind), sample(color=colour, **how)))
     return found
 
 
@@ -348,4 +213,4 @@ def _bursts(made: Content, panels: Sequence[Axes]) -> list[Handle]:
     rows = {name: each.rows for name, each in made.selections.items() if name in made.cells}
     if not rows:
         return []
-    return burst_bands.shade(panels, burst_bands.spans(burst_bands.bursts_of(made.point, rows), made.window))
+    return shade(panels, spans(bursts_of(made.point, rows), made.window))

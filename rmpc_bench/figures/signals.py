@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import joined, place, sentences, span_of
-from rmpc_bench.figures.curves import Cell, Choice, cell_of, middle_run
+from rmpc_bench.figures.captions import joined, place, sentences
+from rmpc_bench.figures.curves import Cell, Choice, cell_of
 from rmpc_bench.figures.labels import name_of
+from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
-from rmpc_bench.figures.recorded_runs import RunSelection, differences, select_runs
-from rmpc_bench.figures.shared_content import shared_content
-from rmpc_bench.figures.signal_panels import WORDS, Content, draw_panels
-from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.recorded_runs import RunSelection, TimeWindow, differences, middle_run, select_runs, window_of
+from rmpc_bench.figures.signal_content import WORDS, Content
+from rmpc_bench.figures.signal_panels import draw_panels
 from rmpc_bench.types import DesignError, NonNegative
 from rmpc_bench.types.figure import Inches, Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -36,6 +35,8 @@ MOST_METHODS = 9
 """Methods that are shown where none are named."""
 MOST_PANELS = 28
 """Panels of all methods, about 3 kB each in an SVG."""
+_LAST: list[tuple[Trials, str, Content]] = []
+"""One entry: a table, the keys of a figure, and what it shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,11 +123,12 @@ class Signals(OnePointFigure):
         failed = [name_of(made.point, name) for name, each in made.selections.items() if each.failed]
         left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
         kinds = made.kinds()
+        legend = "; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)
         return sentences(
-            f"{names} over time, {span_of(made.window)}, of {joined(name_of(made.point, n) for n in made.cells)} on "
+            f"{names} over time, {made.window.words}, of {joined(name_of(made.point, n) for n in made.cells)} on "
             f"the same axes{left_out}",
             place(made.point, made.title),
-            _first_upper("; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)),
+            legend[:1].upper() + legend[1:],
             f"All recorded runs of {joined(failed)} failed" if failed else "",
         )
 
@@ -137,7 +139,10 @@ class Signals(OnePointFigure):
         return draw_panels(made, self.size(0.6 + 1.2 * len(made.rows) * -(-len(made.cells) // columns)), columns)
 
     def _content(self, results: Trials) -> Content:
-        return shared_content(results, self, lambda: self._compute(results))
+        """Return what is shown; the caption of a picture that was just drawn computes nothing again."""
+        if not (_LAST and _LAST[0][0] is results and _LAST[0][1] == repr(self)):
+            _LAST[:] = [(results, repr(self), self._compute(results))]
+        return _LAST[0][2]
 
     def _compute(self, results: Trials) -> Content:
         point, title = point_at(results, self.at)
@@ -189,7 +194,3 @@ def _last(point: Trials, methods: Sequence[str]) -> int:
 
 def _listed(names: set[str]) -> str:
     return ", ".join(sorted(names)) or "none"
-
-
-def _first_upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

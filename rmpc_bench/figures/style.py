@@ -1,4 +1,4 @@
-"""Style of all figures: palette, fonts, and settings of matplotlib for reproducible files."""
+"""How figures are rendered: width, fonts, formulas, and settings of matplotlib for reproducible files."""
 
 from __future__ import annotations
 
@@ -7,25 +7,135 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import notices
-from rmpc_bench.figures.fonts import complete_fonts, family_of
-from rmpc_bench.figures.formulas import formulas_once
-from rmpc_bench.figures.palette import DIM, GROUND, INK, LINE, METHODS
-from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.types.report_choices import DEFAULT_FORMATS, Font, Format, Style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
-RED, BLUE = "#d7191c", "#0b5ba8"
-COLOURS = METHODS
-GREY, REFERENCE = LINE, DIM
-"""Colours of the grid, and of what belongs to no method."""
-BLACK, WHITE = INK, GROUND
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """How all figures of a report are rendered.
+
+    Parameters
+    ----------
+    width : width of every figure [in]; that of its configuration if None
+    font : family of the texts and formulas
+    style : ``bench`` for the screen, ``paper`` for a printed column
+    formats : endings of the files to write
+    labels : whether methods have their labels in place of their keys, as in files for papers
+    """
+
+    width: float | None = None
+    font: Font = "dejavu"
+    style: Style = "bench"
+    formats: tuple[Format, ...] = DEFAULT_FORMATS
+    labels: bool = False
+
+
+DEJAVU, STIX = "DejaVu Sans", "STIXGeneral"  # both come with matplotlib
+TIMES = ("Times New Roman", "Nimbus Roman", "TeX Gyre Termes", "Tinos", "Liberation Serif", "FreeSerif")
+"""Times and fonts with the same widths, the best first."""
+SANS_INSTEAD = ("Verdana", "Geneva", "sans-serif")
+"""Where DejaVu Sans is missing: as wide (Verdana), or narrower."""
+SERIF_INSTEAD = ("Times New Roman", "Times", "Liberation Serif", "STIX Two Text", "serif")
+TRUETYPE = (".ttf", ".ttc")
+"""Endings of files that are embedded in PDF as Type 42."""
+
+
+@cache
+def family_of(font: Font) -> str:
+    """Return the family that texts are set in; ``times`` is the first of `TIMES` installed as TrueType, else STIX."""
+    if font == "times":
+        return next(filter(_is_installed, TIMES), STIX)
+    return DEJAVU if font == "dejavu" else STIX
+
+
+def remark_on(font: Font) -> str:
+    """Say that another font is taken in place of a missing one; empty where the font is there."""
+    if font != "times" or family_of(font) != STIX:
+        return ""
+    return f"no Times font is installed as TrueType (looked for {', '.join(TIMES)}): the figures have STIX"
+
+
+def families(name: str) -> tuple[str, ...]:
+    """Return a family, or a font of matplotlib for formulas, and what a browser may take where it is missing."""
+    instead = SANS_INSTEAD if name.startswith("DejaVu Sans") else SERIF_INSTEAD
+    first = (name, DEJAVU) if name.startswith("DejaVu Sans ") else (name,)
+    return tuple(dict.fromkeys((*first, *instead)))
+
+
+@cache
+def complete_fonts() -> None:
+    """Put matplotlib's own fonts first in its list of fonts.
+
+    The list is a file that all processes of a user share.  One of them may have written it without these fonts, and
+    the letters of formulas are then those of another font in every figure from then on.
+    """
+    import matplotlib
+    from matplotlib.font_manager import fontManager
+
+    own = {str(path) for path in Path(matplotlib.get_data_path(), "fonts", "ttf").glob("*.ttf")}
+    for missing in sorted(own - {entry.fname for entry in fontManager.ttflist}):
+        fontManager.addfont(missing)
+    fontManager.ttflist.sort(key=lambda entry: entry.fname not in own)
+
+
+def _is_installed(family: str) -> bool:
+    from matplotlib.font_manager import FontProperties, findfont
+
+    try:
+        return str(findfont(FontProperties(family=family), fallback_to_default=False)).lower().endswith(TRUETYPE)
+    except ValueError:
+        return False
+
+
+_FORMULAS: dict[Any, Any] = {}
+MOST = 2000
+"""Formulas that are kept; matplotlib keeps 50 for each renderer, and makes a renderer for every file."""
+
+
+@contextmanager
+def formulas_once() -> Iterator[None]:
+    """Keep the formulas that matplotlib reads inside the block, for all figures of this process.
+
+    Reading a formula takes about 4 ms, and a label with one stands in every format of several figures.
+    """
+    from matplotlib.mathtext import MathTextParser
+
+    parser: Any = MathTextParser
+    usual = getattr(parser, "_parse_cached", None)
+    # The names inside matplotlib may change; its own cache is then used as it is.
+    if usual is None or not hasattr(usual, "__wrapped__"):
+        yield
+        return
+
+    def parsed(self: Any, *settings: Any) -> Any:
+        key = self._output_type, *settings
+        if key not in _FORMULAS:
+            if len(_FORMULAS) == MOST:
+                _FORMULAS.clear()
+            _FORMULAS[key] = usual.__wrapped__(self, *settings)
+        return _FORMULAS[key]
+
+    parser._parse_cached = parsed
+    try:
+        yield
+    finally:
+        parser._parse_cached = usual
+
+
 FONT_SIZE = 8
 """Size of all texts at the printed width [pt, of which an inch has 72]."""
+POINTS_PER_INCH = 72
+LINE_HEIGHT = 1.25 * FONT_SIZE
+"""Height of a line of text [pt]."""
 STYLE: dict[Any, Any] = {
     "font.size": FONT_SIZE,
     "axes.labelsize": FONT_SIZE,
@@ -128,6 +238,13 @@ def style() -> Iterator[None]:
         matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
         with formulas_once():
             yield
+
+
+def new_figure(size: tuple[float, float]) -> MplFigure:
+    """Make an empty picture [in], whose layout leaves room for its labels; call it under `style`."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, layout="constrained")
 
 
 def fix_layout(figure: MplFigure) -> None:

@@ -10,9 +10,32 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from decimal import Decimal
 
 from rmpc_bench.figures.palette import DARK, LIGHT, css_variables, in_css
-from rmpc_bench.figures.stable_svg import stable_svg
+
+DECIMALS = Decimal("0.1"), Decimal("0.01")
+"""Digits of a place on the picture, and of numbers below 10, such as those of a marker."""
+_COORDINATES = re.compile(r'(?<=\s)(?:d|x|y|width|height|points|viewBox)="[^"]*"|(?:translate|rotate)\([^)]*\)')
+"""Attributes that hold coordinates in points; a factor in `scale(...)` or a comment is left as it is."""
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{2,}")
+_HASHED_NAME = re.compile(r'(?<=id=")[a-z][0-9a-f]{10}(?=")')
+
+
+def stable_svg(text: str) -> str:
+    """Round an SVG of matplotlib to a tenth of a point, and number the names that it has made from hashes."""
+    text = _COORDINATES.sub(lambda part: _LONG_NUMBER.sub(_rounded, part[0]), text)
+    names = dict.fromkeys(_HASHED_NAME.findall(text))
+    numbers = {name: f"{name[0]}{number}" for number, name in enumerate(names, start=1)}
+    return re.sub(r'(?<=["#])[a-z][0-9a-f]{10}(?=["\)])', lambda found: numbers.get(found[0], found[0]), text)
+
+
+def _rounded(number: re.Match[str]) -> str:
+    """Write a number with few decimals; the six decimals of the text decide a half, not the float."""
+    given = Decimal(number[0])
+    rounded = given.quantize(DECIMALS[abs(given) < 10])
+    return f"{rounded if rounded else abs(rounded):f}".rstrip("0").rstrip(".")
+
 
 PRIME = "\N{PRIME}"
 SUPERSCRIPT = 0.7
@@ -88,12 +111,11 @@ def _without_repetition(text: str) -> str:
     """Leave out what draws nothing, and what is said twice."""
     for name, style in dict(_DEFINED.findall(text)).items():
         text = re.sub(rf'(href="#{re.escape(name)}"[^>]*?) {re.escape(style)}', r"\1", text)
-    return _LINES.sub(_as_one, _NOTHING.sub("", text))
-
-
-def _as_one(found: re.Match[str]) -> str:
-    """Join lines of one style that follow each other, such as those of a grid."""
-    return f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n'
+    # Lines of one style that follow each other, such as those of a grid, are one.
+    one = _LINES.sub(
+        lambda found: f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n', _NOTHING.sub("", text)
+    )
+    return one
 
 
 def _without_empty_groups(text: str) -> str:
@@ -117,13 +139,12 @@ def _with_usual_font(svg: str) -> str:
     if not usual:
         return svg
     font = usual[0][0]
-    svg = re.sub(rf'(?:; )?{re.escape(font)}(?:; )?(?=([^"]*)")', _between, svg).replace(' style=""', "")
+    svg = re.sub(
+        rf'(?:; )?{re.escape(font)}(?:; )?(?=([^"]*)")',
+        lambda found: "; " if found[0].startswith("; ") and found[1] else "",
+        svg,
+    ).replace(' style=""', "")
     return svg.replace("<svg ", f'<svg style="{font}" ', 1)
-
-
-def _between(found: re.Match[str]) -> str:
-    """Keep one semicolon where declarations stand on both sides."""
-    return "; " if found[0].startswith("; ") and found[1] else ""
 
 
 def _prime(found: re.Match[str]) -> str:
@@ -172,9 +193,6 @@ def _joined(found: re.Match[str]) -> str:
             words[-1] = ([*words[-1][0], x], y, style, words[-1][3] + character)
         else:
             words.append(([x], y, style, character))
-    return (
-        "\n".join(
-            f'<tspan x="{" ".join(places)}" y="{y}" style="{style}">{text}</tspan>' for places, y, style, text in words
-        )
-        + "\n"
+    return "".join(
+        f'<tspan x="{" ".join(at)}" y="{y}" style="{style}">{text}</tspan>\n' for at, y, style, text in words
     )

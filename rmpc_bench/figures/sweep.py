@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import Log
 from rmpc_bench.figures.captions import sentences
-from rmpc_bench.figures.change_axis import Log
 from rmpc_bench.figures.labels import metric_of
-from rmpc_bench.figures.point_tables import common_form, tables_of
-from rmpc_bench.figures.sweep_axis import POINTS, SweepAxis, axis_of, main_paths, other_paths, panel_title
-from rmpc_bench.figures.sweep_content import Show, SweepContent
-from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.figures.points import points_at, tables_of
+from rmpc_bench.figures.sweep_content import POINTS, Show, SweepContent, content_of
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.result_rows import ResultTable
@@ -119,56 +119,8 @@ class Sweep(SweepFigure):
         return found._replace(axis=axis, methods=tuple(methods), show=show, spread=self.spread, log=self.log)
 
 
-def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None = None) -> SweepContent:
-    """Arrange the tables of the points of a sweep: over one path or two, or point by point."""
-    points = [table.trials.point for table in tables]
-    titles = [short_title(table.trials) for table in tables]
-    paths = [path] if isinstance(path, str) else list(path or main_paths(points))
-    axis = axis_of(points, paths[0], titles) if len(paths) == 1 else None
-    methods = tuple(dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline))
-    if len(paths) == 2 and not other_paths(points, *paths):
-        return _grid(tables, points, paths, methods)
-    if axis is None or axis.numbers is None:
-        return _list(tables, points, paths, titles, methods)
-    others = other_paths(points, axis.path)
-    panels: dict[str, dict[str, ResultTable]] = {}
-    for point, table in zip(points, tables, strict=True):
-        panels.setdefault(panel_title(point, others), {})[point[axis.path]] = table
-    return SweepContent(axis, panels, methods, common_form(tables))
-
-
-def _grid(
-    tables: Sequence[ResultTable], points: Sequence[Mapping[str, str]], paths: Sequence[str], methods: tuple[str, ...]
-) -> SweepContent:
-    """Arrange points by two paths."""
-    across, down = (axis_of(points, path) for path in paths)
-    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts}
-    for point, table in zip(points, tables, strict=True):
-        panels[point[down.path]][point[across.path]] = table
-    return SweepContent(across, panels, methods, common_form(tables), down)
-
-
-def _list(
-    tables: Sequence[ResultTable],
-    points: Sequence[Mapping[str, str]],
-    paths: Sequence[str],
-    titles: Sequence[str],
-    methods: tuple[str, ...],
-) -> SweepContent:
-    """Arrange points one after the other, named by their path where it tells them apart."""
-    single = len(paths) == 1 and paths[0] != POINTS and not other_paths(points, *paths)
-    names = [point[paths[0]] for point in points] if single else list(titles)
-    axis = SweepAxis(POINTS, tuple(names), None, "", "point of the sweep")
-    return SweepContent(axis, {"": dict(zip(names, tables, strict=True))}, methods, common_form(tables))
-
-
 def page_drawings(tables: Sequence[ResultTable]) -> dict[str, str]:
-    """Draw the changes of a sweep of one number for the page, class of the drawing -> SVG; empty for other sweeps.
-
-    Parameters
-    ----------
-    tables : the rows of the primary metric at every point
-    """
+    """Draw the changes of a sweep of one number for the page, class of the drawing -> SVG; empty for other sweeps."""
     from rmpc_bench.figures.files import page_svg
     from rmpc_bench.figures.line_panels import draw_lines
 

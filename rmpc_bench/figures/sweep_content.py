@@ -1,18 +1,24 @@
-"""What a figure over a sweep shows: tables of rows by point, and the numbers of a method that it draws."""
+"""What a figure over a sweep shows: the axis of its swept value, and the rows of a metric at every point."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.figures.change_axis import Log
-from rmpc_bench.figures.point_tables import row_of, shown_change
-from rmpc_bench.figures.sweep_axis import SweepAxis
+import numpy as np
+
+from rmpc_bench.analysis.shown_numbers import MINUS, Estimate
+from rmpc_bench.figures.axes import WIDE, Log, value_axis
+from rmpc_bench.figures.captions import short_title
+from rmpc_bench.figures.labels import literal, width
+from rmpc_bench.figures.points import common_form, row_of, shown_change
+from rmpc_bench.figures.style import POINTS_PER_INCH
+from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from matplotlib.axes import Axes
 
     from rmpc_bench.analysis.result_rows import Form, ResultTable
     from rmpc_bench.analysis.trials import Trials
@@ -21,6 +27,74 @@ if TYPE_CHECKING:
 Show = Literal["change", "value"]
 BETTER_IF = {"lower": ", lower is better", "higher": ", higher is better"}
 FORMS = {"ratio": "change of {}", "difference": "difference of {}", "share": "share of the runs with a better {}"}
+POINTS = "points"
+"""In place of a path: every point of the sweep is a name."""
+NAME = "name"
+"""Path of the names that the rows of a zip have."""
+MOST_TICKS, ROUND_TICKS = 8, 6
+"""Swept numbers that all have a tick of their own, and ticks at round numbers where they are more."""
+PAD, APART = 0.02, 5.0
+"""Space beyond the outer points, as a share of their distance, and smallest distance of two labels of ticks [pt]."""
+PER_CENT = re.compile(r"(?P<both>\+-)?\s*(?P<number>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>%)?")
+OWNERS = {"controller": "the controller", "estimator": "the estimator", "model": "the design model"}
+OWNERS |= {section: f"the {section}" for section in ("plant", "noise", "reference", "input", "time", "uncertainty")}
+OWNERS["initial"] = "the initial state"
+"""First part of a path -> whose key it is, in words."""
+UNITS = {"time.step": "s", "time.duration": "s"}
+"""Paths whose unit does not depend on the experiment."""
+
+
+class SweepAxis(NamedTuple):
+    """The values of a swept path in the order of the axis."""
+
+    path: str
+    texts: tuple[str, ...]
+    """Values as the sweep writes them."""
+    numbers: Array | None
+    """(values,) ascending numbers; None where the values are names."""
+    unit: str
+    words: str
+    """The path in words."""
+
+    @property
+    def is_log(self) -> bool:
+        """Whether all numbers are positive and the largest exceeds 20 times the smallest."""
+        numbers = self.numbers
+        return numbers is not None and bool(numbers[0] > 0 and numbers[-1] > WIDE * numbers[0])
+
+    @property
+    def label(self) -> str:
+        """Label of the axis; empty for names, which speak for themselves."""
+        if self.path in (POINTS, NAME):
+            return ""
+        return f"{literal(self.words)} [{self.unit}]" if self.unit else literal(self.words)
+
+    def place(self, text: str) -> float:
+        """Return the number of a value."""
+        assert self.numbers is not None, "names have no numbers"
+        return float(self.numbers[self.texts.index(text)])
+
+    def scale(self, axes: Axes) -> None:
+        """Give the horizontal axis its scale, limits beside the outer points, and ticks."""
+        assert self.numbers is not None, "names have no scale"
+        scaled = np.log(self.numbers) if self.is_log else self.numbers
+        reach = float(scaled[-1] - scaled[0])
+        beyond = PAD * reach or abs(float(scaled[0])) or 1.0
+        ends = np.array([scaled[0] - beyond, scaled[-1] + beyond])
+        if self.is_log:
+            axes.set_xscale("log")
+            ends = np.exp(ends)
+        ticks = {number: f"{number:g}".replace("-", MINUS) for number in self.numbers.tolist()}
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        room = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH * np.diff(scaled, prepend=ends[0])
+        if len(ticks) > MOST_TICKS or (room[1:] < (APART + max(map(width, ticks.values()))) * reach).any():
+            chosen = value_axis(list(self.numbers), ROUND_TICKS, wide=WIDE if self.is_log else math.inf).ticks
+            ticks = {math.exp(tick.at) if self.is_log else tick.at: tick.label for tick in chosen}
+        shown = [at for at in ticks if ends[0] <= at <= ends[1]]
+        axes.set_xticks(shown, [ticks[at] for at in shown])
+        axes.minorticks_off()
+        axes.set_xlim(*ends)
 
 
 class SweepContent(NamedTuple):
@@ -119,3 +193,129 @@ class SweepContent(NamedTuple):
             margin = f" and the margin of {first.margin_text} in grey" if first.margin else ""
             return f"{against}, with {confidence} as bands{margin}, {runs}"
         return f"{against}; blue is better, orange worse, ? inconclusive, ≈ equivalent; {runs}"
+
+
+def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = ()) -> SweepAxis:
+    """Find the axis of a swept path, or of `POINTS`, which have titles, from the texts of values by point and path."""
+    if path == POINTS:
+        return SweepAxis(POINTS, tuple(dict.fromkeys(titles)), None, "", "point of the sweep")
+    texts = tuple(dict.fromkeys(point[path] for point in points))
+    found = [_number(text) for text in texts]
+    known = [each for each in found if each is not None]
+    units = {unit for _, unit in known}
+    if len(known) < len(texts) or len(units) != 1:
+        return SweepAxis(path, texts, None, "", in_words(path))
+    order = sorted(range(len(texts)), key=lambda place: known[place][0])
+    numbers = np.array([known[place][0] for place in order])
+    (unit,) = units
+    return SweepAxis(path, tuple(texts[place] for place in order), numbers, unit or UNITS.get(path, ""), in_words(path))
+
+
+def main_paths(points: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return the fewest paths that tell the points apart; names determine the values that change with them."""
+    paths = list(points[0]) if points else []
+    kept = sorted(paths, key=lambda path: path != NAME)
+    for path in reversed(kept.copy()):
+        rest = [each for each in kept if each != path]
+        if not other_paths(points, *rest):
+            kept = rest
+    return [path for path in paths if path in kept] or paths[:1]
+
+
+def other_paths(points: Sequence[Mapping[str, str]], *shown: str) -> list[str]:
+    """Return the paths that the shown ones do not determine, as they do for values that change together.
+
+    `POINTS` stands for all; points have the texts of values by path.
+    """
+    if POINTS in shown or not points:
+        return []
+    found = []
+    for path in points[0]:
+        pairs = {(*(point[each] for each in shown), point[path]) for point in points}
+        if path not in shown and len(pairs) > len({pair[:-1] for pair in pairs}):
+            found.append(path)
+    return found
+
+
+def panel_title(point: Mapping[str, str], paths: Sequence[str]) -> str:
+    """Name some coordinates of a point, such as ``set=stacked``, by the last parts of the paths if these are unique."""
+    last = [path.rpartition(".")[2] for path in paths]
+    names = last if len(set(last)) == len(last) else list(paths)
+    return ", ".join(f"{name}={point[path]}" for name, path in zip(names, paths, strict=True))
+
+
+def in_words(path: str) -> str:
+    """Say which key a path means, such as ``Hp of the controller``.
+
+    Examples
+    --------
+    >>> in_words("controller.Hp"), in_words("methods.R-MPC.estimator.c"), in_words("runs")
+    ('Hp of the controller', 'c of the estimator of R-MPC', 'runs')
+    """
+    first, *rest = path.split(".")
+    method = ""
+    if first == "methods" and len(rest) > 2:
+        # The name of a method may have points itself.
+        section = next((place for place, part in enumerate(rest) if part in OWNERS), len(rest) - 1)
+        method = f" of {'.'.join(rest[:section])}"
+        first, rest = rest[section], rest[section + 1 :]
+    if not rest:
+        return path
+    return f"{rest[-1].replace('_', ' ')} of {OWNERS.get(first, first)}{method}"
+
+
+def _number(text: str) -> tuple[float, str] | None:
+    """Read a number and its unit, which is empty, ``%`` or ``+-%``; None for other texts."""
+    found = PER_CENT.fullmatch(text.strip())
+    if found is None:
+        return None
+    try:
+        value = float(found["number"])
+    except ValueError:
+        return None
+    if not math.isfinite(value) or (found["both"] and not found["unit"]):
+        return None
+    return value, ("\N{PLUS-MINUS SIGN}%" if found["both"] else "%") if found["unit"] else ""
+
+
+def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None = None) -> SweepContent:
+    """Arrange the tables of the points of a sweep: over one path or two, or point by point."""
+    points = [table.trials.point for table in tables]
+    titles = [short_title(table.trials) for table in tables]
+    paths = [path] if isinstance(path, str) else list(path or main_paths(points))
+    axis = axis_of(points, paths[0], titles) if len(paths) == 1 else None
+    methods = tuple(dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline))
+    if len(paths) == 2 and not other_paths(points, *paths):
+        return _grid(tables, points, paths, methods)
+    if axis is None or axis.numbers is None:
+        return _list(tables, points, paths, titles, methods)
+    others = other_paths(points, axis.path)
+    panels: dict[str, dict[str, ResultTable]] = {}
+    for point, table in zip(points, tables, strict=True):
+        panels.setdefault(panel_title(point, others), {})[point[axis.path]] = table
+    return SweepContent(axis, panels, methods, common_form(tables))
+
+
+def _grid(
+    tables: Sequence[ResultTable], points: Sequence[Mapping[str, str]], paths: Sequence[str], methods: tuple[str, ...]
+) -> SweepContent:
+    """Arrange points by two paths."""
+    across, down = (axis_of(points, path) for path in paths)
+    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts}
+    for point, table in zip(points, tables, strict=True):
+        panels[point[down.path]][point[across.path]] = table
+    return SweepContent(across, panels, methods, common_form(tables), down)
+
+
+def _list(
+    tables: Sequence[ResultTable],
+    points: Sequence[Mapping[str, str]],
+    paths: Sequence[str],
+    titles: Sequence[str],
+    methods: tuple[str, ...],
+) -> SweepContent:
+    """Arrange points one after the other, named by their path where it tells them apart."""
+    single = len(paths) == 1 and paths[0] != POINTS and not other_paths(points, *paths)
+    names = [point[paths[0]] for point in points] if single else list(titles)
+    axis = SweepAxis(POINTS, tuple(names), None, "", "point of the sweep")
+    return SweepContent(axis, {"": dict(zip(names, tables, strict=True))}, methods, common_form(tables))

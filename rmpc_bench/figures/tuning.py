@@ -13,9 +13,9 @@ from rmpc_bench.figures.axes import few_ticks, make_logarithmic, stacked_panels
 from rmpc_bench.figures.captions import place, sentences
 from rmpc_bench.figures.labels import literal, typeset
 from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.line_styles import line_styles
-from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.palette import DIM, line_styles, sample
+from rmpc_bench.figures.points import point_at
+from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, ResultLayout
 from rmpc_bench.types.figure import OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -35,8 +35,8 @@ WIDE = 10.0
 """Factor between the smallest and the largest objective from which on their axis is logarithmic."""
 TUNING: dict[str, Any] = {"ls": "-", "marker": "o", "ms": 3.0, "lw": 1.0}
 TEST: dict[str, Any] = {"ls": (0, (4, 2)), "marker": "s", "ms": 3.5, "lw": 1.0, "mfc": "white"}
-CHOSEN: dict[str, Any] = {"color": REFERENCE, "ls": "-", "lw": 1.0}
-DEFAULT: dict[str, Any] = {"color": REFERENCE, "ls": (0, (1.2, 1.2)), "lw": 1.2}
+CHOSEN: dict[str, Any] = {"color": DIM, "ls": "-", "lw": 1.0}
+DEFAULT: dict[str, Any] = {"color": DIM, "ls": (0, (1.2, 1.2)), "lw": 1.2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,11 +67,9 @@ class TuningOverParameter(OnePointFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw a panel for every parameter; see `Figure.draw`."""
-        from matplotlib.figure import Figure as MplFigure
-
         content = self._content(results)
         with style():
-            figure = MplFigure(figsize=self.size(0.4 + PANEL * len(content.panels)), layout="constrained")
+            figure = new_figure(self.size(0.4 + PANEL * len(content.panels)))
             axes = stacked_panels(figure, len(content.panels), sharex=False)
             for each, panel in zip(axes, content.panels, strict=True):
                 _draw(each, panel)
@@ -95,18 +93,14 @@ class TuningOverParameter(OnePointFigure):
     def _content(self, results: Trials) -> TuningContent:
         self.require(layout_of(results))
         point, title = point_at(results, self.at)
-        found = (
-            {}
-            if point.tuning is None
-            else {each.method: each for each in point.tuning.searches if each.point == point.title}
-        )
+        searches = point.tuning.searches if point.tuning is not None else ()
+        found = {each.method: each for each in searches if each.point == point.title}
         shown = [found[name] for name in self.order or point.methods if name in found]
         if not shown:
             raise DesignError("no search of these methods is recorded at this point", "order")
         styles = line_styles(point.all_methods, point.all_methods)
-        panels = [
-            Panel(each, number, styles[each.method].color) for each in shown for number in range(len(each.parameters))
-        ]
+        places = [(each, number) for each in shown for number in range(len(each.parameters))]
+        panels = [Panel(each, number, styles[each.method].color) for each, number in places]
         return TuningContent(point, title, panels)
 
 
@@ -180,14 +174,12 @@ def _name(parameter: TunedParameter) -> str:
 
 
 def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
-    from matplotlib.lines import Line2D
-
     entries = [("tuning runs", {**TUNING, "color": "black"})]
     if any(panel.search.test is not None for panel in panels):
         entries.append(("runs of the experiment", {**TEST, "color": "black"}))
     entries.append(("tuned", CHOSEN))
     entries += [("default", DEFAULT)] if any(panel.default is not None for panel in panels) else []
-    return [(typeset(text), Line2D([], [], **keys)) for text, keys in entries]
+    return [(typeset(text), sample(**keys)) for text, keys in entries]
 
 
 def _values(panel: Panel) -> str:

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.failures import FACTOR
 from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.sweep_points import printed
+from rmpc_bench.figures.captions import printed
 from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, capitalised, chosen_columns, shown_points

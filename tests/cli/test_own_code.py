@@ -46,7 +46,7 @@ class Dots(Figure):
 
     def draw(self, results):
         from matplotlib.figure import Figure as Canvas
-        from rmpc_bench.figures.figure_result import FigureResult
+        from rmpc_bench.figures.files import FigureResult
         canvas = Canvas()
         canvas.subplots().plot([0, 1], [0, 1], self.color)
         return canvas

@@ -10,7 +10,7 @@ from rmpc_bench.config.load import load_config
 from rmpc_bench.execution.publish import publish
 from rmpc_bench.execution.report_choices import choose
 from rmpc_bench.execution.results import load_results
-from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import Rendering
 from rmpc_bench.types import ConfigError, DesignError
 
 

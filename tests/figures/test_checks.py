@@ -10,6 +10,7 @@ from rmpc_bench import load_config, registry
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.execution.evaluation import figure_component
+from rmpc_bench.registry import names
 from rmpc_bench.types import ConfigError, DesignError, OnePointFigure, ResultLayout
 
 
@@ -361,3 +362,18 @@ def test_earlier_kinds_say_what_has_become_of_them(tmp_path, kind):
     assert words in problem.message and problem.message.endswith("(rmpc-bench list figures)")
     with pytest.raises(DesignError, match=words):
         figure_component({"kind": kind})
+
+
+HEAVY = {"pandas", "matplotlib", "scipy", "numba", "jinja2"}
+
+
+def test_figures_are_loaded_without_the_libraries_that_draw_them():
+    program = (
+        "import sys\nfrom rmpc_bench.registry import get, names\n"
+        "print(*(get('figures', name).__name__ for name in names('figures')))\n"
+        "print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    kinds, modules = done.stdout.splitlines()
+    assert len(kinds.split()) == len(list(names("figures")))
+    assert not HEAVY & set(modules.split())

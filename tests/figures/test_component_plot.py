@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.figures import pgf
 from rmpc_bench.figures.component_plot import draw_component
-from rmpc_bench.figures.files import FORMATS, save_as
+from rmpc_bench.figures.files import FORMATS, latex_program, save_as
 from rmpc_bench.types import Line, Panel
 
 PANELS = (
@@ -62,7 +61,7 @@ def test_a_label_has_one_colour_in_all_panels():
 @pytest.mark.parametrize("ending", FORMATS)
 def test_same_bytes_in_every_format(tmp_path, ending):
     """No date, no version; the ending may be in capitals."""
-    if ending == ".pgf" and pgf.latex_program() is None:
+    if ending == ".pgf" and latex_program() is None:
         pytest.skip("no LaTeX is installed, and it measures the texts of PGF")
     files = [tmp_path / f"one{ending}", tmp_path / f"other{ending.upper()}"]
     for file in files:

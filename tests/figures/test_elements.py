@@ -12,7 +12,7 @@ from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.figures.elements import Elements
 from rmpc_bench.figures.files import save_as
-from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.figures.palette import METHODS
 from rmpc_bench.types import DesignError
 
 
@@ -56,7 +56,7 @@ def panel(figure, i, j):
 
 
 def line(axes, name):
-    (found,) = [each for each in axes.lines if each.get_color() == COLOURS[NAMES.index(name)]]
+    (found,) = [each for each in axes.lines if each.get_color() == METHODS[NAMES.index(name)]]
     return found
 
 

@@ -9,11 +9,9 @@ from conftest import ROUND
 from rmpc_bench.config.component import plain_data
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.ellipse_outline import Ellipse, outline
-from rmpc_bench.figures.ellipses import Ellipses
+from rmpc_bench.figures.ellipses import Ellipse, Ellipses, outline
 from rmpc_bench.figures.files import save
-from rmpc_bench.figures.line_styles import paler
-from rmpc_bench.figures.style import COLOURS, REFERENCE
+from rmpc_bench.figures.palette import DIM, METHODS, paler
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.result_layout import NO_MOMENTS, NO_P
 
@@ -86,7 +84,7 @@ def test_points_satisfy_the_equation(trials, k):
     """(z - c)' P^-1 (z - c) = s^2, all around; the last sample by default; exact centres count."""
     figure = ellipses(trials, x="x0_end", y="x1_end", k=k)
     at = N if k is None else k
-    for color, method in zip(COLOURS, ("classic", "robust"), strict=False):
+    for color, method in zip(METHODS, ("classic", "robust"), strict=False):
         P = CLASSIC * (1 + at) if method == "classic" else ROBUST
         c = x_hat(method, at)
         assert np.array_equal(centre(figure, color), c)
@@ -102,27 +100,27 @@ def test_points_satisfy_the_equation(trials, k):
 def test_dots_axes_and_legend(trials, runs):
     """The values of the runs, once, as they are the same for both; names with units; the radii by their lines."""
     figure = ellipses(trials, x="x0_end", y="x1_end")
-    assert list(dots(figure)) == [REFERENCE] and np.array_equal(dots(figure)[REFERENCE], runs)
+    assert list(dots(figure)) == [DIM] and np.array_equal(dots(figure)[DIM], runs)
     assert figure.axes[0].get_xlabel() == "x0 end [m]" and figure.axes[0].get_ylabel() == "x1 end [m/s$^{2}$]"
     assert sorted(legend(figure)) == [r"$1\sigma$", r"$3\sigma$", "30 runs", "classic", "robust"]
     (box,) = figure.legends
     samples = dict(zip((text.get_text() for text in box.get_texts()), box.get_lines(), strict=True))
-    lines = [line for line in figure.axes[0].lines if line.get_color() == COLOURS[0]]
+    lines = [line for line in figure.axes[0].lines if line.get_color() == METHODS[0]]
     for line, text, dashes in zip(lines, (r"$1\sigma$", r"$3\sigma$"), ("-", "--"), strict=False):
         assert line.get_linestyle() == samples[text].get_linestyle() == dashes
-    assert lines[0].get_linewidth() > lines[1].get_linewidth() and samples["robust"].get_color() == COLOURS[1]
+    assert lines[0].get_linewidth() > lines[1].get_linewidth() and samples["robust"].get_color() == METHODS[1]
     assert figure.axes[0].get_aspect() == "auto"
 
 
 def test_radii_and_components(trials):
     """As many as there are kinds of lines; the states the other way round."""
     figure = ellipses(trials, x="x1_end", y="x0_end", sigmas=(0.5, 1, 2, 2.5), components=(1, 0), order=["robust"])
-    found = rings(figure, COLOURS[1])
+    found = rings(figure, METHODS[1])
     for radius, points in zip((0.5, 1, 2, 2.5), found, strict=True):
         np.testing.assert_allclose(
             distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1]), radius**2, rtol=1e-9
         )
-    assert rings(figure, COLOURS[0]) == [] and r"$2.5\sigma$" in legend(figure) and "classic" not in legend(figure)
+    assert rings(figure, METHODS[0]) == [] and r"$2.5\sigma$" in legend(figure) and "classic" not in legend(figure)
 
 
 def test_values_that_depend_on_the_method(trials, runs):
@@ -133,9 +131,9 @@ def test_values_that_depend_on_the_method(trials, runs):
     frame.loc[robust & (frame["run"] < 2), "status"] = "diverged"
     frame.loc[robust & (frame["run"] == 2), "x1_end"] = np.inf
     figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
-    assert set(dots(figure)) == {paler(color, 0.35) for color in COLOURS[:2]}
-    assert np.array_equal(dots(figure)[paler(COLOURS[0], 0.35)], runs)
-    assert np.array_equal(dots(figure)[paler(COLOURS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
+    assert set(dots(figure)) == {paler(color, 0.35) for color in METHODS[:2]}
+    assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
+    assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
     assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 did not occur" and "27 to 30 runs" in legend(figure)
 
 
@@ -144,7 +142,7 @@ def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, 
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
     figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
-    assert np.array_equal(dots(figure)[REFERENCE], np.delete(runs, 4, axis=1))
+    assert np.array_equal(dots(figure)[DIM], np.delete(runs, 4, axis=1))
     assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
 
 
@@ -183,8 +181,8 @@ def test_what_is_no_covariance_has_no_ellipse(trials, tmp_path, P):
             its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
             series.loc[its, "value"] = P[i][j]
     figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
-    assert "robust (no ellipse)" in legend(figure) and len(rings(figure, COLOURS[0])) == 2
-    assert rings(figure, COLOURS[1]) == []
+    assert "robust (no ellipse)" in legend(figure) and len(rings(figure, METHODS[0])) == 2
+    assert rings(figure, METHODS[1]) == []
     save(figure, tmp_path, "none")
 
 
@@ -209,7 +207,7 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
             its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
             series.loc[its, "value"] = P[i][j]
     figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
-    mine = [line for line in figure.axes[0].lines if line.get_color() == COLOURS[1]]
+    mine = [line for line in figure.axes[0].lines if line.get_color() == METHODS[1]]
     broad = [line for line in mine if line.get_linewidth() > 2.0 and line.get_linestyle() != "None"]
     crosses = [line for line in mine if line.get_marker() == "x" and line.get_markersize() >= 8]
     assert bool(broad) == (shape == "segment") and bool(crosses) == (shape == "point")
@@ -221,7 +219,7 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
 def test_centres_from_runs_where_there_are_no_exact_ones(trials):
     """The mean over the runs."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
-    assert np.array_equal(centre(ellipses(sampled, x="x0_end", y="x1_end"), COLOURS[0]), x_hat("classic", N) + 9)
+    assert np.array_equal(centre(ellipses(sampled, x="x0_end", y="x1_end"), METHODS[0]), x_hat("classic", N) + 9)
 
 
 def test_a_method_without_P(trials):

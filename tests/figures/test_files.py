@@ -13,20 +13,17 @@ from pypdf import PdfReader
 
 from rmpc_bench.execution.evaluation import figure
 from rmpc_bench.expressions.units import inches
-from rmpc_bench.figures import fonts, pdf_fonts, pgf
+from rmpc_bench.figures import files, pdf_fonts, style
 from rmpc_bench.figures.boxplot import Boxplot
-from rmpc_bench.figures.figure_result import FigureResult
-from rmpc_bench.figures.files import save
-from rmpc_bench.figures.paper import LEAST, THINNER, thin_lines
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import font_family, is_for_paper, rendered
+from rmpc_bench.figures.files import LEAST, THINNER, FigureResult, save, thin_lines
+from rmpc_bench.figures.style import Rendering, font_family, is_for_paper, rendered
 
 COLUMN = inches("252pt")
 SCRIPT = """
 import sys
 from matplotlib.figure import Figure
 from rmpc_bench.figures.files import save
-from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import Rendering
 from rmpc_bench.figures.style import rendered, style
 from pathlib import Path
 rendering = Rendering(font="stix", formats=("svg", "pdf", "png"))
@@ -111,7 +108,7 @@ def test_the_same_bytes_twice(make_trials, tmp_path):
     assert [file.read_bytes() for file in first] == [file.read_bytes() for file in again]
 
 
-@pytest.mark.skipif(pgf.latex_program() is None, reason="no LaTeX is installed, and it measures the texts of PGF")
+@pytest.mark.skipif(files.latex_program() is None, reason="no LaTeX is installed, and it measures the texts of PGF")
 def test_pgf(make_trials, tmp_path):
     """Texts are those of the document, at 8 pt."""
     picture, rendering = drawn(make_trials, formats=("pgf",))
@@ -133,14 +130,14 @@ def test_fonts(monkeypatch):
     with rendered(Rendering(font="stix", style="paper")):
         assert font_family() == "STIXGeneral" and is_for_paper()
     assert font_family() == "DejaVu Sans" and not is_for_paper()
-    monkeypatch.setattr(fonts, "_is_installed", lambda family: family == "Liberation Serif")
-    fonts.family_of.cache_clear()
-    assert fonts.family_of("times") == "Liberation Serif" and fonts.remark_on("times") == ""
-    monkeypatch.setattr(fonts, "_is_installed", lambda family: False)
-    fonts.family_of.cache_clear()
-    assert fonts.family_of("times") == "STIXGeneral" and "STIX" in fonts.remark_on("times")
-    fonts.family_of.cache_clear()
-    assert fonts.remark_on("dejavu") == ""
+    monkeypatch.setattr(style, "_is_installed", lambda family: family == "Liberation Serif")
+    style.family_of.cache_clear()
+    assert style.family_of("times") == "Liberation Serif" and style.remark_on("times") == ""
+    monkeypatch.setattr(style, "_is_installed", lambda family: False)
+    style.family_of.cache_clear()
+    assert style.family_of("times") == "STIXGeneral" and "STIX" in style.remark_on("times")
+    style.family_of.cache_clear()
+    assert style.remark_on("dejavu") == ""
 
 
 def test_lines_of_a_paper_are_thinner(make_trials):

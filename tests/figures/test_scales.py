@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.figures.scales import APART, difference_axis, ratio_axis, share_axis, value_axis
+from rmpc_bench.figures.axes import APART, difference_axis, ratio_axis, share_axis, value_axis
 
 
 def changes(*rows):

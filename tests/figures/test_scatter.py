@@ -14,10 +14,9 @@ from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.files import save_as
-from rmpc_bench.figures.pareto_front import dots_of, not_dominated
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.scatter import Scatter
-from rmpc_bench.figures.style import COLOURS, REFERENCE, rendered
+from rmpc_bench.figures.palette import DIM, METHODS
+from rmpc_bench.figures.scatter import Scatter, dots_of, not_dominated
+from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.types import DesignError, MetricInfo
 
 
@@ -61,7 +60,7 @@ def dots(figure):
 
 def steps(figure):
     """Corners of the step line."""
-    (line,) = [line for line in figure.axes[0].lines if line.get_color() == REFERENCE]
+    (line,) = [line for line in figure.axes[0].lines if line.get_color() == DIM]
     return [tuple(corner) for corner in np.array(line.get_xydata()).tolist()]
 
 
@@ -83,7 +82,7 @@ def test_medians_with_the_interquartile_range(trials):
     """The quartiles of numpy in both directions, labels beside the dots, metrics with their units on the axes."""
     figure = draw(trials)
     expected = []
-    for name, color in zip("ABCD", COLOURS, strict=False):
+    for name, color in zip("ABCD", METHODS, strict=False):
         x, y = (np.quantile(trials.column(metric, name), [0.25, 0.5, 0.75]) for metric in ("error", "effort"))
         ((drawn_x, drawn_y, _),) = dots(figure)[color]
         np.testing.assert_allclose([drawn_x, drawn_y], [x[1], y[1]], **ROUND)
@@ -100,7 +99,7 @@ def test_means_with_standard_errors(trials):
     figure = draw(trials, bars="se", order=["B"])
     values = trials.column("error", "B")
     se = values.std(ddof=1) / 3.0
-    ((x, *_),) = dots(figure)[COLOURS[1]]
+    ((x, *_),) = dots(figure)[METHODS[1]]
     np.testing.assert_allclose(x, values.mean(), **ROUND)
     np.testing.assert_allclose(bars(figure)[0][0], [values.mean() - se, values.mean() + se], **ROUND)
     assert figure.axes[0].get_title() == "means, bars: standard errors, 9 runs"
@@ -114,8 +113,8 @@ def brute_force(points):
 def test_the_front_against_brute_force(trials, make_trials):
     """Filled dots are those of the front; steps go from one to the next, first to the side, then down."""
     figure = draw(trials)
-    filled = [each[:2] for color in COLOURS[:4] for each in dots(figure).get(color, []) if each[2]]
-    every = [each[:2] for each in (dots(figure)[color][0] for color in COLOURS[:4])]
+    filled = [each[:2] for color in METHODS[:4] for each in dots(figure).get(color, []) if each[2]]
+    every = [each[:2] for each in (dots(figure)[color][0] for color in METHODS[:4])]
     front = sorted(brute_force(every))
     assert sorted(filled) == front and len(front) == 3
     (a, b, c) = front
@@ -136,7 +135,7 @@ def test_larger_may_be_better(make_trials):
         {"score": {"A": [5.0], "B": [3.0], "C": [2.0]}, "effort": {"A": [4.0], "B": [1.0], "C": [2.0]}}, (SCORE, EFFORT)
     )
     figure = scatter(table, x="score", y="effort")
-    assert [dots(figure)[color][0][2] for color in COLOURS[:3]] == [True, True, False]
+    assert [dots(figure)[color][0][2] for color in METHODS[:3]] == [True, True, False]
     assert steps(figure) == [(5.0, 4.0), (3.0, 4.0), (3.0, 1.0)]
     assert figure.axes[0].get_title() == "1 run"
 
@@ -145,14 +144,14 @@ def test_without_a_front(trials):
     """All dots are filled and nothing joins them."""
     figure = draw(trials, front=False)
     assert all(each[2] for found in dots(figure).values() for each in found) and not figure.legends
-    assert REFERENCE not in [line.get_color() for line in figure.axes[0].lines]
+    assert DIM not in [line.get_color() for line in figure.axes[0].lines]
 
 
 def test_metrics_that_are_best_at_zero_or_one(make_trials):
     """Of every run the distance from there, and the axis says so."""
     table = make_trials({"bias": {"A": [-3.0, 1.0, -2.0]}, "nees": {"A": [0.5, 1.0, 8.0]}}, infos=(BIAS, RATIO))
     figure = scatter(table, x="bias", y="nees")
-    ((x, y, _),) = dots(figure)[COLOURS[0]]
+    ((x, y, _),) = dots(figure)[METHODS[0]]
     np.testing.assert_allclose([x, y], [2.0, 2.0], **ROUND)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "max(NEES, 1/NEES)")
 
@@ -168,11 +167,11 @@ def test_failed_and_infinite(make_trials):
         infos=(ERROR, EFFORT),
     )
     figure = draw(table)
-    ((x, y, _),) = dots(figure)[COLOURS[0]]
+    ((x, y, _),) = dots(figure)[METHODS[0]]
     assert (x, y) == (2.0, 4.0) and texts(figure) == ["A, 3/4", "B, n=4"]
     assert figure.axes[0].get_title() == "medians, bars: interquartile range; left out: C"
     assert [bar for bar in bars(figure) if max(bar[0]) > 1e99] == [[[1.0, FAR], [2.5, 2.5]]]
-    assert COLOURS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
+    assert METHODS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
 
 
 @pytest.fixture
@@ -194,12 +193,12 @@ def sweep(trials, make_sweep):
 def test_the_points_of_a_sweep(sweep):
     """In its order, joined; what points share is one dot with the name of its method, the others have their values."""
     figure = draw(sweep)
-    mine = [each[:2] for each in dots(figure)[COLOURS[0]]]
+    mine = [each[:2] for each in dots(figure)[METHODS[0]]]
     expected = [[np.median(point.column(metric, "A")) for metric in ("error", "effort")] for point in sweep.points]
     np.testing.assert_allclose(mine, expected, **ROUND)
     (line,) = [each for each in figure.axes[0].lines if len(each.get_xdata()) == 3]
     np.testing.assert_allclose(line.get_xydata(), expected, **ROUND)
-    assert len(dots(figure)[COLOURS[1]]) == 1
+    assert len(dots(figure)[METHODS[1]]) == 1
     assert texts(figure) == ["kp=0", "kp=1", "kp=2", "B"] and legend(figure) == ["A", "not dominated"]
     assert texts(draw(sweep, at=[{"kp": 2}, {"kp": 0}])) == ["kp=2", "kp=0", "B"]
     assert texts(draw(sweep, at=[{"kp": 1}])) == ["A", "B"]
@@ -316,10 +315,10 @@ def test_the_path_of_a_run(runs, magnify):
     figure = scatter(runs, x="y.0", y="y.1", magnify=magnify, from_=2.0)
     found = paths(figure)
     r = runs.traces["A"].r[4:]
-    for color, name in zip(COLOURS, "AB", strict=False):
+    for color, name in zip(METHODS, "AB", strict=False):
         y = runs.traces[name].signals["y"][0, 4:]
         np.testing.assert_allclose(found[color], r + magnify * (y - r), atol=1e-12)
-    np.testing.assert_array_equal(found[REFERENCE], r)
+    np.testing.assert_array_equal(found[DIM], r)
     assert figure.axes[0].get_aspect() == 1.0 and legend(figure) == ["A", "B", "reference", "burst"]
     assert ("\N{MULTIPLICATION SIGN}10" in figure.axes[0].get_xlabel()) == (magnify == 10.0)
     assert "run 0 for A and B, t = 2 to 20 s; dashed: reference" in Scatter(x="y.0", y="y.1", from_=2.0).caption(runs)

@@ -11,9 +11,8 @@ from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.files import page_svg, save
 from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.palette import BAND, INK, METHODS, PRINT
-from rmpc_bench.figures.signal_panels import WORDS
+from rmpc_bench.figures.signal_content import MOST_THIN, WORDS, needed_points
 from rmpc_bench.figures.signals import Signals
-from rmpc_bench.figures.thinning import MOST_THIN, needed_points
 from rmpc_bench.types import DesignError
 
 RUNS, STEPS = 60, 25

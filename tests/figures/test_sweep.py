@@ -14,9 +14,9 @@ from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.line_panels import apart
 from rmpc_bench.figures.palette import DIM, METHODS
-from rmpc_bench.figures.point_tables import tables_of
+from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.sweep import Sweep, page_drawings
-from rmpc_bench.figures.sweep_axis import main_paths
+from rmpc_bench.figures.sweep_content import main_paths
 from rmpc_bench.types import DesignError, MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")

@@ -1,16 +1,20 @@
-"""SVG and PDF from one draw: the SVG is that of a draw of its own, and the PDF shows the same."""
+"""SVG and PDF from one draw show what a draw of their own shows, and the small fonts of a PDF what whole ones show."""
 
+import io
 import re
+from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
+from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
+from matplotlib.ft2font import FT2Font, LoadFlags
 from pypdf import PdfReader
 
-from rmpc_bench.figures.files import save, svg_of
-from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.figures.style import style
-from rmpc_bench.figures.vector_files import can_be_drawn_once
+from rmpc_bench.figures.files import can_be_drawn_once, save, svg_of
+from rmpc_bench.figures.pdf_fonts import subset_of
+from rmpc_bench.figures.style import Rendering, style
 
 BOTH = Rendering(formats=("svg", "pdf"))
 
@@ -84,3 +88,48 @@ def test_pictures_with_images_are_drawn_for_each_format():
         figure = Figure()
         getattr(figure.subplots(), draw)([[1, 2], [3, 4]])
         assert not can_be_drawn_once(figure)
+
+
+FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+FLAGS = LoadFlags.NO_SCALE | LoadFlags.NO_HINTING
+
+
+@pytest.mark.parametrize(
+    "name", ["DejaVuSans.ttf", "DejaVuSans-Oblique.ttf", "STIXGeneral.ttf", "DejaVuSansMono.ttf", "cmr10.ttf"]
+)
+def test_glyphs(name):
+    """Oracle: FreeType reads every glyph of the whole font; accented letters consist of others."""
+    font = FT2Font(FONTS / name)
+    letters = font.get_charmap()
+    glyphs = {letters[code] for code in map(ord, "aäÄgé−0.5[]αµ") if code in letters} | set(
+        list(letters.values())[:300]
+    )
+    data, index = subset_of(str(FONTS / name), glyphs)
+    assert set(index) == glyphs and len(data) < (FONTS / name).stat().st_size
+    small = FT2Font(io.BytesIO(data))
+    for glyph in glyphs:
+        expected = font.load_glyph(glyph, flags=FLAGS)
+        path = font.get_path()
+        found = small.load_glyph(index[glyph], flags=FLAGS)
+        assert found.horiAdvance == expected.horiAdvance and found.bbox == expected.bbox
+        assert all(np.array_equal(one, other) for one, other in zip(small.get_path(), path, strict=True))
+
+
+def test_tables():
+    """fontTools finds the checksums right and every glyph readable."""
+    data, index = subset_of(str(FONTS / "DejaVuSans.ttf"), {36, 37, 200})
+    font = TTFont(io.BytesIO(data), checkChecksums=2, lazy=False)
+    assert {"glyf", "head", "hhea", "hmtx", "loca", "maxp"} <= set(font.keys()) and "fpgm" not in font
+    assert font["maxp"].numGlyphs == len(font.getGlyphOrder()) >= 4
+    assert all(not getattr(glyph, "program", None) for glyph in map(font["glyf"].__getitem__, font.getGlyphOrder()))
+    assert sorted(index) == [36, 37, 200]
+
+
+def test_other_fonts(tmp_path):
+    """A file without TrueType outlines is left to fontTools."""
+    file = tmp_path / "a.otf"
+    file.write_bytes(b"OTTO" + bytes(100))
+    assert subset_of(str(file), {1}) is None
+    file = tmp_path / "b.ttf"
+    file.write_bytes(b"\x00\x01\x00\x00" + bytes(100))
+    assert subset_of(str(file), {1}) is None

@@ -18,7 +18,7 @@ from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
-from rmpc_bench.figures.sweep_points import short_title
+from rmpc_bench.figures.captions import short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import short
-from rmpc_bench.figures.sweep_axis import NAME, main_paths
-from rmpc_bench.figures.sweep_points import printed, short_title
+from rmpc_bench.figures.captions import printed, short_title
+from rmpc_bench.figures.sweep_content import NAME, main_paths
 
 MOST_OPEN = 60
 """Points of a sweep up to which a matrix is not folded."""

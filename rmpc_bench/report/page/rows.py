@@ -11,7 +11,7 @@ from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.scales import Axis, difference_axis, ratio_axis, share_axis, value_axis
+from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
 from rmpc_bench.report.columns import columns_of, other_average, value_text
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column

@@ -1,4 +1,4 @@
-"""The rows of a metric at the points that a figure shows, computed once for picture and caption."""
+"""Points of a sweep that a figure shows: their selection, their titles, and the rows of a metric at each of them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,49 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from rmpc_bench.analysis.shown_numbers import Estimate
+from rmpc_bench.figures.captions import short_title
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.figure import PointValues
+from rmpc_bench.types.result_layout import texts_of
+from rmpc_bench.types.sweep_points import lies_at, no_such_point
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.result_rows import Form, ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types import MetricInfo
+
+
+def points_at(trials: Trials, at: Sequence[PointValues] | None) -> Sequence[Trials]:
+    """Select, once each, the points that have the values by path of an entry of `at`; all points if it is not given.
+
+    Without a sweep it is the whole table.  Raises a DesignError when `at` names no point.
+    """
+    if at is None:
+        return trials.each
+    points: list[Trials] = []
+    for values in at:
+        points += [point for point in _having(trials, values) if point not in points]
+    return points
+
+
+def point_at(trials: Trials, at: PointValues | None) -> tuple[Trials, str]:
+    """Return the first point that has the given values by path, or the first one of all, and its title.
+
+    The title is empty where there is no sweep.  Raises a DesignError when `at` names no point.
+    """
+    points = trials.each if at is None else _having(trials, at)
+    of_several = f" (first of {len(points)} points)" if len(points) > 1 else ""
+    return points[0], short_title(points[0]) + of_several
+
+
+def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:
+    texts = texts_of(values)
+    message = no_such_point([point.point for point in trials.each], texts)
+    if message:
+        raise DesignError(message, "at")
+    return [point for point in trials.each if lies_at(point.point, texts)]
+
 
 MOST_POINTS = 6
 """Points below each other that a reader can still compare."""
@@ -55,10 +92,12 @@ def row_of(table: ResultTable, method: str) -> ResultRow | None:
     return next((row for row in table.rows if row.method == method), None)
 
 
-def first_points(points: Sequence[Trials]) -> tuple[Sequence[Trials], str]:
-    """Return as many points as a figure shows below each other, and say where there are more."""
+def first_tables(results: Trials, at: Sequence[PointValues] | None, info: MetricInfo) -> tuple[list[ResultTable], str]:
+    """Collect the rows of as many points as stand below each other in a figure, and say where there are more."""
+    points = points_at(results, at)
     more = len(points) > MOST_POINTS
-    return points[:MOST_POINTS], f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+    words = f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
+    return tables_of(results, points[:MOST_POINTS], info), words
 
 
 def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:
