@@ -72,7 +72,7 @@ def test_the_file_of_a_finished_run(tmp_path):
         np.testing.assert_allclose(each["mean"], summary.loc[each["method"], "mean"], rtol=1e-5)
         np.testing.assert_allclose(each["se"], summary.loc[each["method"], "se"], rtol=1e-5)
     text = cli("status", out).stdout
-    assert text.startswith("tiny   12 of 12 trials (100 %), 0 failed   ") and "finished" in text
+    assert text.startswith("tiny   12 of 12 trials (100 %), 0 failed") and "finished" in text
 
 
 def test_a_run_with_nothing_to_do_leaves_the_file(tmp_path):
