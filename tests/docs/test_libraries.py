@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from docs.followed_page import BLOCK, follow
+from docs.followed_page import BLOCK, comparable, follow
 
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, mean_text, plain
 from rmpc_bench.extras import EXTRAS, is_installed
@@ -17,6 +17,8 @@ SECTIONS = {
 FIRST = "Ten commands"
 FOLLOWED = [title for title, text in SECTIONS.items() if re.search(r"^```console", text, re.MULTILINE)]
 LIBRARY = re.compile(r"\b(" + "|".join({*EXTRAS.values()} - {"control"}) + r")\b|import control\b|\{control:")
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 
 def extras_of(text):
@@ -64,13 +66,16 @@ def test_ten_commands_lead_to_a_comparison(steps):
     assert (place / "results" / "theirs" / "figures" / "boxplot.svg").is_file()
 
 
-def test_the_table_of_the_page(steps):
-    """Names and means are printed as they stand there; times per step and last digits differ between machines."""
+def test_the_screen_of_the_page(steps):
+    """It is printed as it stands there; the time, and last digits, differ between machines."""
     step = next(step for step in steps(FIRST)[1] if step.shown is not None)
-    rows = [re.findall(r"^ (\S+) +\(([\d.]+) ± [\d.]+\)(e-\d+)", text, re.MULTILINE) for text in (step.shown, step.out)]
-    shown, printed = ({name: float(mean + power) for name, mean, power in found} for found in rows)
-    assert [*shown] == [*printed] == ["Kalman", "do-mpc", "filterpy"]
-    assert shown == pytest.approx(printed, rel=0.02)
+    shown, printed = (comparable(text).partition("\n")[2] for text in (step.shown, step.out))
+    words, same = (
+        [re.sub(r"[-+]?[\d.]+", "#", line).split() for line in text.splitlines()] for text in (shown, printed)
+    )
+    assert words == same
+    numbers, close = ([float(number) for number in NUMBER.findall(text)] for text in (shown, printed))
+    assert numbers == pytest.approx(close, rel=0.02, abs=0.15) and len(numbers) > 10
 
 
 def kept(name):

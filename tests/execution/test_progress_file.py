@@ -210,7 +210,7 @@ def test_a_file_that_cannot_be_written_does_not_end_the_run(tmp_path, monkeypatc
 def test_options_for_less_and_more_text(tmp_path):
     path = write(tmp_path, uncertainty="{eps: +-20%}")
     quiet = cli("run", path, "-o", tmp_path / "a", "-j", 1, "-q")
-    assert quiet.exit_code == 0 and quiet.stderr == "" and "tiny done in" in quiet.stdout
+    assert quiet.exit_code == 0 and quiet.stderr == "" and quiet.stdout.startswith("tiny   6 of 6 runs, 0 failed, ")
     verbose = cli("run", path, "-o", tmp_path / "b", "-j", 1, "-v", "--progress", "none")
     assert f"written: {tmp_path / 'b' / 'trials.csv'}" in verbose.stderr and " s, report " in verbose.stderr
 
