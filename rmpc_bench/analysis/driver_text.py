@@ -20,17 +20,17 @@ MUCH_OF = 0.25
 
 
 def share_text(row: Row) -> str:
-    """Write a share with its interval in per cent, such as ``79 % [67, 85]``; a negative estimate is 0.
+    """Write a share with its interval in per cent, such as ``79 % [67, 85]``; ``-`` in place of one that is unclear.
 
     Parameters
     ----------
     row : a row of `rmpc_bench.analysis.drivers`
     """
     if math.isnan(row["share"]):
-        return "not resolved"
+        return "-"
     low, high = (per_cent(row[name]) for name in ("share_low", "share_high"))
     if not row["resolved"]:
-        return f"not resolved [{low}, {high}]"
+        return f"- [{low}, {high}]"
     return f"{per_cent(row['share'])} % [{low}, {high}]"
 
 

@@ -84,7 +84,7 @@ def median_text(median: float, low: float, high: float, n: int) -> str:
 
 
 def interval_text(value: float, low: float, high: float, *, unit: str = "", sign: bool = True) -> str:
-    """Write a number with its interval and unit; `sign` gives positive numbers a plus; "-" where there is no number.
+    """Write a number with its interval and unit; `sign` gives numbers shown above 0 a plus; "-" without a number.
 
     >>> interval_text(-10.9134, -12.077, -9.73443, unit="%")
     '-10.9 % [-12.1, -9.7]'
@@ -97,7 +97,7 @@ def interval_text(value: float, low: float, high: float, *, unit: str = "", sign
         return "-"
     unit = f" {unit}" if unit else ""
     if math.isnan(low):
-        return _plus(f"{value:.3g}", value, sign) + unit
+        return _plus(f"{value:.3g}", sign) + unit
     reach = (high - low) / 2
     largest = max(abs(end) for end in (value, low, high))
     if not math.isfinite(reach) or largest >= 10.0 ** _PLAIN[1]:
@@ -108,12 +108,12 @@ def interval_text(value: float, low: float, high: float, *, unit: str = "", sign
         # Left of the point, too: the digits of 20911 that an error of 8000 does not support are 0.
         places = _places_of(reach) if reach >= 100 else decimals(reach)
         texts = [f"{round(number, places):z.{max(places, 0)}f}" for number in (value, low, high)]
-    first, *ends = (_plus(text, number, sign) for text, number in zip(texts, (value, low, high), strict=True))
+    first, *ends = (_plus(text, sign) for text in texts)
     return f"{first}{unit} [{', '.join(ends)}]"
 
 
-def _plus(text: str, value: float, sign: bool) -> str:
-    return f"+{text}" if sign and value >= 0 else text
+def _plus(text: str, sign: bool) -> str:
+    return f"+{text}" if sign and float(text) > 0 else text
 
 
 def _places_of(size: float) -> int:

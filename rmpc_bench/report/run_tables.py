@@ -122,7 +122,7 @@ MOST_POINTS = 12
 DRIVERS_NOTE = (
     "Share: what the adjusted R^2 of a quadratic response surface loses without all terms of a quantity. It is the "
     f"total effect of the quantity, interactions included, so that shares need not sum to 100 %. Brackets: interval "
-    f"from a bootstrap of whole runs. Not resolved: below {FEWEST} runs, an interval that contains 0 and reaches "
+    f"from a bootstrap of whole runs. No share (-): below {FEWEST} runs, an interval that contains 0 and reaches "
     "beyond 5 %, or a share of about 0 of a quantity that is correlated with another one."
 )
 

@@ -25,7 +25,7 @@ from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, s
 from rmpc_bench.report.run_tables import DriversTable
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
-from rmpc_bench.types.texts import cut, width_of, without_formulas, wrapped
+from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
 WIDTH = 80
 """Columns of the screen; fewer where a terminal has fewer."""
@@ -35,6 +35,8 @@ MOST_LINES = 25
 """Lines of the screen of few methods and points; notes below a long matrix are fewer."""
 _FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
 """Notes in the order of their importance."""
+_WHOLE = ("failed", "page")
+"""Notes whose lines are not broken: a command or a path that is copied."""
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
 _GLUE = "\x01"
 """Stands for a blank at which a line does not end."""
@@ -118,7 +120,9 @@ class Screen:
     def _notes(self, room: int, width: int) -> list[str]:
         """Choose the notes that fit, the most important ones first; they are shown in another order."""
         notes = {
-            name: [line for text in texts for line in wrapped(plain(text), width, " ", " ")]
+            name: [f" {line}" for line in texts]
+            if name in _WHOLE
+            else [line for text in texts for line in wrapped(plain(text), width, " ", " ")]
             for name, texts in self._texts(width)
             if texts
         }
@@ -142,8 +146,7 @@ class Screen:
         yield "differs", [cut(text, width - 1) for text in self._differing()]
         yield "driven", self._driven()
         yield "remarks", [cut(text, width - 1) for text in remark_lines(self.trials)[:1]]
-        path = str(self.page)
-        yield "page", [path if width_of(path) < width else f"{self.page.parent}/ {self.page.name}"]
+        yield "page", [str(self.page)]
 
     def _note(self) -> str:
         """Say what runs share, what brackets are, and where parameters come from."""
@@ -199,8 +202,8 @@ class Screen:
         left = len(counts) - 1
         more = f" (and {left} more method{'s' * (left > 1)}: failures/)" if left else ""
         text = f"failed: {method}, {n} run{'s' * (n > 1)}{why}{more}; the first again:"
-        command = wrapped(show_command(table, self.page.parent, method, run), width - 3)
-        return [cut(text, 2 * (width - 1)), *(f"{line} \\" for line in command[:-1]), command[-1]]
+        command = show_command(table, self.page.parent, method, run)
+        return [*wrapped(plain(cut(text, 2 * (width - 1))), width - 1), *command_lines(command, width - 1)]
 
     def _claims(self) -> list[str]:
         if not self.verdicts:

@@ -7,6 +7,7 @@ scripts and emoji need joiners.  Neither contains a control character or one tha
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
 from collections.abc import Sequence
 
@@ -118,6 +119,17 @@ def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -
             lines.append(line[:n])
             line = indent + line[n:]
     return [*lines, line]
+
+
+def command_lines(command: str, width: int) -> list[str]:
+    """Break a command of the shell between its arguments; an argument that is wider than a line stays whole."""
+    lines = [""]
+    for each in map(shlex.quote, shlex.split(command)):
+        if lines[-1] and width_of(lines[-1]) + width_of(each) + 3 > width:
+            lines[-1] += " \\"
+            lines.append("")
+        lines[-1] += f" {each}" if lines[-1] else each
+    return lines
 
 
 def folded(lines: Sequence[str], width: int) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rmpc_bench.analysis.driver_text import share_text
 from rmpc_bench.analysis.drivers import REST, drivers, inputs
 from rmpc_bench.analysis.intervals import student, wilson
 from rmpc_bench.analysis.responses import SHARE, Response
@@ -76,6 +77,19 @@ def test_below_fifty_runs_nothing_is_resolved(made):
     """There is no share, and the row says how many runs there are."""
     row = rows(drivers(made(n=49, table=quantities(49))), "new")["a"]
     assert (np.isnan(row["share"]), row["resolved"], row["n"], row["worst_n"]) == (True, False, 49, 0)
+
+
+@pytest.mark.parametrize(
+    ("row", "text"),
+    [
+        ((0.79, 0.67, 0.85, True), "79 % [67, 85]"),
+        ((-0.01, -0.02, 0.01, True), "0 % [0, 1]"),
+        ((0.04, -0.01, 0.21, False), "- [0, 21]"),
+        ((np.nan, np.nan, np.nan, False), "-"),
+    ],
+)
+def test_a_share_is_a_number_or_a_dash(row, text):
+    assert share_text(dict(zip(("share", "share_low", "share_high", "resolved"), row, strict=True))) == text
 
 
 def test_failed_runs_are_left_out_and_counted(made):

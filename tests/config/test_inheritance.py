@@ -335,7 +335,7 @@ def test_a_model_of_a_plant_that_is_no_model(here):
 
 def test_what_a_file_takes_shows_in_check(here):
     """Plant beside design model, with the numbers of the file."""
-    shown = " ".join(cli("check", write_taking(here, f"{{from: {BENCH}}}", methods=METHODS)).stdout.split())
+    shown = " ".join(cli("check", write_taking(here, f"{{from: {BENCH}}}", methods=METHODS), "--full").stdout.split())
     assert "A [[0.9, 0.2], [0.0, 0.7]] [[0.9, 0.2], [0.0, 0.7]]" in shown
 
 

@@ -72,7 +72,7 @@ def test_the_file_of_a_finished_run(tmp_path):
         np.testing.assert_allclose(each["mean"], summary.loc[each["method"], "mean"], rtol=1e-5)
         np.testing.assert_allclose(each["se"], summary.loc[each["method"], "se"], rtol=1e-5)
     text = cli("status", out).stdout
-    assert text.startswith("tiny   12 of 12 trials (100 %), 0 failed   ") and "finished" in text
+    assert text.startswith("tiny   12 of 12 trials (100 %), 0 failed") and "finished" in text
 
 
 def test_a_run_with_nothing_to_do_leaves_the_file(tmp_path):
@@ -210,7 +210,7 @@ def test_a_file_that_cannot_be_written_does_not_end_the_run(tmp_path, monkeypatc
 def test_options_for_less_and_more_text(tmp_path):
     path = write(tmp_path, uncertainty="{eps: +-20%}")
     quiet = cli("run", path, "-o", tmp_path / "a", "-j", 1, "-q")
-    assert quiet.exit_code == 0 and quiet.stderr == "" and "tiny done in" in quiet.stdout
+    assert quiet.exit_code == 0 and quiet.stderr == "" and quiet.stdout.startswith("tiny   6 of 6 runs, 0 failed, ")
     verbose = cli("run", path, "-o", tmp_path / "b", "-j", 1, "-v", "--progress", "none")
     assert f"written: {tmp_path / 'b' / 'trials.csv'}" in verbose.stderr and " s, report " in verbose.stderr
 

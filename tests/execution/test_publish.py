@@ -109,9 +109,7 @@ def test_summary_of_a_publication(results, directory, tmp_path):
     """The text of `report`, but for the directory."""
     shown = cli("report", directory).stdout
     text = publish(results, to=tmp_path / "out").summary()
-    # A path that is longer than a line is broken.
-    joined = ["".join(each.split()) for each in (text, shown)]
-    assert joined[0].replace(str(tmp_path / "out"), str(directory)) == joined[1]
+    assert text.replace(str(tmp_path / "out"), str(directory)).strip() == shown.strip()
     assert str(publish(results, to=tmp_path / "out")) == text
 
 

@@ -1,5 +1,6 @@
 """The screen at the end of a run, from small tables of trials: what it shows, how wide and how long it is."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,8 +41,8 @@ def sweep(make, points, path="x"):
     return replace(tables[0], paths=(path,), points=tables, point={}, title="")
 
 
-def shown(trials, width=80, **others):
-    """Return the lines of the screen; none is wider than the terminal."""
+def screen_of(trials, **others):
+    """Return the screen of trials whose page is in results/tiny."""
     made = {
         "name": "tiny",
         "trials": trials,
@@ -54,7 +55,12 @@ def shown(trials, width=80, **others):
         "demanded": requirements_table(trials),
         "ranked": ranks_table(trials),
     }
-    lines = Screen(**made | others).text(width).split("\n")
+    return Screen(**made | others)
+
+
+def shown(trials, width=80, **others):
+    """Return the lines of the screen; none is wider than the terminal."""
+    lines = screen_of(trials, **others).text(width).split("\n")
     assert max(map(width_of, lines)) <= width, "\n".join(lines)
     assert lines == [line.rstrip() for line in lines]
     return lines
@@ -163,14 +169,27 @@ def test_marks_are_explained_where_they_occur():
 
 def test_failures_have_one_command():
     bad = noisy(0.9)
-    bad[[3, 7]] = np.nan
-    failure = RunFailure(run=3, status=1, component="estimator", k=33, message="Matrix is not positive definite")
+    bad[3:13] = np.nan
+    kind = {"status": 1, "component": "estimator", "k": 33, "message": "Matrix is not positive definite"}
+    failures = tuple(RunFailure(run=run, **kind) for run in range(3, 13))
     trials = one({"KF": BASE, "Sage-Husa": bad})
-    trials = replace(trials, notes={"Sage-Husa": RunNotes(100, failures=(failure,))})
+    trials = replace(trials, notes={"Sage-Husa": RunNotes(100, failures=failures)})
     lines = shown(trials)
-    assert lines[-3] == " failed: Sage-Husa, 2 runs, 'Matrix is not positive definite'; the first again:"
+    assert lines[-3] == " failed: Sage-Husa, 10 runs, 'Matrix is not positive definite'; the first again:"
     assert lines[-2] == " rmpc-bench show results/tiny --run 3 --method Sage-Husa"
-    assert any(line.startswith(" Sage-Husa") and line.endswith("fails more 2/40") for line in lines)
+    assert any(line.startswith(" Sage-Husa") and line.endswith("fails more 10/40") for line in lines)
+
+
+def test_a_replay_command_and_the_page_are_copied_whole():
+    """Lines end between arguments of the shell only: not within a path, whatever its length and its blanks."""
+    method, directory = "Sage Husa", Path("results") / "long  name" / ("x" * 90)
+    trials = one({"KF": BASE, method: np.where(np.arange(N) == 3, np.nan, BASE)})
+    lines = screen_of(trials, page=directory / "report.html").text(80).split("\n")
+    start = next(i for i, line in enumerate(lines) if line.endswith("the first again:")) + 1
+    end = next(i for i in range(start, len(lines)) if not lines[i].endswith("\\")) + 1
+    command = shlex.split("\n".join(lines[start:end]).replace("\\\n", ""))
+    assert command == ["rmpc-bench", "show", str(directory), "--run", "3", "--method", method]
+    assert f" {directory / 'report.html'}" in lines and end - start == 3
 
 
 def test_all_runs_of_a_method_failed():

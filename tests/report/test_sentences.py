@@ -51,7 +51,7 @@ def trials(make_trials):
         ),
         (
             {"change_pct": -3.9, "ci_low": -7.6, "ci_high": 0.02, "verdict": "inconclusive", "runs_for_direction": 421},
-            "R-MPC1 changes mse by -3.9 % [-7.6, +0.0] against S-MPC "
+            "R-MPC1 changes mse by -3.9 % [-7.6, 0.0] against S-MPC "
             "(geometric mean of the ratios, 200 paired runs, 95 % "
             "interval; won 162, lost 0, tied 38): inconclusive (runs needed: about 430 for better or "
             "worse, about 1100 for equivalent).",
