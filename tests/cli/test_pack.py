@@ -154,7 +154,7 @@ def test_a_status_a_finding_a_printed_digit_and_a_series_are_found(archive, tmp_
     assert found.exit_code == 1
     for text in (
         "R-MPC run 1: packed diverged, here ok",
-        """claims.json: line 30: packed '      "finding": "not-confirmed",'""",
+        """claims.json: line 30: packed '      "finding": "not-inconclusive",'""",
         "summary.csv: line 2: packed 'S-MPC,mse,13,",
         "series.csv: line 2: packed 'S-MPC,K,",
     ):
