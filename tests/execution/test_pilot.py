@@ -1,5 +1,8 @@
 """The pilot of an experiment: what it measures, and what it makes of it."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from small_experiment import cli, ran, write
@@ -44,6 +47,14 @@ def test_a_pilot_measures_in_its_own_process(tmp_path):
     found = measure(write(tmp_path, runs=5000))
     assert found.n_runs == 5000 and 2 <= found.n_pilot <= 5000
     assert found.per_run > 0 and found.start > 0.3 and found.report > 0.1 and 50 < found.megabytes < 2000
+
+
+def test_the_memory_is_not_that_of_the_process_that_asks():
+    """Of half a gigabyte here, which a new process inherits as its largest memory, nothing is counted."""
+    here = np.ones(70_000_000)
+    code = "from rmpc_bench.execution.pilot import _megabytes; print(_megabytes())"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert here.nbytes > 5e8 and 10 < float(found.stdout) < 400
 
 
 def test_a_pilot_that_fails_is_said(tmp_path):

@@ -332,7 +332,7 @@ def test_engines_and_blocks_of_a_servomechanism(tmp_path):
         methods="{S-MPC: {estimator: {kind: kalman}, tune: {controller.R: [0.01, 10]}}, "
         "R-MPC: {estimator: {kind: robust-kalman, c: 0.1}, tune: {estimator.c: [0.001, 1]}}}",
         tune="{budget: 4, runs: 3}",
-        stop="{max_runs: 12, resolve: 50%}",
+        stop="{min_runs: 10, max_runs: 80, resolve: 50%}",
     )
     run(path, tmp_path / "out", "-j", 1)
     run(path, tmp_path / "other", "--engine", "serial", "-s", "execution.block=2")
