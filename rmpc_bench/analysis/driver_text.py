@@ -51,9 +51,9 @@ def gist(rows: Iterable[Row], baseline: str) -> str:
     -------
     such as ``mostly eps`` or ``a and b``
     """
-    known = [row for row in rows if row["quantity"] != REST and row["response"] != "failed" and row["resolved"]]
-    known = [row for row in known if row["n"] >= FEWEST]
-    known = [row for row in known if row["method"] != baseline] or known
+    of_each = [row for row in rows if row["quantity"] != REST and row["response"] != "failed"]
+    of_each = [row for row in of_each if row["method"] != baseline] or of_each
+    known = [row for row in of_each if row["resolved"] and row["n"] >= FEWEST]
     largest: dict[str, float] = {}
     for row in known:
         largest[str(row["quantity"])] = max(float(row["share"]), largest.get(str(row["quantity"]), 0.0))

@@ -68,8 +68,20 @@ def number(x: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def short(x: float, digits: int = 3) -> str:
-    """Write a number with significant digits, such as a mean without its interval."""
-    return "-" if math.isnan(x) else f"{x:.{digits}g}".replace("-", MINUS)
+    """Write a number with significant digits, such as a mean without its interval; powers of ten as `mean_text`.
+
+    Examples
+    --------
+    >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7)
+    ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7')
+    """
+    if math.isnan(x):
+        return "-"
+    text = f"{x:.{digits}g}"
+    start, _, power = text.partition("e")
+    if power:
+        text = f"{float(text):.0f}" if PLAIN[0] <= int(power) < PLAIN[1] else f"{start}e{int(power)}"
+    return text.replace("-", MINUS)
 
 
 def mean_text(mean: Estimate) -> str:

@@ -136,6 +136,8 @@ FONT_SIZE = 8
 POINTS_PER_INCH = 72
 LINE_HEIGHT = 1.25 * FONT_SIZE
 """Height of a line of text [pt]."""
+EDGE = 4.0
+"""Free space at the left and right edges [pt]: a browser gives an exponent the height of a whole letter."""
 STYLE: dict[Any, Any] = {
     "font.size": FONT_SIZE,
     "axes.labelsize": FONT_SIZE,
@@ -243,8 +245,9 @@ def style() -> Iterator[None]:
 def new_figure(size: tuple[float, float]) -> MplFigure:
     """Make an empty picture [in], whose layout leaves room for its labels; call it under `style`."""
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    return Figure(figsize=size, layout="constrained")
+    return Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=EDGE / POINTS_PER_INCH))
 
 
 def fix_layout(figure: MplFigure) -> None:

@@ -81,20 +81,33 @@ class SweepAxis(NamedTuple):
         reach = float(scaled[-1] - scaled[0])
         beyond = PAD * reach or abs(float(scaled[0])) or 1.0
         ends = np.array([scaled[0] - beyond, scaled[-1] + beyond])
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        unit = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH / float(ends[1] - ends[0])
+        ticks = self._ticks(unit)
         if self.is_log:
             axes.set_xscale("log")
             ends = np.exp(ends)
-        ticks = {number: f"{number:g}".replace("-", MINUS) for number in self.numbers.tolist()}
-        figure = axes.get_figure(root=True)
-        assert figure is not None
-        room = axes.get_position().width * figure.get_figwidth() * POINTS_PER_INCH * np.diff(scaled, prepend=ends[0])
-        if len(ticks) > MOST_TICKS or (room[1:] < (APART + max(map(width, ticks.values()))) * reach).any():
-            chosen = value_axis(list(self.numbers), ROUND_TICKS, wide=WIDE if self.is_log else math.inf).ticks
-            ticks = {math.exp(tick.at) if self.is_log else tick.at: tick.label for tick in chosen}
         shown = [at for at in ticks if ends[0] <= at <= ends[1]]
         axes.set_xticks(shown, [ticks[at] for at in shown])
         axes.minorticks_off()
         axes.set_xlim(*ends)
+
+    def _ticks(self, unit: float) -> dict[float, str]:
+        """Choose ticks whose labels are apart: all numbers, else as many round ones as fit; `unit` is in points."""
+        assert self.numbers is not None, "names have no ticks"
+        choices = []
+        if len(self.numbers) <= MOST_TICKS:
+            choices.append({number: f"{number:g}".replace("-", MINUS) for number in self.numbers.tolist()})
+        for most in range(ROUND_TICKS, 0, -1):
+            chosen = value_axis(list(self.numbers), most, wide=WIDE if self.is_log else math.inf).ticks
+            choices.append({math.exp(tick.at) if self.is_log else tick.at: tick.label for tick in chosen})
+        for ticks in choices:
+            places = np.log([*ticks]) if self.is_log else np.array([*ticks])
+            widths = np.array([width(label) for label in ticks.values()])
+            if ticks and (np.diff(places) * unit >= APART + (widths[1:] + widths[:-1]) / 2).all():
+                return ticks
+        return next(ticks for ticks in reversed(choices) if ticks)
 
 
 class SweepContent(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rmpc_bench.analysis.driver_text import share_text
+from rmpc_bench.analysis.driver_text import gist, share_text
 from rmpc_bench.analysis.drivers import REST, drivers, inputs
 from rmpc_bench.analysis.intervals import student, wilson
 from rmpc_bench.analysis.responses import SHARE, Response
@@ -230,3 +230,12 @@ def test_few_failures_have_no_region():
     """Below five failed runs nothing is said."""
     failed = np.arange(100) < 4
     assert most_failures({"a": np.arange(100.0)}, failed, 0.95) is None
+
+
+def test_the_gist_is_of_changes_where_there_are_others():
+    """What drives the baseline itself does not drive the changes from it."""
+    usual = {"quantity": "eps", "response": "log", "n": 100, "share": 0.8, "resolved": True}
+    base, other = usual | {"method": "A"}, usual | {"method": "B"}
+    assert gist([base], "A") == gist([base, other], "A") == "mostly eps"
+    assert gist([base, other | {"resolved": False}], "A") == ""
+    assert gist([base, other | {"n": 0, "share": float("nan"), "resolved": False}], "A") == ""

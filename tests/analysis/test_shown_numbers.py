@@ -13,6 +13,7 @@ from rmpc_bench.analysis.shown_numbers import (
     number,
     places,
     plain,
+    short,
 )
 
 
@@ -33,6 +34,25 @@ from rmpc_bench.analysis.shown_numbers import (
 def test_means(mean, text):
     """The half width has two digits if it begins with 1 to 3, else one."""
     assert mean_text(Estimate(*mean)) == text
+
+
+@pytest.mark.parametrize(
+    ("x", "digits", "text"),
+    [
+        (1287.4, 3, "1290"),
+        (69149.0, 3, "69100"),
+        (999960.0, 4, "1e6"),
+        (-999940.0, 4, "\u2212999900"),
+        (0.00012345, 3, "0.000123"),
+        (0.000012345, 3, "1.23e\u22125"),
+        (1.5, 3, "1.5"),
+        (math.inf, 3, "inf"),
+        (math.nan, 3, "-"),
+    ],
+)
+def test_numbers_without_an_interval(x, digits, text):
+    """A power of ten stands only where a mean with its interval has one: below 1e-4 and from 1e6 on."""
+    assert short(x, digits) == text
 
 
 @pytest.mark.parametrize(

@@ -212,6 +212,14 @@ def test_values_of_runs_that_diverge_can_be_drawn(make_trials):
         keys.draw(trials)
 
 
+def test_the_label_of_all_panels_is_not_cut(trials_of, make_sweep):
+    """A browser draws an exponent in a box as high as a letter, which is more than its ink."""
+    trials = make_sweep(*(({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1, 1.2])) for k in range(2)))
+    figure = Boxplot().draw(trials)
+    left = figure.get_tightbbox(figure._get_renderer()).x0 * 72
+    assert figure.texts and left >= 3.9
+
+
 def test_of_more_than_six_points_the_first_six_are_drawn(trials_of, make_sweep):
     """One below the other on common axes; the caption says so."""
     points = [({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1 + k, 1.2 + k])) for k in range(7)]

@@ -12,11 +12,12 @@ from matplotlib.patches import Rectangle
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.files import save_as
-from rmpc_bench.figures.line_panels import apart
+from rmpc_bench.figures.line_panels import apart, draw_lines
 from rmpc_bench.figures.palette import DIM, METHODS
 from rmpc_bench.figures.points import tables_of
-from rmpc_bench.figures.sweep import Sweep, page_drawings
-from rmpc_bench.figures.sweep_content import main_paths
+from rmpc_bench.figures.style import style
+from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
+from rmpc_bench.figures.sweep_content import APART, content_of, main_paths
 from rmpc_bench.types import DesignError, MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")
@@ -259,6 +260,17 @@ def test_the_page_has_two_drawings_of_a_sweep_of_one_number(sweep_of):
     assert min(sizes) * 368 / width >= 9
     names = sweep_of(["A", "B"], [{"name": "p"}, {"name": "q"}])
     assert page_drawings(tables_of(names, names.each, LENGTH)) == {}
+
+
+@pytest.mark.parametrize("numbers", [[3e-4, 1e-3, 3e-3, 1e-2, 2e-2, 3e-2, 0.1], [0, 0.125, 0.25, 0.375], range(1, 40)])
+def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
+    """Round numbers are as many as fit, not six of any width."""
+    content = content_of(tables_of(trials := sweep_of(["A", "a name"], over(numbers), n=4), trials.each, LENGTH))
+    with style():
+        figure = draw_lines(content, PAGE["narrow"])
+        renderer = figure._get_renderer()
+        boxes = [text.get_window_extent(renderer) for text in figure.axes[0].get_xticklabels()]
+    assert len(boxes) > 1 and all(b.x0 - a.x1 > 0.5 * APART for a, b in zip(boxes, boxes[1:], strict=False))
 
 
 def test_keys_that_do_not_fit(sweep_of):

@@ -34,6 +34,13 @@ class Main(NamedTuple):
     wide: bool = False
     """Whether a matrix is too wide to stand beside lines."""
 
+    @property
+    def n_words(self) -> int:
+        """Count the words of the tables that are not folded."""
+        tables = [self.rows.columns] if self.rows else []
+        tables += [each.columns for group in self.groups if not group.title for each in group.matrices]
+        return sum(len(text.split()) for table in tables for texts in table.values() for text in texts)
+
 
 def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
@@ -41,6 +48,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
     pooled = pooled_of(source.tables, source.info)
     informational = bool(source.overrides or source.incomplete)
     claims = claim_items(source.verdicts) if trials.with_verdicts else []
+    main = _main(source, tables, pooled)
+    opened = n_open(claims, main.n_words)
     of_paper = any(verdict.claim.of_paper for verdict in source.verdicts)
     return {
         "version": record["version"],
@@ -51,13 +60,13 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "index": source.index,
         "banner": _banner(source),
         "answer": answer_of(source.tables, [] if informational else source.verdicts, source.extent),
-        "main": _main(source, tables, pooled),
+        "main": main,
         "drawings": source.drawings if trials.with_verdicts else {},
         "quantity": tables[0].quantity if tables else "",
         "baseline": trials.baseline,
         "claims_title": "What the paper says" if of_paper and record["paper"] else "Claims",
-        "claims": claims[: n_open(claims)],
-        "more_claims": claims[n_open(claims) :],
+        "claims": claims[:opened],
+        "more_claims": claims[opened:],
         "claims_note": INFORMATIONAL if informational else "",
         "folds": folds_of(source, tables),
         "command": record["command"],

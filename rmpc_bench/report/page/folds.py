@@ -359,9 +359,13 @@ def _figures(source: PageSource) -> Iterator[Fold]:
     gist = f"{n} recorded run{'s' * (n > 1)}" if n else "series of the designs"
     yield Fold("Signals", gist, [Part(figure=each) for each in over_time])
     yield _tuning(source, [each for each in source.figures if each.kind == "tuning"])
+    others: dict[tuple[str, str], list[PageFigure]] = {}
     for figure in source.figures:
         if figure not in over_time and figure.kind != "tuning":
-            yield Fold(f"Figure {figure.name}", _subject(figure.caption), [Part(figure=figure)])
+            others.setdefault((figure.kind, _subject(figure.caption)), []).append(figure)
+    for (kind, subject), figures in others.items():
+        title = f"{len(figures)} figures {kind}" if len(figures) > 1 else f"Figure {figures[0].name}"
+        yield Fold(title, subject, [Part(figure=figure) for figure in figures])
 
 
 def _subject(caption: str) -> str:

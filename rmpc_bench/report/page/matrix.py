@@ -13,7 +13,7 @@ from rmpc_bench.figures.sweep_content import NAME, main_paths
 MOST_OPEN = 60
 """Points of a sweep up to which a matrix is not folded."""
 MOST_METHODS = 6
-"""Heat tables that are not folded; of more the first ones."""
+"""Methods, the baseline with them, of which no heat table is folded; of more the first ones are not."""
 FIRST_METHODS = 2
 MOST_BESIDE = 7
 """Columns of a matrix that fits beside the lines."""
@@ -50,6 +50,11 @@ class Matrix(NamedTuple):
     """The only method that it shows."""
     names: bool = False
     """Whether heads are names, which are broken into lines."""
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether a phone needs small letters to show it."""
+        return len(self.heads) >= MOST_BESIDE
 
     @property
     def columns(self) -> dict[str, list[str]]:
@@ -166,7 +171,7 @@ def _heat_tables(tables: Sequence[ResultTable], paths: Sequence[str]) -> list[Gr
             rows.append(MatrixRow(printed(value), cells))
         heads = [MatrixCell(printed(value)) for value in values[across]]
         found.append(Matrix(_last(down), heads, rows, f"{name}, by {_last(across)}", name))
-    if len(found) <= MOST_METHODS:
+    if len(found) < MOST_METHODS:
         return [Group("", found)]
     rest = found[FIRST_METHODS:]
     return [Group("", found[:FIRST_METHODS]), Group(f"{len(rest)} more methods", rest)]

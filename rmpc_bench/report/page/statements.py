@@ -12,8 +12,8 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 
-MOST_OPEN, MOST_WORDS = 8, 100
-"""Statements that are not folded, and the words of all of them."""
+MOST_OPEN, MOST_WORDS, WITH_TABLE = 8, 100, 240
+"""Statements that are not folded, the words of all of them, and those of them and the main table."""
 OURS = "ours, not in the paper"
 
 
@@ -33,12 +33,12 @@ def claim_items(verdicts: Sequence[ClaimVerdict]) -> list[ClaimItem]:
     return [_item(verdict) for verdict in sorted(verdicts, key=lambda verdict: _order(verdict.claim))]
 
 
-def n_open(items: Sequence[ClaimItem]) -> int:
-    """Count the statements that are not folded."""
-    words = 0
+def n_open(items: Sequence[ClaimItem], n_table: int) -> int:
+    """Count the statements that are not folded below a main table of so many words; one stands below any table."""
+    words, most = 0, min(MOST_WORDS, WITH_TABLE - n_table)
     for n, item in enumerate(items[:MOST_OPEN]):
         words += sum(len(text.split()) for text in (item.finding, item.statement, item.source, item.behind))
-        if words > MOST_WORDS and n:
+        if words > most and n:
             return n
     return min(len(items), MOST_OPEN)
 

@@ -73,6 +73,30 @@ def test_no_page_is_wider_than_its_window(tmp_path, page, width):
     assert found["wide"] <= 0
 
 
+def test_cells_of_a_matrix_are_apart_on_a_phone(tmp_path, make_trials, make_sweep, make_source):
+    """Also seven columns of long numbers, which have small letters; the table fits into the window."""
+    factors = {"A": 1000.0, "B": 63.0, "C": 65.0, "D": 990.0, "E": 77.0, "F": 66.0, "oracle": 0.16}
+    points = []
+    for k in range(6):
+        columns = {name: [factor * (1 + k + run / 9) for run in range(30)] for name, factor in factors.items()}
+        points.append(({"noise": f"point{k}"}, make_trials({"mse": columns})))
+    trials = make_sweep(*points)
+    source = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={}, figures=[])
+    (tmp_path / "page.html").write_text(render_html("page.html", page_context(source)), encoding="utf-8")
+    script = """<script>addEventListener("load", () => {
+      const inner = document.getElementById("f").contentDocument, table = inner.querySelector("table.matrix");
+      const range = inner.createRange();
+      const box = (cell) => (range.selectNodeContents(cell), range.getBoundingClientRect());
+      const gaps = [...table.tBodies[0].rows].flatMap((row) => [...row.cells].slice(1)
+        .map((cell, k) => box(cell).left - box(row.cells[k]).right));
+      const right = table.getBoundingClientRect().right;
+      document.title = JSON.stringify({ cells: gaps.length, gap: Math.min(...gaps), right });
+    });</script><title></title></body>"""
+    frame = '<!DOCTYPE html><iframe id="f" src="page.html" style="width: 400px; height: 900px; border: 0"></iframe>'
+    found = visited(tmp_path, f"{frame}<body>{script}", "--allow-file-access-from-files", probe="")
+    assert found["cells"] == 42 and found["gap"] >= 0 and found["right"] <= 400
+
+
 def test_the_first_screen(tmp_path, page):
     """Answer and table stand on it, columns on demand are not shown, and the interval stands twice."""
     found = visited(tmp_path, page, "--window-size=1280,900")

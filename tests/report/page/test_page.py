@@ -14,6 +14,8 @@ from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
+from rmpc_bench.report.page.source import PageFigure
+from rmpc_bench.report.page.statements import ClaimItem, n_open
 from rmpc_bench.report.requirements_table import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
@@ -192,7 +194,11 @@ def test_a_smoke_run_says_what_ran(with_trials, make_trials):
 
 @pytest.mark.parametrize("failed", [False, True])
 def test_an_unfinished_experiment(with_trials, make_trials, failed):
-    """48 runs of A, 47 of B, of 60: a banner and no failure but the one that failed."""
+    """48 runs of A, 47 of B, of 60: a banner and no failure but the one that failed.
+
+    A failure counts as a value at least 10 times worse.  One of 47 runs has the 95 % interval up to 11.3 % (Clopper and
+    Pearson), and 0.887 ln 0.8 + 0.113 ln 10 is 0.06: above 0, so that the failure may hide that B is not better.
+    """
     a = values(48)
     b = [0.8 * x for x in a]
     if failed:
@@ -201,7 +207,8 @@ def test_an_unfinished_experiment(with_trials, make_trials, failed):
     trials = replace(trials, frame=trials.frame.iloc[:-1]).common
     page = page_of(with_trials(trials, extent=extent_of(trials, 60), incomplete=("B",)))
     assert "Unfinished: 47 of 60 runs." in page.of_class("banner")[0].text
-    assert page.of_class("answer")[0].text.startswith("So far B is better than A")
+    found = "So far B is inconclusive with 47 runs." if failed else "So far B is better than A"
+    assert page.of_class("answer")[0].text.startswith(found)
     assert ("Failures" in page.folds) == failed and "47 runs per method" in page.of_class("note")[0].text
 
 
@@ -259,11 +266,38 @@ def test_a_name_is_text_and_a_label_may_have_formulas(with_trials, make_trials, 
 
 
 def test_claims_stand_open_with_their_assumptions_folded(html, markdown):
+    """One ratio in all of 40 runs does not show what others may be: no claim on it is confirmed."""
     page = Page(html)
     [claims] = page.of_class("claims")
     items = [each for each in claims.inside if getattr(each, "tag", "") == "li"]
     assert len(items) == 2 and "ours, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
-    assert "One." not in items[0].shown and "One." in items[0].text and "**confirmed**" in markdown
+    assert "One." not in items[0].shown and "One." in items[0].text and "**inconclusive**" in markdown
+
+
+def test_statements_that_are_open_follow_the_size_of_the_table():
+    """100 words, fewer below a table of more than 140, and one below any table."""
+    items = [ClaimItem("confirmed", "word " * 18, "ours", "", [])] * 12
+    assert [n_open(items, n_table) for n_table in (0, 140, 180, 1000)] == [5, 5, 3, 1]
+    assert n_open([ClaimItem("confirmed", "Short", "ours", "", [])] * 12, 0) == 8 and n_open([], 0) == 0
+
+
+def test_figures_of_one_kind_and_subject_are_one_fold(make_source):
+    figures = [
+        PageFigure(name, "boxplot", f"{text}: quartiles.", "<svg></svg>", [])
+        for name, text in (("boxplot", "Boxes of a"), ("boxplot-2", "Boxes of a"), ("boxplot-3", "Boxes of b"))
+    ]
+    folds = page_of(make_source(figures=figures)).folds
+    assert folds["2 figures boxplot"] == "Boxes of a" and folds["Figure boxplot-3"] == "Boxes of b"
+
+
+def test_heat_tables_of_more_than_six_methods_are_folded(with_trials, sweep_of):
+    """The baseline is one of them."""
+    for n, n_open_ in ((6, 5), (7, 2)):
+        factors = {f"M{k}": 1 + 0.1 * k for k in range(n)}
+        page = page_of(with_trials(sweep_of(SWEEPS["two paths"], factors)))
+        folded = [each for each in page.root.all("details") if next(each.all("summary")).text == "4 more methods"]
+        assert len(page.tables) == n_open_ and len(folded) == (n == 7)
+        assert sum(len([*each.all("table")]) for each in folded) == (n - 1 - n_open_)
 
 
 def test_the_foot_has_what_is_needed_to_repeat(html, markdown):
