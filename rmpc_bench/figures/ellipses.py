@@ -12,7 +12,7 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_sentence, sentences
+from rmpc_bench.figures.captions import at_point, joined, label_of, quantity, runs_sentence, sentence
 from rmpc_bench.figures.curves import Curve, components
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
 from rmpc_bench.figures.legend import Handle, finish
@@ -151,21 +151,15 @@ class Ellipses(OnePointFigure):
         """Define ellipses and dots, and count the runs; see `Figure.caption`."""
         point, title = point_at(results, self.at)
         methods = self.order or layout_of(point).methods_having(*SERIES)
-        x, y = metric_of(point, self.x), metric_of(point, self.y)
+        x, y = (metric_of(point, name) for name in (self.x, self.y))
         k, ellipses = ellipses_of(point, methods, self.components, self.k)
         radii = joined(f"{radius:g}" for radius in self.sigmas)
-        special = [
-            f"{label_of(point, name)}{REMARKS[ellipse.shape]}"
-            for name, ellipse in ellipses.items()
-            if ellipse.shape != "ellipse"
-        ]
-        return sentences(
-            f"Ellipses of the covariance $P$ that {joined(label_of(point, name) for name in methods)} report at "
-            f"k = {k}, with the radii {radii} standard deviations about the mean of the estimates (crosses)",
-            place(point, title),
-            f"Dots are the runs in the plane of {quantity(x)} and {quantity(y)}",
+        names = joined(label_of(point, name) + REMARKS[ellipse.shape] for name, ellipse in ellipses.items())
+        return sentence(
+            f"Ellipses of the covariance $P$ that {names} report at k = {k}{at_point(title)}, with the radii {radii} "
+            "standard deviations about the mean of the estimates (crosses), and dots of the runs in the plane of "
+            f"{quantity(x)} and {quantity(y)}",
             runs_sentence([point], methods),
-            f"Not an ellipse: {joined(special)}" if special else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:

@@ -12,7 +12,7 @@ import numpy as np
 from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentence, short_title
 from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
 from rmpc_bench.figures.legend import Handle, Label, finish, write
 from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler, sample
@@ -198,13 +198,12 @@ class Scatter(SweepFigure):
         points, methods = points_at(results, self.at), self.order or list(results.methods)
         dots = dots_of(points, methods, infos, self.bars)
         left_out = dict.fromkeys(name_of(results, dot.method) for dot in dots if not dot.is_finite)
-        return sentences(
-            f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every method"
-            + (" and point of the sweep" if len(points) > 1 else "")
-            + f": {MEANING[self.bars]}",
+        each = "method and point of the sweep" if len(points) > 1 else "method"
+        return sentence(
+            f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every {each}: {MEANING[self.bars]}",
+            "filled points, connected by the step line, are not dominated" if self.front else "",
+            f"left out, as a value is infinite: {joined(left_out)}" if left_out else "",
             runs_sentence(points, methods),
-            "Filled points, connected by the step line, are not dominated" if self.front else "",
-            f"Left out, as a value is infinite: {joined(left_out)}" if left_out else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import joined, place, sentences, short_title
+from rmpc_bench.figures.captions import at_point, joined, sentence, short_title
 from rmpc_bench.figures.curves import limits_of
 from rmpc_bench.figures.labels import name_of, unit_of
 from rmpc_bench.figures.legend import Handle, Label, finish, write
@@ -143,14 +143,12 @@ def paths_caption(made: PathContent) -> str:
     keys, names = made.keys, joined(name_of(made.point, name) for name in made.paths)
     failed = [f"{name_of(made.point, name)} {path.status}" for name, path in made.paths.items() if path.failed]
     axes = joined(each.label(made.point) for each in made.quantities)
-    has_reference = any(path.reference is not None for path in made.paths.values())
-    return sentences(
-        f"Path of {axes} in run {keys.run} for {names}, {made.window.words}"
-        + ("; dashed: reference" if has_reference else ""),
-        place(made.point, made.title),
-        f"Lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
-        f"Marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
-        f"Failed: {joined(failed)}" if failed else "",
+    return sentence(
+        f"Path of {axes} in run {keys.run}{at_point(made.title)} for {names}, {made.window.words}",
+        "dashed: reference" if any(path.reference is not None for path in made.paths.values()) else "",
+        f"lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
+        f"marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
+        f"failed: {joined(failed)}" if failed else "",
     )
 
 

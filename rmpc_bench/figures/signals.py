@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import joined, place, sentences
+from rmpc_bench.figures.captions import at_point, joined, sentence
 from rmpc_bench.figures.curves import Cell, Choice, cell_of
 from rmpc_bench.figures.labels import name_of
 from rmpc_bench.figures.points import point_at
@@ -121,15 +121,13 @@ class Signals(OnePointFigure):
         made = self._content(results)
         names = joined(dict.fromkeys(quantity.label(made.point) for quantity in made.rows))
         failed = [name_of(made.point, name) for name, each in made.selections.items() if each.failed]
-        left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
         kinds = made.kinds()
-        legend = "; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)
-        return sentences(
-            f"{names} over time, {made.window.words}, of {joined(name_of(made.point, n) for n in made.cells)} on "
-            f"the same axes{left_out}",
-            place(made.point, made.title),
-            legend[:1].upper() + legend[1:],
-            f"All recorded runs of {joined(failed)} failed" if failed else "",
+        return sentence(
+            f"{names} over time, {made.window.words}{at_point(made.title)}, of "
+            f"{joined(name_of(made.point, n) for n in made.cells)} on the same axes",
+            f"the first {len(made.cells)} methods are shown" if made.left_out else "",
+            *(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds),
+            f"all recorded runs of {joined(failed)} failed" if failed else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:

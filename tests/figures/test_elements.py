@@ -81,6 +81,24 @@ def test_an_entry_is_in_its_place(trials, matrices):
     assert figure.get_supxlabel() == "$t$ [s]"
 
 
+@pytest.mark.parametrize("rough", [False, True])
+def test_samples_of_the_legend_look_as_the_lines(make_trials, trials, rough):
+    """Any number of methods: no marker where lines have none, no dashes where lines of rough signals have none."""
+    names = [f"M{k}" for k in range(5)]
+    own = trials.traces["constant"]
+    values = np.full((RUNS, N, 9), 1.0)
+    values[:, ::2] += 1.0 if rough else 0.0
+    traces = dict.fromkeys(names, own._replace(signals={**own.signals, "Q_yw": values}))
+    table = replace(make_trials({"mse": dict.fromkeys(names, [1.0] * RUNS)}), traces=traces, Ts=0.1)
+    figure = elements(table, signal="Q_yw")
+    samples = figure.legends[0].get_lines()
+    assert len(samples) == 5 and len({str(each.get_color()) for each in samples}) == 5
+    for sample, drawn in zip(samples, figure.axes[0].lines, strict=True):
+        assert sample.get_marker() == drawn.get_marker() == "None"
+        assert sample.is_dashed() == drawn.is_dashed()
+    assert any(each.is_dashed() for each in samples) != rough
+
+
 def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
     """And nothing is cut off."""
     figure = elements(trials, signal="Q_yw")

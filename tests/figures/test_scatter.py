@@ -334,7 +334,7 @@ def test_marks_have_their_times(runs):
 def test_a_failed_run_does_not_change_the_axes(runs):
     figure = scatter(runs, x="y.0", y="y.1", run=1)
     assert max(map(abs, figure.axes[0].get_xlim())) < 5
-    assert "Failed: B diverged" in Scatter(x="y.0", y="y.1", run=1).caption(runs)
+    assert "failed: B diverged" in Scatter(x="y.0", y="y.1", run=1).caption(runs)
 
 
 def test_limits_of_states_that_are_near(runs):

@@ -176,7 +176,7 @@ def test_runs_that_failed(trials):
     figure = Signals(signals=["y"]).draw(table)
     (main,) = lines(figure.axes[2], "main", METHODS[2])
     assert np.isnan(main[12:, 1]).all() and figure.axes[2].get_ylim()[1] < 100
-    assert "All recorded runs of C failed" in Signals(signals=["y"]).caption(table)
+    assert "all recorded runs of C failed" in Signals(signals=["y"]).caption(table)
 
 
 def test_errors_with_the_reported_band(trials):
