@@ -98,8 +98,8 @@ BROAD = 2.0
 """Factor of the width of the lines of a segment, which a thin ellipse is not."""
 END: dict[str, Any] = {"marker": "D", "ms": 3.0, "mew": 0.0}
 POINT: dict[str, Any] = {"marker": "x", "ms": 8.0, "mew": 2.0}
-REMARKS = {"ellipse": "", "point": " (point: $P = 0$)", "none": " (no ellipse)"}
-REMARKS["segment"] = " (segment: $P$ is singular)"
+REMARKS = {"ellipse": "", "segment": " (segment: $P$ is singular)", "point": " (point: $P = 0$)"}
+REMARKS["none"] = " (no ellipse)"
 """What the legend says of a shape."""
 SERIES = ("mean(x_hat)", "P")
 """Series that give the centre and the shape of an ellipse."""
@@ -181,15 +181,11 @@ class Ellipses(OnePointFigure):
                 look = styles[name]
                 with grouped(axes, look.gid):
                     keys_of = _draw_ellipse(axes, ellipse, self.sigmas, look.color, look.zorder)
-                entry = sample(**keys_of, gid=look.gid)
-                handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
-            keys: list[Handle] = [
-                (rf"${radius:g}\sigma$", sample(color=DIM, **ring))
-                for radius, ring in zip(self.sigmas, RINGS, strict=False)
-            ]
+                handles.append((label_of(point, name) + REMARKS[ellipse.shape], sample(**keys_of, gid=look.gid)))
+            radii = zip(self.sigmas, RINGS, strict=False)
+            keys: list[Handle] = [(rf"${radius:g}\sigma$", sample(color=DIM, **ring)) for radius, ring in radii]
             keys += _draw_dots(axes, dots, styles)
-            axes.set_xlabel(metric_label(infos[0]))
-            axes.set_ylabel(metric_label(infos[1]))
+            axes.set(xlabel=metric_label(infos[0]), ylabel=metric_label(infos[1]))
             finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
         return figure
 
@@ -228,19 +224,15 @@ def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, 
     """Find the dots of every method, or of the first one for all where the values do not depend on the method."""
     found = {name: (point.column(x, name), point.column(y, name)) for name in methods}
     first = found[methods[0]]
-    common = all(_same(a, b) for columns in found.values() for a, b in zip(first, columns, strict=True))
+    # Columns are equal in the runs that both methods finished.
+    pairs = [(a, b, ~(np.isnan(a) | np.isnan(b))) for each in found.values() for a, b in zip(first, each, strict=True)]
+    common = all(np.array_equal(a[both], b[both]) for a, b, both in pairs)
     dots = {}
     for name in methods[:1] if common else methods:
         a, b = found[name]
         finite, n_infinite = np.isfinite(a) & np.isfinite(b), int((np.isinf(a) | np.isinf(b)).sum())
         dots[name] = Dots(drawable(a[finite]), drawable(b[finite]), point.n_failed(name), n_infinite)
     return dots
-
-
-def _same(a: Array, b: Array) -> bool:
-    """Whether two columns are equal in the runs that both methods finished."""
-    both = ~(np.isnan(a) | np.isnan(b))
-    return bool(np.array_equal(a[both], b[both]))
 
 
 def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> dict[str, Any]:

@@ -71,6 +71,7 @@ def window_of(point: Trials, last: int, start: float | None, stop: float | None)
     return window
 
 
+_Value = TypeVar("_Value")
 ERROR, OUTPUT = "e", "y"
 """The control error r - y, which is computed from the recorded output."""
 
@@ -87,11 +88,8 @@ class RunSelection(NamedTuple):
 def signal_of(traces: Traces, name: str, component: int) -> Array | None:
     """Return a component of a signal, (runs, samples), None if not recorded; a held one has none at the last sample."""
     recorded = traces.signals.get(OUTPUT if name == ERROR else name)
-    if recorded is None:
-        return None
-    return (
-        np.asarray(traces.r[:, component] - recorded[:, :, component]) if name == ERROR else recorded[:, :, component]
-    )
+    values = None if recorded is None else recorded[:, :, component]
+    return np.asarray(traces.r[:, component] - values) if values is not None and name == ERROR else values
 
 
 def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
@@ -192,9 +190,6 @@ def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[
         for start, end in bands:
             axes.axvspan(start, end, color=BAND, lw=0, zorder=0.2)
     return [("burst", Patch(color=BAND, lw=0))] if bands else []
-
-
-_Value = TypeVar("_Value")
 
 
 def reported_set(values: Mapping[str, _Value]) -> _Value | None:

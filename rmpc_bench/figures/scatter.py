@@ -11,6 +11,7 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
 from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentence, short_title
 from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
@@ -31,29 +32,26 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 
-class Spread(NamedTuple):
-    """A value and the ends of its bar, NaN where there is none."""
-
-    low: float
-    middle: float
-    high: float
-
-
 class Dot(NamedTuple):
     """A method at a point of the sweep."""
 
     method: str
     point: Trials
-    x: Spread
-    y: Spread
+    x: Estimate
+    y: Estimate
     n: int
     """Runs that have both values."""
     n_runs: int
 
     @property
+    def at(self) -> tuple[float, float]:
+        """Its place."""
+        return self.x.value, self.y.value
+
+    @property
     def is_finite(self) -> bool:
         """Whether it can be drawn."""
-        return bool(np.isfinite([self.x.middle, self.y.middle]).all())
+        return bool(np.isfinite(self.at).all())
 
 
 def dots_of(
@@ -77,13 +75,9 @@ def dots_of(
 def not_dominated(dots: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo]) -> list[Dot]:
     """Find the drawable dots that are not dominated, from best in x to best in y, by the metrics' directions."""
     signs = [-1.0 if info.direction == "higher" else 1.0 for info in infos]
-    costs = [(signs[0] * dot.x.middle, signs[1] * dot.y.middle) for dot in dots]
-    best = [
-        place
-        for place, (x, y) in enumerate(costs)
-        if not any(other[0] <= x and other[1] <= y and other != (x, y) for other in costs)
-    ]
-    return [dots[place] for place in sorted(best, key=lambda place: costs[place])]
+    costs = [(signs[0] * dot.x.value, signs[1] * dot.y.value) for dot in dots]
+    found = sorted(zip(costs, dots, strict=True), key=lambda each: each[0])
+    return [dot for (x, y), dot in found if not any(a <= x and b <= y and (a, b) != (x, y) for a, b in costs)]
 
 
 def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: str) -> Dot:
@@ -92,20 +86,20 @@ def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: s
     columns = [point.column(info.name, name) for info in infos]
     both: Array = ~np.isnan(np.stack(columns)).any(axis=0)
     x, y = (
-        spread_of(distance_from_best(column[both], info.direction), bars)
+        _estimate(distance_from_best(column[both], info.direction), bars)
         for column, info in zip(columns, infos, strict=True)
     )
     return Dot(name, point, x, y, int(both.sum()), len(both))
 
 
-def spread_of(values: Array, bars: str) -> Spread:
+def _estimate(values: Array, bars: str) -> Estimate:
     """Return the median with the quartiles, or the mean with one standard error (`se`) on both sides, without NaN."""
     if bars == "quartiles":
-        return Spread(*(float(quantile(values, share)) for share in (0.25, 0.5, 0.75)))
+        return Estimate(*(float(quantile(values, share)) for share in (0.5, 0.25, 0.75)))
     with np.errstate(invalid="ignore", over="ignore"):
         mean = float(values.mean()) if len(values) else np.nan
     error = standard_error(values)
-    return Spread(mean - error, mean, mean + error)
+    return Estimate(mean, mean - error, mean + error)
 
 
 MOST_DOTS = 60
@@ -228,7 +222,7 @@ class Scatter(SweepFigure):
                 few_ticks(axes)
                 for dot in shown:
                     marker = _marker(styles[dot.method], filled=not self.front or dot in best)
-                    axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
+                    axes.plot(*dot.at, zorder=3.0, **marker)
                 _set_limits(axes, shown, infos, log=self.log)
                 lines = _draw_lines(axes, shown, best, styles)
                 finish(
@@ -251,7 +245,7 @@ def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, Metri
     from rmpc_bench.analysis.pairs import name_of_distance
 
     ends = np.array([[[*dot.x], [*dot.y]] for dot in shown])  # (dots, 2, 3)
-    finite = np.where(np.isfinite(ends), ends, ends[:, :, 1:2])
+    finite = np.where(np.isfinite(ends), ends, ends[:, :, :1])
     axes.update_datalim(np.concatenate([finite.min(axis=2), finite.max(axis=2)]))
     axes.margins(0.14)
     for place, info in enumerate(infos):
@@ -276,17 +270,17 @@ def _draw_lines(
         look = styles[dot.method]
         bar: dict[str, Any] = {"color": paler(look.color, 0.35), "lw": 1.0, "zorder": 2.4, "gid": look.gid}
         x, y = (drawable(np.array([each.low, each.high])) for each in (dot.x, dot.y))
-        lines += [(x, np.full(2, dot.y.middle), bar), (np.full(2, dot.x.middle), y, bar)]
+        lines += [(x, np.full(2, dot.y.value), bar), (np.full(2, dot.x.value), y, bar)]
     values = {value for dot in shown for value in dot.point.point.values()}
     # Points with names are in no order that a line could show.
     if all(re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", value) for value in values):
         for name, look in styles.items():
-            mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
+            mine = [dot.at for dot in shown if dot.method == name]
             line = {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3, "gid": look.gid}
             lines.append((*np.array(mine).T, line))
     if best:
-        corners = np.array([(dot.x.middle, dot.y.middle) for dot in best])
-        lines.append((np.repeat(corners[:, 0], 2)[1:], np.repeat(corners[:, 1], 2)[:-1], FRONT))
+        across, up = np.array([dot.at for dot in best]).T
+        lines.append((np.repeat(across, 2)[1:], np.repeat(up, 2)[:-1], FRONT))
     for x, y, how in lines:
         axes.plot(x, y, **how)
     return [(x, y) for x, y, _ in lines if np.isfinite(np.stack([x, y])).all()]
@@ -319,7 +313,7 @@ def _labels(
     for dot in shown:
         if dot.method in several or dot.method not in listed:
             text = literal(short_title(dot.point)) if dot.method in several else name_of(trials, dot.method)
-            found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown), styles[dot.method].gid))
+            found.append(Label(*dot.at, text + _count(dot, shown), styles[dot.method].gid))
     return found
 
 

@@ -114,12 +114,6 @@ class Panel(NamedTuple):
         return self.search.parameters[self.number]
 
     @property
-    def places(self) -> Array:
-        """Values that were tried, without the offset."""
-        found: Array = self.search.candidates[:, self.number] - self.parameter.offset
-        return found
-
-    @property
     def default(self) -> float | None:
         """The default without the offset; None where it is no number, or outside of a logarithmic axis."""
         value = self.search.default[self.number]
@@ -129,7 +123,8 @@ class Panel(NamedTuple):
 
 def _draw(axes: Axes, panel: Panel) -> None:
     """Draw both objectives, the tuned value and the default of a parameter."""
-    search, places = panel.search, panel.places
+    search = panel.search
+    places = search.candidates[:, panel.number] - panel.parameter.offset
     order = np.argsort(places, kind="stable")
     tested = None if search.test_objectives is None else search.test_objectives[:-1]
     drawn: list[Array] = []

@@ -126,7 +126,7 @@ def test_the_front_against_brute_force(trials, make_trials):
         table = make_trials(made, infos=(ERROR, EFFORT))
         found = not_dominated(dots_of([table], names, (ERROR, EFFORT), "quartiles"), (ERROR, EFFORT))
         points = [(made["error"][name][0], made["effort"][name][0]) for name in names]
-        assert [(dot.x.middle, dot.y.middle) for dot in found] == sorted(brute_force(points))
+        assert [dot.at for dot in found] == sorted(brute_force(points))
 
 
 def test_larger_may_be_better(make_trials):
