@@ -284,8 +284,8 @@ def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, 
 def _of_series(window: TimeWindow, curves: Mapping[str, Curve | None]) -> Cell:
     """Make lines of stored curves by kind, of those that have values in the window."""
     pieces = {kind: curve.cut(window) for kind, curve in curves.items() if curve is not None}
-    shown = [(kind, piece) for kind, piece in pieces.items() if len(piece.k)]
-    return Cell(tuple(Line(kind, window.sample * piece.k, drawable(piece.values)) for kind, piece in shown))
+    lines = [(kind, window.sample * k, drawable(values)) for kind, (k, values) in pieces.items() if len(k)]
+    return Cell(tuple(Line(*each) for each in lines))
 
 
 def _nees(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:

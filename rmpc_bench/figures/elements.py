@@ -18,7 +18,7 @@ from rmpc_bench.figures.palette import LINE, are_rough, line_styles, sample
 from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, spans, window_of
 from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
-from rmpc_bench.types import Array, NonNegative, Status
+from rmpc_bench.types import Array, NonNegative
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
@@ -136,12 +136,8 @@ class RecordedMatrix(NamedTuple):
     """(samples, n, n); NaN before the first one is reported."""
     held: bool
     """Whether it is constant over a sample."""
-    status: str
-
-    @property
-    def failed(self) -> bool:
-        """Whether the run failed."""
-        return self.status != Status.OK.word
+    failure: str
+    """Status of the run where it failed, else empty."""
 
 
 class Content(NamedTuple):
@@ -156,17 +152,17 @@ class Content(NamedTuple):
     @property
     def failed(self) -> list[str]:
         """Methods that failed in the run, with their status."""
-        return [f"{label_of(self.point, name)} {each.status}" for name, each in self.matrices.items() if each.failed]
+        return [f"{label_of(self.point, name)} {each.failure}" for name, each in self.matrices.items() if each.failure]
 
 
 def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix:
     """Read the matrix that a method reports in a run."""
     traces = point.traces[name]
-    row, status = find_run(point, name, run)
+    row, failure = find_run(point, name, run)
     values = traces.signals[signal][row].reshape(-1, *traces.shapes[signal])
     # The last value of a held signal is continued to the last sample.
     missing = len(traces.r) - len(values)
-    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
+    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), failure)
 
 
 def _grid(figure: MplFigure, n: int) -> Any:
@@ -193,7 +189,7 @@ def _draw_elements(grid: Any, made: Content) -> list[Handle]:
     """
     styles = line_styles(made.point.all_methods, list(made.matrices))
     values = {name: drawable(each.values[made.window.slice]) for name, each in made.matrices.items()}
-    first = [name for name, each in made.matrices.items() if not each.failed] or list(values)
+    first = [name for name, each in made.matrices.items() if not each.failure] or list(values)
     rough = {(i, j): are_rough([values[name][:, i, j] for name in first]) for i, j in np.ndindex(grid.shape)}
     for names in (first, [name for name in values if name not in first]):
         limits = [axes.get_ylim() for axes in grid.ravel()]

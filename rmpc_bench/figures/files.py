@@ -58,10 +58,8 @@ def as_latex() -> Iterator[None]:
     def measured(self: Any, s: str, prop: Any, ismath: Any) -> Any:
         return measure(self, _escaped(s, ismath=bool(ismath)), prop, ismath)
 
-    def drawn(
-        self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **more: Any
-    ) -> None:
-        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **more)
+    def drawn(self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **m: Any) -> None:
+        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **m)
 
     # Labels of ticks are made while a figure is drawn, so its texts cannot be changed before.
     renderer.get_text_width_height_descent, renderer.draw_text = measured, drawn

@@ -117,9 +117,8 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
     base = point.traces.get(point.baseline)
     if base is None:
         raise DesignError(f"no run of the baseline '{point.baseline}' is recorded", "difference")
-    table = point.frame[point.frame["method"] == point.baseline]
-    finished = table.loc[table["status"] == Status.OK.word, "run"].to_numpy()
-    traces = {}
+    table = point.frame[(point.frame["method"] == point.baseline) & (point.frame["status"] == Status.OK.word)]
+    finished, traces = table["run"].to_numpy(), {}
     for name in methods:
         own = point.traces[name]
         shared = np.intersect1d(own.runs, base.runs[np.isin(base.runs, finished)])
@@ -136,9 +135,9 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
 
 
 def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
-    """Return the position of a recorded run in the traces of its method, and its status."""
-    table = point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]
-    return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
+    """Return the position of a recorded run in the traces of its method, and its status where it failed, else empty."""
+    status = str(point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]["status"].iloc[0])
+    return int(np.flatnonzero(point.traces[method].runs == run)[0]), "" if status == Status.OK.word else status
 
 
 def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:

@@ -121,9 +121,7 @@ class Rows(SweepFigure):
             columns = [column_of(name, results, tables, rows, options) for name in shown]
             if "rank" in shown:
                 order = next(column.order for column in columns if column.order)
-                rows = [
-                    sorted((row for row in rows[0] if row.method in order), key=lambda row: order.index(row.method))
-                ]
+                rows = [[row for name in order for row in rows[0] if row.method == name]]
             figure = new_figure(size)
             shape, widths = (len(tables), len(shown)), [WIDTHS[name] for name in shown]
             panels = figure.subplots(*shape, squeeze=False, sharex="col", sharey="row", width_ratios=widths)

@@ -203,8 +203,7 @@ class Scatter(SweepFigure):
     def draw(self, results: Trials) -> MplFigure:
         """Draw points or paths; see `Figure.draw`."""
         points = points_at(results, self.at)
-        layout = layout_of(points[0])
-        if self._of_signals(layout):
+        if self._of_signals(layout := layout_of(points[0])):
             self.require(layout)
             made = paths_content(self.plane, points)
             return draw_paths(made, self.size(made.height(self.width)))
@@ -221,15 +220,14 @@ class Scatter(SweepFigure):
                 (axes,) = stacked_panels(figure, 1)
                 few_ticks(axes)
                 for dot in shown:
-                    marker = _marker(styles[dot.method], filled=not self.front or dot in best)
-                    axes.plot(*dot.at, zorder=3.0, **marker)
+                    filled = not self.front or dot in best
+                    axes.plot(*dot.at, zorder=3.0, **_marker(styles[dot.method], filled=filled))
                 _set_limits(axes, shown, infos, log=self.log)
                 lines = _draw_lines(axes, shown, best, styles)
-                finish(
-                    figure, _handles(results, shown, listed, styles, front=self.front), _note(dots, MEANING[self.bars])
-                )
+                handles = _handles(results, shown, listed, styles, front=self.front)
+                finish(figure, handles, _note(dots, MEANING[self.bars]))
                 # If labels beside the dots overlap, all methods go into the legend.
-                if write(axes, _labels(results, shown, listed, several, styles), lines):
+                if write(axes, _labels(results, shown, listed, several), lines):
                     break
         return figure
 
@@ -295,25 +293,17 @@ def _handles(
         mine = [dot for dot in shown if dot.method == name]
         text = name_of(trials, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
         found.append((text, sample(**_marker(styles[name], filled=True))))
-    if front:
-        filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
-        found.append(("not dominated", sample(**filled)))
-    return found
+    filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
+    return [*found, ("not dominated", sample(**filled))] if front else found
 
 
-def _labels(
-    trials: Trials,
-    shown: Sequence[Dot],
-    listed: frozenset[str],
-    several: frozenset[str],
-    styles: Mapping[str, LineStyle],
-) -> list[Label]:
+def _labels(trials: Trials, shown: Sequence[Dot], listed: frozenset[str], several: frozenset[str]) -> list[Label]:
     """Label a dot with its method, or with its point of the sweep if the method has several."""
     found = []
     for dot in shown:
         if dot.method in several or dot.method not in listed:
             text = literal(short_title(dot.point)) if dot.method in several else name_of(trials, dot.method)
-            found.append(Label(*dot.at, text + _count(dot, shown), styles[dot.method].gid))
+            found.append(Label(*dot.at, text + _count(dot, shown), f"method-{dot.method}"))
     return found
 
 

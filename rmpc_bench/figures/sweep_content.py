@@ -156,10 +156,8 @@ class SweepContent(NamedTuple):
 
     def line(self, panel: str, method: str) -> list[tuple[float, Estimate]]:
         """Return the numbers of a method over the axis."""
-        places = self.panels[panel]
-        found = [
-            (self.axis.place(text), self.number(places[text], method)) for text in self.axis.texts if text in places
-        ]
+        tables = [(text, self.panels[panel].get(text)) for text in self.axis.texts]
+        found = [(self.axis.place(text), self.number(table, method)) for text, table in tables if table is not None]
         return [(x, value) for x, value in found if not math.isnan(value.value)]
 
     @property
