@@ -5,9 +5,9 @@ on the layout of the results in `check` and draws them in `draw`.
 Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.
 
 What is shown  points (of a sweep), recorded_runs (and series), quantities, curves and signal_content (over time),
-               scatter_paths, sweep_axis
+               scatter_paths, sweep_content, captions
 Drawing        row_columns, signal_panels, line_panels, cell_panels; axes, labels, legend
 Style          palette (colours on both grounds, look of a method), style (fonts and settings)
-Files          files (how each format is written, and what `figure` returns), svg_text, pdf_fonts
+Files          files (how each format is written), svg_text, pdf_fonts
 Others         component_plot (plots of a component itself)
 """

@@ -66,17 +66,12 @@ def ratio_axis(changes: Sequence[Estimate], margin: float, most: int = 6) -> Axi
     Intervals may be NaN; the margin is the smallest relative change that matters.
     """
     finite = [change for change in changes if math.isfinite(change.value)]
-    rows = [tuple(_log(1 + (change.value if math.isnan(end) else end) / 100) for end in change) for change in finite]
-    rows = [
-        (at, *(end if math.isfinite(end) else math.copysign(math.log(_LARGEST), end) for end in ends))
-        for at, *ends in rows
-    ]
-    reach = sorted(max(abs(low), abs(high)) for _, low, high in rows)
+    rows = [[_log(1 + (change.value if math.isnan(end) else end) / 100) for end in change[1:]] for change in finite]
+    reach = sorted(max(map(abs, row)) for row in rows)
     limit = max(REACH * reach[(len(reach) + 1) // 2 - 1] if reach else 0.0, math.log1p(3 * margin))
-    inside = [row for row in rows if max(abs(row[1]), abs(row[2])) <= limit]
+    inside = [row for row in rows if max(map(abs, row)) <= limit]
     edge = math.log1p(2 * margin) or math.log1p(0.02)
-    low = min([row[1] for row in inside] + [-edge])
-    high = max([row[2] for row in inside] + [edge])
+    low, high = min([-edge, *(row[0] for row in inside)]), max([edge, *(row[1] for row in inside)])
     pad = 0.05 * (high - low)
     low, high = low - pad, high + pad
     return Axis(low, high, _ratio_ticks(low, high, most), log=True)
@@ -134,10 +129,10 @@ def value_axis(values: Sequence[float], most: int = 5, *, wide: float = WIDE) ->
 
 def difference_axis(changes: Sequence[Estimate], margin: float, most: int = 6) -> Axis:
     """Choose the axis of differences in the unit of a metric: linear, with no difference on it."""
-    ends = [abs(end) for change in changes for end in change if math.isfinite(end)]
-    reach = sorted(ends) or [margin or 1.0]
+    ends = [end for change in changes for end in change if math.isfinite(end)]
+    reach = sorted(map(abs, ends)) or [margin or 1.0]
     limit = max(REACH * reach[(len(reach) + 1) // 2 - 1], 3 * margin) or 1.0
-    inside = [end for change in changes for end in change if math.isfinite(end) and abs(end) <= limit]
+    inside = [end for end in ends if abs(end) <= limit]
     edge = 2 * margin or 0.05 * max([abs(end) for end in inside] or [1.0]) or 1.0
     low, high = min([*inside, -edge]), max([*inside, edge])
     pad = 0.05 * (high - low)

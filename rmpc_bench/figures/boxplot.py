@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentence, short_title
 from rmpc_bench.figures.labels import LINEAR, literal, metric_label, metric_of, names_of_columns, wrapped
 from rmpc_bench.figures.palette import DIM
 from rmpc_bench.figures.points import first_tables, shown_rows
@@ -62,10 +62,8 @@ class Boxplot(SweepFigure):
         """Define the boxes and count the runs; see `Figure.caption`."""
         tables, words = self._tables(results)
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
-        return sentences(
-            f"Boxes of {quantity(tables[0].info)}{words}: median, quartiles, whiskers from 5 to 95 % of the runs, and "
-            f"the runs beyond them; {runs}"
-        )
+        boxes = "median, quartiles, whiskers from 5 to 95 % of the runs, and the runs beyond them"
+        return sentence(f"Boxes of {quantity(tables[0].info)}{words}: {boxes}", runs)
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""

@@ -21,9 +21,9 @@ def joined(words: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def sentences(*parts: str) -> str:
-    """Join parts of a caption, each a sentence or empty, and end every one with a full stop."""
-    return " ".join(part if part.endswith(".") else f"{part}." for part in parts if part)
+def sentence(*parts: str) -> str:
+    """Make one sentence of the parts that are not empty."""
+    return f"{'; '.join(filter(None, parts))}."
 
 
 def quantity(info: MetricInfo) -> str:
@@ -36,9 +36,9 @@ def label_of(trials: Trials, method: str) -> str:
     return trials.labels.get(method, method)
 
 
-def place(trials: Trials, title: str) -> str:
+def at_point(title: str) -> str:
     """Name the point of a sweep that a figure of one point shows; empty without a sweep."""
-    return f"Shown is the point {title}" if title else ""
+    return f" at {title}" if title else ""
 
 
 def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:

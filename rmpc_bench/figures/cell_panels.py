@@ -58,6 +58,11 @@ class Block(NamedTuple):
     """How ticks have the names of columns."""
 
     @property
+    def placed(self) -> list[tuple[int, int, Cell]]:
+        """Column, row and cell of all that exist."""
+        return [(x, y, cell) for y, row in enumerate(self.cells) for x, cell in enumerate(row) if cell is not None]
+
+    @property
     def n_lines(self) -> int:
         """Most lines that the name of a row has."""
         return max(1 + name.count("\n") for name in self.rows)
@@ -196,10 +201,9 @@ def _draw(axes: Axes, block: Block) -> None:
     """Draw the cells of a panel with the names of rows and columns, the latter on top."""
     from matplotlib.patches import Rectangle
 
-    for y, row in enumerate(block.cells):
-        for x, cell in enumerate(row):
-            if cell is not None and cell.alpha:
-                axes.add_patch(Rectangle((x, y), 1, 1, facecolor=cell.fill, alpha=cell.alpha, lw=0, gid=cell.gid))
+    for x, y, cell in block.placed:
+        if cell.alpha:
+            axes.add_patch(Rectangle((x, y), 1, 1, facecolor=cell.fill, alpha=cell.alpha, lw=0, gid=cell.gid))
     axes.set_xlim(0, len(block.columns))
     axes.set_ylim(len(block.rows), 0)
     axes.hlines(range(len(block.rows) + 1), 0, len(block.columns), color=PRINT["line"], lw=0.5, clip_on=False)
@@ -218,12 +222,8 @@ def _write(axes: Axes, block: Block, size: tuple[float, float]) -> None:
     place = axes.get_position()
     wide = place.width * size[0] * POINTS_PER_INCH / len(block.columns) - PAD
     tall = place.height * size[1] * POINTS_PER_INCH / len(block.rows)
-    texts = [cell.text for row in block.cells for cell in row if cell is not None]
-    font = min(FONT_SIZE, FONT_SIZE * wide / max(map(width, texts), default=1.0), 0.8 * tall)
-    if font < SMALLEST:
-        return
-    for y, row in enumerate(block.cells):
-        for x, cell in enumerate(row):
-            if cell is not None:
-                look: dict[str, Any] = {"color": cell.ink, "fontsize": font, "gid": cell.gid}
-                axes.text(x + 0.5, y + 0.5, cell.text.replace("-", MINUS), ha="center", va="center", **look)
+    widest = max((width(cell.text) for *_, cell in block.placed), default=1.0)
+    font = min(FONT_SIZE, FONT_SIZE * wide / widest, 0.8 * tall)
+    for x, y, cell in block.placed if font >= SMALLEST else ():
+        look: dict[str, Any] = {"color": cell.ink, "fontsize": font, "gid": cell.gid}
+        axes.text(x + 0.5, y + 0.5, cell.text.replace("-", MINUS), ha="center", va="center", **look)

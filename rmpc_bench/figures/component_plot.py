@@ -19,14 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
-WIDTH = 3.5
-"""Width of the picture [in]."""
-NOTE_DISTANCE = 6.5
-"""From a point to the middle of its note [pt]."""
-EQUAL_AXES_HEIGHT = 1.2
-"""Additional height of a panel with equal axes [in]."""
-MARGIN = 0.12
-"""Share of a panel with equal axes that is left for notes on every side."""
+WIDTH, NOTE_DISTANCE = 3.5, 6.5
+"""Width of the picture [in], and from a point to the middle of its note [pt]."""
+EQUAL_AXES_HEIGHT, MARGIN = 1.2, 0.12
+"""Additional height of a panel with equal axes [in], and the share of it that is left for notes on every side."""
 
 
 def draw_component(panels: Sequence[Panel]) -> MplFigure:
@@ -43,9 +39,8 @@ def draw_component(panels: Sequence[Panel]) -> MplFigure:
             if panel.equal:
                 axes.set_aspect("equal", adjustable="box")
                 axes.margins(MARGIN)
-            axes.set_title(typeset(panel.title))
-            axes.set_xlabel(typeset(panel.x_label))
-            axes.set_ylabel(typeset(panel.y_label))
+            title, x, y = map(typeset, (panel.title, panel.x_label, panel.y_label))
+            axes.set(title=title, xlabel=x, ylabel=y)
         finish(figure, [*handles.items()])
     return figure
 
@@ -54,11 +49,9 @@ def _drawn(axes: Axes, line: Line, color: str) -> Artist:
     """Draw a line or its points, with the notes beside them."""
     look: dict[str, Any] = {"ls": "none", "marker": "o", "markersize": 3.0} if line.dots else {"linewidth": 1.2}
     (drawn,) = axes.plot(line.x, drawable(line.y), color=color, **look)
+    beside: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": FONT_SIZE - 1}
     for note, point, aside in zip(line.notes, np.stack([line.x, line.y], axis=1), _outwards(line), strict=False):
-        text = axes.annotate(
-            typeset(note), point, NOTE_DISTANCE * aside, textcoords="offset points", ha="center", va="center"
-        )
-        text.set_fontsize(FONT_SIZE - 1)
+        axes.annotate(typeset(note), point, NOTE_DISTANCE * aside, **beside)
     return drawn
 
 

@@ -55,33 +55,20 @@ class Curve(NamedTuple):
 
 
 class SeriesComponent(NamedTuple):
-    """A component of a series: its exact values, those from runs, or both."""
+    """A component of a series."""
 
-    exact: Curve | None
-    runs: Curve | None
-
-    @property
-    def best(self) -> Curve:
-        """The exact values where they exist, else those from runs."""
-        found = self.exact or self.runs
-        assert found is not None, "made from at least one row"
-        return found
-
-    @property
-    def behind(self) -> Curve | None:
-        """Those from runs where the exact ones exist too."""
-        return self.runs if self.exact is not None else None
+    best: Curve
+    """The exact values where they exist, else those from runs."""
+    behind: Curve | None
+    """Those from runs where the exact ones exist too."""
 
 
 def component_of(rows: pd.DataFrame) -> SeriesComponent:
     """Read one component of one method; of values from runs, those from most runs count at every sample."""
     rows = rows.sort_values(["k", "n"])
     parts = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
-    exact, runs = (
-        Curve(each["k"].to_numpy(dtype=np.int64), each["value"].to_numpy(dtype=float)) if len(each) else None
-        for each in parts
-    )
-    return SeriesComponent(exact, runs)
+    best, *others = (Curve(each["k"].to_numpy(np.int64), each["value"].to_numpy(float)) for each in parts if len(each))
+    return SeriesComponent(best, others[0] if others else None)
 
 
 def components(point: Trials, quantity: str, method: str) -> dict[str, SeriesComponent]:
@@ -99,13 +86,6 @@ class NeesLines(NamedTuple):
     """(samples,) average over runs; None without runs."""
     freedom: Array
     """(samples,) degrees of freedom of all runs together."""
-
-    @property
-    def main(self) -> Array:
-        """The main line."""
-        found = self.average if self.exact is None else self.exact
-        assert found is not None, "a method has one of both"
-        return found
 
 
 def nees_of(point: Trials, method: str) -> NeesLines | None:
@@ -128,13 +108,7 @@ def nees_of(point: Trials, method: str) -> NeesLines | None:
     return None if expected is None else NeesLines(expected, None, np.zeros(len(expected)))
 
 
-def nis_of(point: Trials, method: str) -> NeesLines | None:
-    """Compute the average NIS of the recorded runs; see `nees_of`."""
-    recorded = recorded_innovations(point, method)
-    return None if recorded is None or not len(recorded.runs) else _of_runs(recorded, None)
-
-
-def _of_runs(recorded: ErrorRuns, expected: Array | None) -> NeesLines | None:
+def _of_runs(recorded: ErrorRuns, expected: Array | None = None) -> NeesLines | None:
     """Average the normalised squares of runs; a sample that a run does not have counts for the others only."""
     values, freedom = recorded.squares()
     missing = np.isnan(values)
@@ -194,7 +168,8 @@ class Choice(NamedTuple):
     """Position of the thick run in the traces."""
     n_thin: int | None
     level: float
-    log: bool
+    log: bool | None
+    """None: for `nees` and `nis` only."""
 
 
 def cell_of(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
@@ -216,25 +191,20 @@ def _recorded(point: Trials, method: str, quantity: Quantity, window: TimeWindow
     if choice.show == "width":
         low, high = np.nanquantile(values, BAND, axis=0)
         return Cell((Line("main", t, high - low),), levels=(("average", float(np.nanmean(high - low))),))
-    levels: tuple[tuple[str, float], ...] = ()
+    of_difference = choice.show == "difference"
+    levels = [("zero", 0.0)] if of_difference or quantity.name == ERROR else []
+    levels += [] if of_difference else [("limit", limit) for limit in limits_of(point, method, quantity)]
     lines: list[Line] = []
-    areas: list[Area] = []
-    if choice.show == "difference":
-        levels = (("zero", 0.0),)
-    elif quantity.name == OUTPUT:
+    if quantity.name == OUTPUT and not of_difference:
         lines.append(Line("reference", *_steps(t, traces.r[window.slice, quantity.number])))
-    elif quantity.name == ERROR:
-        levels = (("zero", 0.0),)
-    if choice.show != "difference":
-        levels += tuple(("limit", limit) for limit in limits_of(point, method, quantity))
+    areas: tuple[Area, ...] = ()
     if choice.show == "band":
-        low, middle, high = np.nanquantile(values, [BAND[0], 0.5, BAND[1]], axis=0)
-        areas.append(Area("band", t, low, high))
-        return Cell((*lines, Line("main", *(_steps(t, middle) if held else (t, middle)))), tuple(areas), levels)
-    thin = values if choice.n_thin is None else values[: choice.n_thin]
-    lines += [Line("run", t, run) for run in thin] if len(values) > 1 else []
-    (main,) = shown_part(every[[choice.middle]], traces, window)
-    return Cell((*lines, Line("main", *(_steps(t, main) if held else (t, main)))), levels=levels)
+        low, main, high = np.nanquantile(values, [BAND[0], 0.5, BAND[1]], axis=0)
+        areas = (Area("band", t, low, high),)
+    else:
+        lines += [Line("run", t, run) for run in values[: choice.n_thin]] if len(values) > 1 else []
+        (main,) = shown_part(every[[choice.middle]], traces, window)
+    return Cell((*lines, Line("main", *(_steps(t, main) if held else (t, main)))), areas, tuple(levels))
 
 
 def _steps(t: Array, values: Array) -> tuple[Array, Array]:
@@ -259,8 +229,7 @@ def _error(point: Trials, method: str, quantity: Quantity, window: TimeWindow, c
     P = None
     if recorded is not None and len(recorded.runs):
         e = drawable(recorded.e[:, window.slice, i])
-        thin = e if choice.n_thin is None else e[: choice.n_thin]
-        lines += [Line("run", t, run) for run in thin] if len(e) > 1 else []
+        lines += [Line("run", t, run) for run in e[: choice.n_thin]] if len(e) > 1 else []
         middle = np.flatnonzero(recorded.runs == point.traces[method].runs[choice.middle])
         lines += [Line("main", t, e[place]) for place in middle]
         if moments is None and len(e) >= FEW:
@@ -315,25 +284,30 @@ def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, 
 def _of_series(window: TimeWindow, curves: Mapping[str, Curve | None]) -> Cell:
     """Make lines of stored curves by kind, of those that have values in the window."""
     pieces = {kind: curve.cut(window) for kind, curve in curves.items() if curve is not None}
-    shown = [(kind, piece) for kind, piece in pieces.items() if len(piece.k)]
-    return Cell(tuple(Line(kind, window.sample * piece.k, drawable(piece.values)) for kind, piece in shown))
+    lines = [(kind, window.sample * k, drawable(values)) for kind, (k, values) in pieces.items() if len(k)]
+    return Cell(tuple(Line(*each) for each in lines))
 
 
 def _nees(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:
     """Average normalised square of errors or innovations, with the band of a consistent estimator."""
-    found = nees_of(point, method) if quantity.kind == "nees" else nis_of(point, method)
+    if quantity.kind == "nees":
+        found = nees_of(point, method)
+    else:
+        recorded = recorded_innovations(point, method)
+        found = _of_runs(recorded) if recorded is not None and len(recorded.runs) else None
     if found is None:
         return None
     t, lines, areas = window.times, [], []
 
     def gaps(values: Array) -> Array:
-        return np.where(np.isfinite(values) & ((values > 0) | (not choice.log)), values, np.nan)[window.slice]
+        return np.where(np.isfinite(values) & ((values > 0) | (choice.log is False)), values, np.nan)[window.slice]
 
     if found.average is not None:
         low, high = chi_square_band(found.freedom[window.slice], choice.level)
         areas.append(Area("consistent", t, low, high))
         lines += [Line("from runs", t, gaps(found.average))] if found.exact is not None else []
-    lines.append(Line("main", t, drawable(gaps(found.main))))
+    main = found.average if found.exact is None else found.exact
+    lines += [Line("main", t, drawable(gaps(main)))] if main is not None else []
     return Cell(tuple(lines), tuple(areas), (("one", 1.0),))
 
 

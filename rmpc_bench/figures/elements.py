@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import STEPS, drawable
-from rmpc_bench.figures.captions import joined, label_of, place, sentences
+from rmpc_bench.figures.captions import at_point, joined, label_of, sentence
 from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.palette import LINE, LineStyle, are_rough, legend_sample, line_styles
+from rmpc_bench.figures.palette import LINE, are_rough, line_styles, sample
 from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, spans, window_of
 from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
-from rmpc_bench.types import Array, NonNegative, Status
+from rmpc_bench.types import Array, NonNegative
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
@@ -89,50 +90,43 @@ class Elements(OnePointFigure):
             yield Issue("width", f"{n} columns need a width of {least:g} inches (got {self.width:g})")
 
     def caption(self, results: Trials) -> str:
-        """Name the matrix, the run and the axes, and state the mean of every element; see `Figure.caption`."""
-        point, title = point_at(results, self.at)
-        signals = layout_of(point).signals
-        methods = self.order or [name for name in signals if self.signal in signals[name]]
-        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
-        window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
-        rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
-        bursts = spans(bursts_of(point, rows), window)
-        means = [f"{label_of(point, name)} {_means(matrix, window)}" for name, matrix in matrices.items()]
-        failed = [f"{label_of(point, name)} {each.status}" for name, each in matrices.items() if each.status != "ok"]
-        return sentences(
-            f"Elements of the matrix {symbol(self.signal)} of {joined(label_of(point, name) for name in methods)} in "
-            f"run {self.run}, {window.words}, a panel for each, as in the matrix; indices count from 0",
-            place(point, title),
-            "The panels of the diagonal have one vertical axis, all others another one",
-            "Bursts of the noise are shaded" if bursts else "",
-            f"Mean over time, row by row: {'; '.join(means)}",
-            f"Failed: {joined(failed)}" if failed else "",
+        """Name the matrix, its methods, the run and the axes; see `Figure.caption`."""
+        made = self._content(results)
+        names = joined(label_of(made.point, name) for name in made.matrices)
+        return sentence(
+            f"Elements of the matrix {symbol(self.signal)} of {names} in run {self.run}{at_point(made.title)}, "
+            f"{made.window.words}, with one vertical axis for the diagonal and another one for all others",
+            "bursts of the noise are shaded" if made.bursts else "",
+            f"failed: {joined(made.failed)}" if made.failed else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the matrices of one run at one point; see `Figure.draw`."""
+        made = self._content(results)
+        n = next(iter(made.matrices.values())).values.shape[1]
+        with style():
+            figure = new_figure(self.size(0.7 + 0.8 * n))
+            grid = _grid(figure, n)
+            handles = _draw_elements(grid, made)
+            for each in range(n):
+                grid[0, each].set_title(symbol(self.signal, f"{ANY},{each}"))
+                grid[each, 0].set_ylabel(symbol(self.signal, f"{each},{ANY}"))
+            handles += shade(grid.ravel(), made.bursts)
+            grid[0, 0].set_xlim(*made.window.limits)
+            figure.supxlabel(made.window.label, fontsize=FONT_SIZE)
+            note = ", ".join([f"run {self.run}", *made.failed])
+            finish(figure, handles, "\n".join(filter(None, [made.title, note])), columns=True)
+        return figure
+
+    def _content(self, results: Trials) -> Content:
         point, title = point_at(results, self.at)
         layout = layout_of(point)
         self.require(layout)
         methods = self.order or [name for name, signals in layout.signals.items() if self.signal in signals]
-        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
         window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
-        styles = line_styles(point.all_methods, list(matrices))
-        n = next(iter(matrices.values())).values.shape[1]
-        with style():
-            figure = new_figure(self.size(0.7 + 0.8 * n))
-            grid = _grid(figure, n)
-            _draw_elements(grid, matrices, window, styles)
-            for place in range(n):
-                grid[0, place].set_title(symbol(self.signal, f"{ANY},{place}"))
-                grid[place, 0].set_ylabel(symbol(self.signal, f"{place},{ANY}"))
-            rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in matrices}
-            keys = shade(grid.ravel(), spans(bursts_of(point, rows), window))
-            grid[0, 0].set_xlim(*window.limits)
-            figure.supxlabel(window.label, fontsize=FONT_SIZE)
-            handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
-            finish(figure, [*handles, *keys], _note(title, self.run, matrices), columns=True)
-        return figure
+        rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
+        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
+        return Content(point, title, matrices, window, spans(bursts_of(point, rows), window))
 
 
 class RecordedMatrix(NamedTuple):
@@ -142,17 +136,33 @@ class RecordedMatrix(NamedTuple):
     """(samples, n, n); NaN before the first one is reported."""
     held: bool
     """Whether it is constant over a sample."""
-    status: str
+    failure: str
+    """Status of the run where it failed, else empty."""
+
+
+class Content(NamedTuple):
+    """What the figure shows."""
+
+    point: Trials
+    title: str
+    matrices: Mapping[str, RecordedMatrix]
+    window: TimeWindow
+    bursts: Sequence[tuple[float, float]]
+
+    @property
+    def failed(self) -> list[str]:
+        """Methods that failed in the run, with their status."""
+        return [f"{label_of(self.point, name)} {each.failure}" for name, each in self.matrices.items() if each.failure]
 
 
 def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix:
     """Read the matrix that a method reports in a run."""
     traces = point.traces[name]
-    row, status = find_run(point, name, run)
+    row, failure = find_run(point, name, run)
     values = traces.signals[signal][row].reshape(-1, *traces.shapes[signal])
     # The last value of a held signal is continued to the last sample.
     missing = len(traces.r) - len(values)
-    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
+    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), failure)
 
 
 def _grid(figure: MplFigure, n: int) -> Any:
@@ -172,34 +182,22 @@ def _grid(figure: MplFigure, n: int) -> Any:
     return grid
 
 
-def _draw_elements(
-    grid: Any, matrices: Mapping[str, RecordedMatrix], window: TimeWindow, styles: Mapping[str, LineStyle]
-) -> None:
-    """Draw the matrices of all methods, those that failed last, so that they do not shrink the others."""
-    failed = {name: matrix.status != Status.OK.word for name, matrix in matrices.items()}
-    first = [name for name in matrices if not failed[name]] or list(matrices)
-    for names in (first, [name for name in matrices if name not in first]):
+def _draw_elements(grid: Any, made: Content) -> list[Handle]:
+    """Draw all methods, those that failed last, so that they do not shrink the others; return their legend entries.
+
+    An entry looks as the lines do: it has no marker, and no dashes where no panel has them.
+    """
+    styles = line_styles(made.point.all_methods, list(made.matrices))
+    values = {name: drawable(each.values[made.window.slice]) for name, each in made.matrices.items()}
+    first = [name for name, each in made.matrices.items() if not each.failure] or list(values)
+    rough = {(i, j): are_rough([values[name][:, i, j] for name in first]) for i, j in np.ndindex(grid.shape)}
+    for names in (first, [name for name in values if name not in first]):
         limits = [axes.get_ylim() for axes in grid.ravel()]
-        for i, j in np.ndindex(grid.shape):
-            values = {name: drawable(matrix.values[window.slice, i, j]) for name, matrix in matrices.items()}
-            rough = are_rough([values[name] for name in first])
-            for name in names:
-                line = styles[name].line(held=matrices[name].held, rough=rough)
-                grid[i, j].plot(window.times, values[name], **{**line, "lw": THINNER * line["lw"]})
+        for (i, j), name in product(rough, names):
+            line = styles[name].line(held=made.matrices[name].held, rough=rough[i, j])
+            grid[i, j].plot(made.window.times, values[name][:, i, j], **{**line, "lw": THINNER * line["lw"]})
         if names is not first:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)
-
-
-def _means(matrix: RecordedMatrix, window: TimeWindow) -> str:
-    """Write the means of all elements over the samples that have values."""
-    values = matrix.values[window.slice]
-    finite = values[np.isfinite(values).all(axis=(1, 2))]
-    rows = finite.mean(axis=0) if len(finite) else np.full(values.shape[1:], np.nan)
-    return "[" + "; ".join(" ".join(f"{value:.3g}" for value in row) for row in rows) + "]"
-
-
-def _note(title: str, run: int, matrices: Mapping[str, RecordedMatrix]) -> str:
-    """Name the run, and the methods that failed in it."""
-    failed = [f"{name} {matrix.status}" for name, matrix in matrices.items() if matrix.status != Status.OK.word]
-    return "\n".join(filter(None, [title, ", ".join([f"run {run}", *failed])]))
+    looks = {name: styles[name].line(rough=all(rough.values())) for name in values}
+    return [(label_of(made.point, name), sample(**look)) for name, look in looks.items()]

@@ -12,7 +12,7 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_sentence, sentences
+from rmpc_bench.figures.captions import at_point, joined, label_of, quantity, runs_sentence, sentence
 from rmpc_bench.figures.curves import Curve, components
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
 from rmpc_bench.figures.legend import Handle, finish
@@ -98,8 +98,8 @@ BROAD = 2.0
 """Factor of the width of the lines of a segment, which a thin ellipse is not."""
 END: dict[str, Any] = {"marker": "D", "ms": 3.0, "mew": 0.0}
 POINT: dict[str, Any] = {"marker": "x", "ms": 8.0, "mew": 2.0}
-REMARKS = {"ellipse": "", "point": " (point: $P = 0$)", "none": " (no ellipse)"}
-REMARKS["segment"] = " (segment: $P$ is singular)"
+REMARKS = {"ellipse": "", "segment": " (segment: $P$ is singular)", "point": " (point: $P = 0$)"}
+REMARKS["none"] = " (no ellipse)"
 """What the legend says of a shape."""
 SERIES = ("mean(x_hat)", "P")
 """Series that give the centre and the shape of an ellipse."""
@@ -151,21 +151,15 @@ class Ellipses(OnePointFigure):
         """Define ellipses and dots, and count the runs; see `Figure.caption`."""
         point, title = point_at(results, self.at)
         methods = self.order or layout_of(point).methods_having(*SERIES)
-        x, y = metric_of(point, self.x), metric_of(point, self.y)
+        x, y = (metric_of(point, name) for name in (self.x, self.y))
         k, ellipses = ellipses_of(point, methods, self.components, self.k)
         radii = joined(f"{radius:g}" for radius in self.sigmas)
-        special = [
-            f"{label_of(point, name)}{REMARKS[ellipse.shape]}"
-            for name, ellipse in ellipses.items()
-            if ellipse.shape != "ellipse"
-        ]
-        return sentences(
-            f"Ellipses of the covariance $P$ that {joined(label_of(point, name) for name in methods)} report at "
-            f"k = {k}, with the radii {radii} standard deviations about the mean of the estimates (crosses)",
-            place(point, title),
-            f"Dots are the runs in the plane of {quantity(x)} and {quantity(y)}",
+        names = joined(label_of(point, name) + REMARKS[ellipse.shape] for name, ellipse in ellipses.items())
+        return sentence(
+            f"Ellipses of the covariance $P$ that {names} report at k = {k}{at_point(title)}, with the radii {radii} "
+            "standard deviations about the mean of the estimates (crosses), and dots of the runs in the plane of "
+            f"{quantity(x)} and {quantity(y)}",
             runs_sentence([point], methods),
-            f"Not an ellipse: {joined(special)}" if special else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:
@@ -187,15 +181,11 @@ class Ellipses(OnePointFigure):
                 look = styles[name]
                 with grouped(axes, look.gid):
                     keys_of = _draw_ellipse(axes, ellipse, self.sigmas, look.color, look.zorder)
-                entry = sample(**keys_of, gid=look.gid)
-                handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
-            keys: list[Handle] = [
-                (rf"${radius:g}\sigma$", sample(color=DIM, **ring))
-                for radius, ring in zip(self.sigmas, RINGS, strict=False)
-            ]
+                handles.append((label_of(point, name) + REMARKS[ellipse.shape], sample(**keys_of, gid=look.gid)))
+            radii = zip(self.sigmas, RINGS, strict=False)
+            keys: list[Handle] = [(rf"${radius:g}\sigma$", sample(color=DIM, **ring)) for radius, ring in radii]
             keys += _draw_dots(axes, dots, styles)
-            axes.set_xlabel(metric_label(infos[0]))
-            axes.set_ylabel(metric_label(infos[1]))
+            axes.set(xlabel=metric_label(infos[0]), ylabel=metric_label(infos[1]))
             finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
         return figure
 
@@ -234,19 +224,15 @@ def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, 
     """Find the dots of every method, or of the first one for all where the values do not depend on the method."""
     found = {name: (point.column(x, name), point.column(y, name)) for name in methods}
     first = found[methods[0]]
-    common = all(_same(a, b) for columns in found.values() for a, b in zip(first, columns, strict=True))
+    # Columns are equal in the runs that both methods finished.
+    pairs = [(a, b, ~(np.isnan(a) | np.isnan(b))) for each in found.values() for a, b in zip(first, each, strict=True)]
+    common = all(np.array_equal(a[both], b[both]) for a, b, both in pairs)
     dots = {}
     for name in methods[:1] if common else methods:
         a, b = found[name]
         finite, n_infinite = np.isfinite(a) & np.isfinite(b), int((np.isinf(a) | np.isinf(b)).sum())
         dots[name] = Dots(drawable(a[finite]), drawable(b[finite]), point.n_failed(name), n_infinite)
     return dots
-
-
-def _same(a: Array, b: Array) -> bool:
-    """Whether two columns are equal in the runs that both methods finished."""
-    both = ~(np.isnan(a) | np.isnan(b))
-    return bool(np.array_equal(a[both], b[both]))
 
 
 def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> dict[str, Any]:

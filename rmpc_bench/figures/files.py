@@ -58,10 +58,8 @@ def as_latex() -> Iterator[None]:
     def measured(self: Any, s: str, prop: Any, ismath: Any) -> Any:
         return measure(self, _escaped(s, ismath=bool(ismath)), prop, ismath)
 
-    def drawn(
-        self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **more: Any
-    ) -> None:
-        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **more)
+    def drawn(self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **m: Any) -> None:
+        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **m)
 
     # Labels of ticks are made while a figure is drawn, so its texts cannot be changed before.
     renderer.get_text_width_height_descent, renderer.draw_text = measured, drawn
@@ -123,20 +121,13 @@ def svg_and_pdf(figure: MplFigure) -> tuple[str, bytes]:
 
 
 def _both(svg: Any, pdf: Any) -> Any:
-    """Return a renderer of SVG that lets a renderer of PDF draw the same."""
+    """Return a renderer of SVG that lets a renderer of PDF draw the same.
 
-    class Both(svg):  # type: ignore[misc]
-        """Draws twice; what a method of the SVG draws by other methods is drawn by it alone."""
-
-        inner = False
-
-        def new_gc(self) -> Any:
-            """The PDF keeps more in it than the SVG needs."""
-            return pdf.new_gc()
-
-    for name in FORWARDED:
-        setattr(Both, name, _forwarded(name, svg, pdf))
-    return Both
+    What a method of the SVG draws by other methods is drawn by it alone.  The PDF keeps more in `new_gc` than the SVG
+    needs.
+    """
+    methods = {name: _forwarded(name, svg, pdf) for name in FORWARDED}
+    return type("Both", (svg,), {"inner": False, "new_gc": lambda _: pdf.new_gc(), **methods})
 
 
 def _forwarded(name: str, svg: Any, pdf: Any) -> Callable[..., Any]:
@@ -207,20 +198,15 @@ def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | N
     with rendered(rendering):
         together = {"svg", "pdf"} <= set(rendering.formats) and can_be_drawn_once(figure)
         if together:
-            _save_vectors(figure, directory, stem)
+            with style(), small_fonts():
+                svg, pdf = svg_and_pdf(figure)
+            replace_text(directory / f"{stem}.svg", as_file(themed(svg), families(font_family())))
+            with replaced(directory / f"{stem}.pdf") as partial:
+                partial.write_bytes(pdf)
         for file in files:
             if not (together and file.suffix in (".svg", ".pdf")):
                 save_as(figure, file)
     return files
-
-
-def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
-    """Write SVG and PDF from one draw."""
-    with style(), small_fonts():
-        svg, pdf = svg_and_pdf(figure)
-    replace_text(directory / f"{stem}.svg", as_file(themed(svg), families(font_family())))
-    with replaced(directory / f"{stem}.pdf") as partial:
-        partial.write_bytes(pdf)
 
 
 def save_as(figure: MplFigure, file: Path) -> None:

@@ -40,14 +40,14 @@ def unit_of(trials: Trials, component: str) -> str:
     return trials.units.get(component, trials.units.get(component.partition(".")[0], ""))
 
 
-def component_label(trials: Trials, signal: str, component: int, place: str, *, prefix: str = "") -> str:
+def component_label(trials: Trials, signal: str, component: int, place: str) -> str:
     """Label an axis with a component of a signal and its unit: by its name, else ``$y_0$``.
 
     The place is the index as it is written, empty for a signal of one component.
     """
     key = f"{signal}.{component}"
     name = f"{literal(trials.names[key])}{ESTIMATE * (signal == 'x_hat')}" if key in trials.names else ""
-    return with_unit(f"{prefix} {name or symbol(signal, place)}".lstrip(), unit_of(trials, key))
+    return with_unit(name or symbol(signal, place), unit_of(trials, key))
 
 
 def name_of(trials: Trials, method: str) -> str:

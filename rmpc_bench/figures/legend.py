@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -62,20 +62,10 @@ def finish(
 
 def _place_legend(figure: MplFigure, entries: Sequence[Entry], n_columns: int) -> None:
     """Write a legend above the panels."""
-    handles = [handle for _, handle in entries]
-    legend = figure.legend(
-        handles,
-        ["\n".join(lines) for lines, _ in entries],
-        loc="outside upper center",
-        ncols=n_columns,
-        frameon=False,
-        handlelength=HANDLE,
-        handletextpad=PAD,
-        columnspacing=GAP,
-        labelspacing=0.25,
-        borderpad=0.0,
-        borderaxespad=0.3,
-    )
+    handles, texts = [handle for _, handle in entries], ["\n".join(lines) for lines, _ in entries]
+    spaces: dict[str, Any] = {"labelspacing": 0.25, "borderpad": 0.0, "borderaxespad": 0.3, "frameon": False}
+    spaces |= {"handlelength": HANDLE, "handletextpad": PAD, "columnspacing": GAP}
+    legend = figure.legend(handles, texts, loc="outside upper center", ncols=n_columns, **spaces)
     name_entries(legend, handles)
 
 
@@ -100,14 +90,14 @@ def _in_rows(above: Sequence[Entry], below: Sequence[Entry], limit: float) -> tu
     Returns the entries, with empty ones at the ends of rows, and the number of columns: as few rows as fit into `limit`
     points, then as few columns as these need.
     """
-    found: list[tuple[int, int, list[list[Entry]]]] = []
+    found: list[list[list[Entry]]] = []
     for n in range(1, max(len(above), len(below)) + 1):
         cells = [entry for group in (above, below) for entry in [*group, *[([""], sample(ls=""))] * (-len(group) % n)]]
         columns = [cells[place::n] for place in range(n)]
         if n == 1 or _fits([[max(map(width, lines)) for lines, _ in column] for column in columns], limit):
-            found.append((len(columns[0]), n, columns))
-    _, n_columns, columns = min(found, key=lambda each: each[:2])
-    return [entry for column in columns for entry in column], n_columns
+            found.append(columns)
+    columns = min(found, key=lambda each: (len(each[0]), len(each)))
+    return [entry for column in columns for entry in column], len(columns)
 
 
 DISTANCES = (4.0, 9.0, 15.0, 22.0, 30.0)
@@ -124,17 +114,8 @@ CROSSED, HIDDEN, OUTSIDE, FAR_AWAY = 1.0, 4.0, 8.0, 3.0
 """Weights of the cost of a position: area on lines, on points or labels, and outside of the panel; distance."""
 
 
-SLANT = math.sqrt(0.5)
-SIDES = (
-    (1.0, 0.0),
-    (SLANT, SLANT),
-    (SLANT, -SLANT),
-    (0.0, 1.0),
-    (0.0, -1.0),
-    (-SLANT, SLANT),
-    (-SLANT, -SLANT),
-    (-1.0, 0.0),
-)
+_S = math.sqrt(0.5)
+SIDES = ((1.0, 0.0), (_S, _S), (_S, -_S), (0.0, 1.0), (0.0, -1.0), (-_S, _S), (-_S, -_S), (-1.0, 0.0))
 """Directions to the right and up from a point to its label, the preferred ones first."""
 
 
@@ -183,8 +164,8 @@ def _annotate(axes: Axes, label: Label, text: str, side: tuple[float, float], di
         (label.x, label.y),
         xytext=(side[0] * distance, side[1] * distance),
         textcoords="offset points",
-        ha=("right", "center", "left")[1 + _sign(side[0])],
-        va=("top", "center", "bottom")[1 + _sign(side[1])],
+        ha=("right", "center", "left")[1 + int(np.sign(side[0]))],
+        va=("top", "center", "bottom")[1 + int(np.sign(side[1]))],
         arrowprops=lead if distance > LEADER else None,
         linespacing=1.0,
         color=color,
@@ -193,10 +174,6 @@ def _annotate(axes: Axes, label: Label, text: str, side: tuple[float, float], di
     )
     if note.arrow_patch is not None:
         note.arrow_patch.set_gid(label.gid)
-
-
-def _sign(part: float) -> int:
-    return (part > 0) - (part < 0)
 
 
 def _points_per_pixel(axes: Axes) -> float:
@@ -212,10 +189,8 @@ def _on_paper(axes: Axes, data: Array) -> Array:
 
 def _beside(place: Array, extent: tuple[float, float], side: tuple[float, float], distance: float) -> Array:
     """Box of a text of some width and height that begins at a distance from a point."""
-    across, up = extent
-    left = place[0] + side[0] * distance - across * (1 - _sign(side[0])) / 2
-    bottom = place[1] + side[1] * distance - up * (1 - _sign(side[1])) / 2
-    return np.array([left, bottom, left + across, bottom + up])
+    corner = place + np.multiply(side, distance) - np.multiply(extent, 1 - np.sign(side)) / 2
+    return np.concatenate([corner, corner + extent])
 
 
 def _along(line: Array, panel: Array) -> Array:

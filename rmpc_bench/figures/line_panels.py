@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -151,13 +152,9 @@ def apart(places: Sequence[float], gap: float) -> list[float]:
     blocks: list[list[float]] = []
     for rank, k in enumerate(order):
         blocks.append([places[k] - rank * gap])
-        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
+        while len(blocks) > 1 and fmean(blocks[-2]) > fmean(blocks[-1]):
             blocks[-2:] = [blocks[-2] + blocks[-1]]
     highest = max(0.0, 1 - (len(places) - 1) * gap)
-    fitted = [min(max(_mean(block), 0.0), highest) for block in blocks for _ in block]
+    fitted = [min(max(fmean(block), 0.0), highest) for block in blocks for _ in block]
     found = dict(zip(order, (place + rank * gap for rank, place in enumerate(fitted)), strict=True))
     return [found[k] for k in range(len(places))]
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)

@@ -77,8 +77,6 @@ THIN = 0.7
 """Width of the grey lines of methods beyond the seventh, which are too many to be distinguished [pt]."""
 MOST_TRAVEL = 6.0
 """Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
-MARKED_FROM = 4
-"""Number of lines in a panel from which on the legend has markers: dashes alone are hard to distinguish then."""
 
 
 class LineStyle(NamedTuple):
@@ -143,12 +141,6 @@ def sample(**look: Any) -> Line2D:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], **look)
-
-
-def legend_sample(style: LineStyle) -> Line2D:
-    """Make a piece of a method's line for the legend, with its marker where dashes alone are hard to distinguish."""
-    marks: dict[str, Any] = {"marker": style.marker, "ms": 2.8, "mew": 0.6, "mfc": GROUND}
-    return sample(**style.line(), **(marks if style.n_shown >= MARKED_FROM and style.color != DIM else {}))
 
 
 @contextmanager

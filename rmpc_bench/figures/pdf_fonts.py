@@ -54,17 +54,9 @@ def subset_of(file: str, glyphs: Collection[int]) -> tuple[bytes, dict[int, int]
     struct.pack_into(">h", head, 50, 1)
     struct.pack_into(">H", hhea, 34, len(chosen))
     struct.pack_into(">H", maxp, 4, len(chosen))
-    font = _assembled(
-        {
-            b"glyf": b"".join(outlines),
-            b"head": bytes(head),
-            b"hhea": bytes(hhea),
-            b"hmtx": b"".join(_metric(tables, glyph) for glyph in chosen),
-            b"loca": ends.tobytes(),
-            b"maxp": bytes(maxp),
-        }
-    )
-    return font, {glyph: index[glyph] for glyph in glyphs}
+    made = {b"head": bytes(head), b"hhea": bytes(hhea), b"maxp": bytes(maxp), b"loca": ends.tobytes()}
+    made |= {b"glyf": b"".join(outlines), b"hmtx": b"".join(_metric(tables, glyph) for glyph in chosen)}
+    return _assembled(made), {glyph: index[glyph] for glyph in glyphs}
 
 
 @lru_cache(maxsize=16)

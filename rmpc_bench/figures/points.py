@@ -45,8 +45,7 @@ def point_at(trials: Trials, at: PointValues | None) -> tuple[Trials, str]:
 
 def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:
     texts = texts_of(values)
-    message = no_such_point([point.point for point in trials.each], texts)
-    if message:
+    if message := no_such_point([point.point for point in trials.each], texts):
         raise DesignError(message, "at")
     return [point for point in trials.each if lies_at(point.point, texts)]
 

@@ -68,17 +68,36 @@ class Quantity(NamedTuple):
         return f"mean {words}" if self.kind == "mean" else words
 
 
+class _Text(NamedTuple):
+    """Parts of the text that names a quantity."""
+
+    kind: str
+    name: str
+    component: str
+
+
+def _read(layout: ResultLayout, text: str) -> _Text:
+    """Split a text into its parts; the own name of a series may have a dot."""
+    name, _, component = text.partition(".")
+    if (name in layout.signal_names or (name == ERROR and OUTPUT in layout.signal_names)) and "," not in component:
+        return _Text("recorded", name, component)
+    for series in (text, text.rpartition(".")[0]):
+        if series and series in layout.series:
+            return _Text("series", series, text.removeprefix(series).removeprefix("."))
+    return _Text(name if name in DERIVED else "recorded", name, component)
+
+
 def methods_with(layout: ResultLayout, text: str) -> list[str]:
     """Methods that have a quantity."""
-    kind, name = _kind(layout, text), text.partition(".")[0]
+    kind, name, _ = _read(layout, text)
     if kind == "series":
-        return layout.methods_having(_series_name(layout, text))
+        return layout.methods_having(name)
     return [method for method in layout.methods if _has(layout, method, kind, name)]
 
 
 def issue_of(layout: ResultLayout, text: str) -> Issue | None:
     """Say what is wrong with the name of a quantity; None where it can be shown."""
-    kind, name = _kind(layout, text), text.partition(".")[0]
+    kind, name, component = _read(layout, text)
     if not methods_with(layout, text):
         if kind in DERIVED:
             return Issue("signals", f"{name!r} {DERIVED[kind]}")
@@ -87,7 +106,6 @@ def issue_of(layout: ResultLayout, text: str) -> Issue | None:
         known = [f"recorded: {', '.join(layout.signal_names)}"] if layout.signal_names else []
         known += [f"series: {', '.join(layout.series)}"] if layout.series else []
         return Issue("signals", f"{name!r} is not recorded ({'; '.join(known) or NO_RECORDED_RUN})")
-    component = _component(layout, text)
     shape = shape_of(layout, text)
     if not component or shape is None:
         return None
@@ -95,36 +113,33 @@ def issue_of(layout: ResultLayout, text: str) -> Issue | None:
         return Issue("signals", f"{text!r} is not a component: it is a number and has none")
     if _index(component, shape, kind) is not None:
         return None
-    ends = ["0", str(math.prod(shape) - 1)] if kind != "series" else [",".join("0" for _ in shape)]
-    ends += [",".join(str(n - 1) for n in shape)] if kind == "series" else []
-    stem = text.removesuffix(component)
-    return Issue("signals", f"{text!r} is not a component (they count from {stem}{ends[0]} to {stem}{ends[1]})")
+    last = ",".join(str(n - 1) for n in shape) if kind == "series" else str(math.prod(shape) - 1)
+    first, stem = ",".join("0" for _ in last.split(",")), text.removesuffix(component)
+    return Issue("signals", f"{text!r} is not a component (they count from {stem}{first} to {stem}{last})")
 
 
 def quantities(layout: ResultLayout, texts: Sequence[str]) -> Iterator[Quantity]:
     """Find the rows that names stand for, which have no issue; a name without component stands for all of them."""
     for text in texts:
-        kind, name = _kind(layout, text), text.partition(".")[0]
-        name = _series_name(layout, text) if kind == "series" else name
-        shape, component = shape_of(layout, text) or (), _component(layout, text)
-        many = math.prod(shape) > 1
-        for index in [_index(component, shape, kind)] if component else range(math.prod(shape)):
-            place = ",".join(map(str, np.unravel_index(index or 0, shape))) if many else ""
-            yield Quantity(kind, name, place if kind not in ("nees", "nis") else "", index or 0)
+        kind, name, component = _read(layout, text)
+        shape = shape_of(layout, text) or ()
+        many = math.prod(shape) > 1 and kind not in ("nees", "nis")
+        for index in [_index(component, shape, kind) or 0] if component else range(math.prod(shape)):
+            yield Quantity(kind, name, ",".join(map(str, np.unravel_index(index, shape))) if many else "", index)
 
 
 def n_rows(layout: ResultLayout, texts: Sequence[str]) -> int:
     """Count the rows of panels, as far as shapes are known."""
-    return sum(1 if _component(layout, text) else math.prod(shape_of(layout, text) or (1,)) for text in texts)
+    return sum(1 if _read(layout, text).component else math.prod(shape_of(layout, text) or (1,)) for text in texts)
 
 
 def shape_of(layout: ResultLayout, text: str) -> Shape | None:
     """Find the smallest shape of a quantity in any method; None where it is not known."""
-    kind, name = _kind(layout, text), text.partition(".")[0]
+    kind, name, _ = _read(layout, text)
     if kind in ("nees", "nis"):
         return ()
     if kind == "series":
-        return layout.series[_series_name(layout, text)]
+        return layout.series[name]
     if kind == "recorded":
         wanted = OUTPUT if name == ERROR and ERROR not in layout.signal_names else name
         shapes = [signals[wanted] for signals in layout.signals.values() if wanted in signals]
@@ -139,27 +154,6 @@ def _states(layout: ResultLayout, method: str) -> Shape | None:
     arrays, signals = layout.arrays.get(method, {}), layout.signals.get(method, {})
     sizes = [arrays[name][1:2] for name in (MEAN, MEAN_ESTIMATE, "M", COVARIANCE) if name in arrays]
     return next(iter(sizes), signals.get("x"))
-
-
-def _kind(layout: ResultLayout, text: str) -> str:
-    name, _, component = text.partition(".")
-    recorded = name in layout.signal_names or (name == ERROR and OUTPUT in layout.signal_names)
-    if recorded and "," not in component:
-        return "recorded"
-    if _series_name(layout, text):
-        return "series"
-    return name if name in DERIVED else "recorded"
-
-
-def _series_name(layout: ResultLayout, text: str) -> str:
-    """The series that a text names, whose own name may have a dot; empty without one."""
-    return next((name for name in (text, text.rpartition(".")[0]) if name and name in layout.series), "")
-
-
-def _component(layout: ResultLayout, text: str) -> str:
-    if _kind(layout, text) == "series":
-        return text.removeprefix(_series_name(layout, text)).removeprefix(".")
-    return text.partition(".")[2]
 
 
 def _index(component: str, shape: Shape, kind: str) -> int | None:
@@ -182,7 +176,9 @@ def _has(layout: ResultLayout, method: str, kind: str, name: str) -> bool:
     if kind == "recorded":
         return name in signals or (name == ERROR and OUTPUT in signals)
     if kind == "tube":
-        return {"x", "x_hat"} <= {*signals} and reported_set(arrays) is not None and _fits(signals, arrays)
+        # The reported set must be one of the plant's states.
+        of_states = (shape := reported_set(arrays)) is not None and signals.get("x") in (None, shape[-1:])
+        return {"x", "x_hat"} <= {*signals} and of_states
     return {
         "error": with_errors,
         "variance": SCATTER in arrays,
@@ -190,10 +186,3 @@ def _has(layout: ResultLayout, method: str, kind: str, name: str) -> bool:
         "nees": with_errors and (COVARIANCE in arrays or COVARIANCE in signals),
         "nis": {INNOVATION, INNOVATION_COVARIANCE} <= {*signals},
     }[kind]
-
-
-def _fits(signals: object, arrays: object) -> bool:
-    """Whether the reported set is one of the plant's states."""
-    assert isinstance(signals, dict) and isinstance(arrays, dict)
-    shape = reported_set(arrays)
-    return shape is not None and signals["x"] in (None, shape[-1:])

@@ -71,6 +71,7 @@ def window_of(point: Trials, last: int, start: float | None, stop: float | None)
     return window
 
 
+_Value = TypeVar("_Value")
 ERROR, OUTPUT = "e", "y"
 """The control error r - y, which is computed from the recorded output."""
 
@@ -87,11 +88,8 @@ class RunSelection(NamedTuple):
 def signal_of(traces: Traces, name: str, component: int) -> Array | None:
     """Return a component of a signal, (runs, samples), None if not recorded; a held one has none at the last sample."""
     recorded = traces.signals.get(OUTPUT if name == ERROR else name)
-    if recorded is None:
-        return None
-    return (
-        np.asarray(traces.r[:, component] - recorded[:, :, component]) if name == ERROR else recorded[:, :, component]
-    )
+    values = None if recorded is None else recorded[:, :, component]
+    return np.asarray(traces.r[:, component] - values) if values is not None and name == ERROR else values
 
 
 def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
@@ -119,9 +117,8 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
     base = point.traces.get(point.baseline)
     if base is None:
         raise DesignError(f"no run of the baseline '{point.baseline}' is recorded", "difference")
-    table = point.frame[point.frame["method"] == point.baseline]
-    finished = table.loc[table["status"] == Status.OK.word, "run"].to_numpy()
-    traces = {}
+    table = point.frame[(point.frame["method"] == point.baseline) & (point.frame["status"] == Status.OK.word)]
+    finished, traces = table["run"].to_numpy(), {}
     for name in methods:
         own = point.traces[name]
         shared = np.intersect1d(own.runs, base.runs[np.isin(base.runs, finished)])
@@ -138,9 +135,9 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
 
 
 def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
-    """Return the position of a recorded run in the traces of its method, and its status."""
-    table = point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]
-    return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
+    """Return the position of a recorded run in the traces of its method, and its status where it failed, else empty."""
+    status = str(point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]["status"].iloc[0])
+    return int(np.flatnonzero(point.traces[method].runs == run)[0]), "" if status == Status.OK.word else status
 
 
 def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
@@ -192,9 +189,6 @@ def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[
         for start, end in bands:
             axes.axvspan(start, end, color=BAND, lw=0, zorder=0.2)
     return [("burst", Patch(color=BAND, lw=0))] if bands else []
-
-
-_Value = TypeVar("_Value")
 
 
 def reported_set(values: Mapping[str, _Value]) -> _Value | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -120,33 +120,29 @@ def column_of(
     name: str, results: Trials, tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options
 ) -> Column:
     """Prepare a column for the rows of all points."""
-    made: Mapping[str, Callable[[], Column]] = {
-        "values": lambda: _values(tables, rows, keys),
-        "change": lambda: _ratios(results) if keys.ranked else _changes(tables, rows),
-        "mean": lambda: _means(tables, rows, keys),
-        "share": lambda: _shares(tables, rows, keys),
-        "rank": lambda: _ranks(results),
-    }
-    return made[name]()
+    if name == "change":
+        return _ratios(results) if keys.ranked else _changes(tables, rows)
+    return _ranks(results) if name == "rank" else _COLUMNS[name](tables, rows, keys)
 
 
 def _values(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Boxes of the runs."""
-    axis = scaled_axis([end for shown in rows for row in shown for end in row.quantiles], keys.log)
-    remark = LINEAR if keys.log is True and not axis.log else ""
-    label = metric_label(tables[0].info) + remark
+    axis, label = _value_axis(tables[0], [end for shown in rows for row in shown for end in row.quantiles], keys)
     return Column(axis, label, lambda axes, table, row, place: draw_box(axes, row, place, axis))
 
 
 def _means(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], keys: Options) -> Column:
     """Means of the runs that have a value, with their intervals."""
-    axis = scaled_axis([end for shown in rows for row in shown for end in row.mean], keys.log)
-    remark = LINEAR if keys.log is True and not axis.log else ""
+    axis, label = _value_axis(tables[0], [end for shown in rows for row in shown for end in row.mean], keys)
+    return Column(
+        axis, f"mean {label}", lambda axes, table, row, place: _interval(axes, row.mean, place, INK, row.method)
+    )
 
-    def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
-        _interval(axes, row.mean, place, INK, row.method)
 
-    return Column(axis, f"mean {metric_label(tables[0].info)}{remark}", draw)
+def _value_axis(table: ResultTable, values: Sequence[float], keys: Options) -> tuple[Axis, str]:
+    """Return the axis of values of the metric, and its label."""
+    axis = scaled_axis(values, keys.log)
+    return axis, metric_label(table.info) + (LINEAR if keys.log is True and not axis.log else "")
 
 
 def _interval(axes: Axes, value: Estimate, place: float, colour: str, method: str) -> None:
@@ -223,6 +219,9 @@ def _shares(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]], 
         axes.annotate(text, (1.02, place), xycoords=axes.get_yaxis_transform(), **look)
 
     return Column(axis, f"runs with {typeset(words)} [%]", draw)
+
+
+_COLUMNS = {"values": _values, "mean": _means, "share": _shares}
 
 
 def _ranking(results: Trials) -> Any:

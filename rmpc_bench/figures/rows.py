@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import Log
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentence, short_title
 from rmpc_bench.figures.labels import literal, metric_of, on_two_lines, shortened
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
@@ -102,7 +102,7 @@ class Rows(SweepFigure):
         level = f"{100 * results.confidence:g} %"
         shown = [CAPTIONS[name].format(baseline=results.baseline, level=level) for name in self._columns(tables)]
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
-        return sentences(f"{quantity(tables[0].info)}{words}: {', '.join(shown)}; {runs}")
+        return sentence(f"{quantity(tables[0].info)}{words}: {', '.join(shown)}", runs)
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the rows of the points from top to bottom; see `Figure.draw`."""
@@ -121,9 +121,7 @@ class Rows(SweepFigure):
             columns = [column_of(name, results, tables, rows, options) for name in shown]
             if "rank" in shown:
                 order = next(column.order for column in columns if column.order)
-                rows = [
-                    sorted((row for row in rows[0] if row.method in order), key=lambda row: order.index(row.method))
-                ]
+                rows = [[row for name in order for row in rows[0] if row.method == name]]
             figure = new_figure(size)
             shape, widths = (len(tables), len(shown)), [WIDTHS[name] for name in shown]
             panels = figure.subplots(*shape, squeeze=False, sharex="col", sharey="row", width_ratios=widths)

@@ -11,8 +11,9 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentences, short_title
+from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentence, short_title
 from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
 from rmpc_bench.figures.legend import Handle, Label, finish, write
 from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler, sample
@@ -31,29 +32,26 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 
-class Spread(NamedTuple):
-    """A value and the ends of its bar, NaN where there is none."""
-
-    low: float
-    middle: float
-    high: float
-
-
 class Dot(NamedTuple):
     """A method at a point of the sweep."""
 
     method: str
     point: Trials
-    x: Spread
-    y: Spread
+    x: Estimate
+    y: Estimate
     n: int
     """Runs that have both values."""
     n_runs: int
 
     @property
+    def at(self) -> tuple[float, float]:
+        """Its place."""
+        return self.x.value, self.y.value
+
+    @property
     def is_finite(self) -> bool:
         """Whether it can be drawn."""
-        return bool(np.isfinite([self.x.middle, self.y.middle]).all())
+        return bool(np.isfinite(self.at).all())
 
 
 def dots_of(
@@ -77,13 +75,9 @@ def dots_of(
 def not_dominated(dots: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo]) -> list[Dot]:
     """Find the drawable dots that are not dominated, from best in x to best in y, by the metrics' directions."""
     signs = [-1.0 if info.direction == "higher" else 1.0 for info in infos]
-    costs = [(signs[0] * dot.x.middle, signs[1] * dot.y.middle) for dot in dots]
-    best = [
-        place
-        for place, (x, y) in enumerate(costs)
-        if not any(other[0] <= x and other[1] <= y and other != (x, y) for other in costs)
-    ]
-    return [dots[place] for place in sorted(best, key=lambda place: costs[place])]
+    costs = [(signs[0] * dot.x.value, signs[1] * dot.y.value) for dot in dots]
+    found = sorted(zip(costs, dots, strict=True), key=lambda each: each[0])
+    return [dot for (x, y), dot in found if not any(a <= x and b <= y and (a, b) != (x, y) for a, b in costs)]
 
 
 def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: str) -> Dot:
@@ -92,20 +86,20 @@ def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: s
     columns = [point.column(info.name, name) for info in infos]
     both: Array = ~np.isnan(np.stack(columns)).any(axis=0)
     x, y = (
-        spread_of(distance_from_best(column[both], info.direction), bars)
+        _estimate(distance_from_best(column[both], info.direction), bars)
         for column, info in zip(columns, infos, strict=True)
     )
     return Dot(name, point, x, y, int(both.sum()), len(both))
 
 
-def spread_of(values: Array, bars: str) -> Spread:
+def _estimate(values: Array, bars: str) -> Estimate:
     """Return the median with the quartiles, or the mean with one standard error (`se`) on both sides, without NaN."""
     if bars == "quartiles":
-        return Spread(*(float(quantile(values, share)) for share in (0.25, 0.5, 0.75)))
+        return Estimate(*(float(quantile(values, share)) for share in (0.5, 0.25, 0.75)))
     with np.errstate(invalid="ignore", over="ignore"):
         mean = float(values.mean()) if len(values) else np.nan
     error = standard_error(values)
-    return Spread(mean - error, mean, mean + error)
+    return Estimate(mean, mean - error, mean + error)
 
 
 MOST_DOTS = 60
@@ -198,20 +192,18 @@ class Scatter(SweepFigure):
         points, methods = points_at(results, self.at), self.order or list(results.methods)
         dots = dots_of(points, methods, infos, self.bars)
         left_out = dict.fromkeys(name_of(results, dot.method) for dot in dots if not dot.is_finite)
-        return sentences(
-            f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every method"
-            + (" and point of the sweep" if len(points) > 1 else "")
-            + f": {MEANING[self.bars]}",
+        each = "method and point of the sweep" if len(points) > 1 else "method"
+        return sentence(
+            f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every {each}: {MEANING[self.bars]}",
+            "filled points, connected by the step line, are not dominated" if self.front else "",
+            f"left out, as a value is infinite: {joined(left_out)}" if left_out else "",
             runs_sentence(points, methods),
-            "Filled points, connected by the step line, are not dominated" if self.front else "",
-            f"Left out, as a value is infinite: {joined(left_out)}" if left_out else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw points or paths; see `Figure.draw`."""
         points = points_at(results, self.at)
-        layout = layout_of(points[0])
-        if self._of_signals(layout):
+        if self._of_signals(layout := layout_of(points[0])):
             self.require(layout)
             made = paths_content(self.plane, points)
             return draw_paths(made, self.size(made.height(self.width)))
@@ -228,15 +220,14 @@ class Scatter(SweepFigure):
                 (axes,) = stacked_panels(figure, 1)
                 few_ticks(axes)
                 for dot in shown:
-                    marker = _marker(styles[dot.method], filled=not self.front or dot in best)
-                    axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
+                    filled = not self.front or dot in best
+                    axes.plot(*dot.at, zorder=3.0, **_marker(styles[dot.method], filled=filled))
                 _set_limits(axes, shown, infos, log=self.log)
                 lines = _draw_lines(axes, shown, best, styles)
-                finish(
-                    figure, _handles(results, shown, listed, styles, front=self.front), _note(dots, MEANING[self.bars])
-                )
+                handles = _handles(results, shown, listed, styles, front=self.front)
+                finish(figure, handles, _note(dots, MEANING[self.bars]))
                 # If labels beside the dots overlap, all methods go into the legend.
-                if write(axes, _labels(results, shown, listed, several, styles), lines):
+                if write(axes, _labels(results, shown, listed, several), lines):
                     break
         return figure
 
@@ -252,7 +243,7 @@ def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, Metri
     from rmpc_bench.analysis.pairs import name_of_distance
 
     ends = np.array([[[*dot.x], [*dot.y]] for dot in shown])  # (dots, 2, 3)
-    finite = np.where(np.isfinite(ends), ends, ends[:, :, 1:2])
+    finite = np.where(np.isfinite(ends), ends, ends[:, :, :1])
     axes.update_datalim(np.concatenate([finite.min(axis=2), finite.max(axis=2)]))
     axes.margins(0.14)
     for place, info in enumerate(infos):
@@ -277,17 +268,17 @@ def _draw_lines(
         look = styles[dot.method]
         bar: dict[str, Any] = {"color": paler(look.color, 0.35), "lw": 1.0, "zorder": 2.4, "gid": look.gid}
         x, y = (drawable(np.array([each.low, each.high])) for each in (dot.x, dot.y))
-        lines += [(x, np.full(2, dot.y.middle), bar), (np.full(2, dot.x.middle), y, bar)]
+        lines += [(x, np.full(2, dot.y.value), bar), (np.full(2, dot.x.value), y, bar)]
     values = {value for dot in shown for value in dot.point.point.values()}
     # Points with names are in no order that a line could show.
     if all(re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", value) for value in values):
         for name, look in styles.items():
-            mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
+            mine = [dot.at for dot in shown if dot.method == name]
             line = {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3, "gid": look.gid}
             lines.append((*np.array(mine).T, line))
     if best:
-        corners = np.array([(dot.x.middle, dot.y.middle) for dot in best])
-        lines.append((np.repeat(corners[:, 0], 2)[1:], np.repeat(corners[:, 1], 2)[:-1], FRONT))
+        across, up = np.array([dot.at for dot in best]).T
+        lines.append((np.repeat(across, 2)[1:], np.repeat(up, 2)[:-1], FRONT))
     for x, y, how in lines:
         axes.plot(x, y, **how)
     return [(x, y) for x, y, _ in lines if np.isfinite(np.stack([x, y])).all()]
@@ -302,25 +293,17 @@ def _handles(
         mine = [dot for dot in shown if dot.method == name]
         text = name_of(trials, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
         found.append((text, sample(**_marker(styles[name], filled=True))))
-    if front:
-        filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
-        found.append(("not dominated", sample(**filled)))
-    return found
+    filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": DIM, "mfc": DIM}
+    return [*found, ("not dominated", sample(**filled))] if front else found
 
 
-def _labels(
-    trials: Trials,
-    shown: Sequence[Dot],
-    listed: frozenset[str],
-    several: frozenset[str],
-    styles: Mapping[str, LineStyle],
-) -> list[Label]:
+def _labels(trials: Trials, shown: Sequence[Dot], listed: frozenset[str], several: frozenset[str]) -> list[Label]:
     """Label a dot with its method, or with its point of the sweep if the method has several."""
     found = []
     for dot in shown:
         if dot.method in several or dot.method not in listed:
             text = literal(short_title(dot.point)) if dot.method in several else name_of(trials, dot.method)
-            found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown), styles[dot.method].gid))
+            found.append(Label(*dot.at, text + _count(dot, shown), f"method-{dot.method}"))
     return found
 
 

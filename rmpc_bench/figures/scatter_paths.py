@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import joined, place, sentences, short_title
+from rmpc_bench.figures.captions import at_point, joined, sentence, short_title
 from rmpc_bench.figures.curves import limits_of
 from rmpc_bench.figures.labels import name_of, unit_of
 from rmpc_bench.figures.legend import Handle, Label, finish, write
@@ -18,7 +18,7 @@ from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT, grouped, line_s
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
 from rmpc_bench.figures.recorded_runs import OUTPUT, TimeWindow, bursts_of, find_run, shown_part, signal_of, window_of
 from rmpc_bench.figures.style import new_figure, style
-from rmpc_bench.types import Array, DesignError, Status
+from rmpc_bench.types import Array, DesignError
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ROUNDING, ResultLayout
 
@@ -74,12 +74,8 @@ class Path(NamedTuple):
     """(samples, 2), with enlarged distances from the reference."""
     reference: Array | None
     """(samples, 2) of two outputs."""
-    status: str
-
-    @property
-    def failed(self) -> bool:
-        """Whether the run failed."""
-        return self.status != Status.OK.word
+    failure: str
+    """Status of the run where it failed, else empty."""
 
 
 class PathContent(NamedTuple):
@@ -99,7 +95,7 @@ class PathContent(NamedTuple):
 
     def height(self, width: float) -> float:
         """Choose the height [in] of a picture of some width [in] by the shape of the paths, within limits."""
-        good = [path for path in self.paths.values() if not path.failed] or list(self.paths.values())
+        good = [path for path in self.paths.values() if not path.failure] or list(self.paths.values())
         points = np.concatenate([path.values for path in good])
         points = points[np.isfinite(points).all(axis=1)]
         across, up = np.ptp(points, axis=0) if len(points) else (1.0, 1.0)
@@ -117,16 +113,15 @@ def paths_content(keys: SignalPlane, points: Sequence[Trials]) -> PathContent:
     x, y = quantities(layout, [keys.x, keys.y])
     window = window_of(point, len(point.traces[methods[0]].r) - 1, keys.start, keys.stop)
     title = short_title(point) + (f" (first of {len(points)} points)" if len(points) > 1 else "")
-    return PathContent(
-        keys, point, title, (x, y), window, {name: _path(keys, point, name, (x, y), window) for name in methods}
-    )
+    paths = {name: _path(keys, point, name, (x, y), window) for name in methods}
+    return PathContent(keys, point, title, (x, y), window, paths)
 
 
 def _path(
     keys: SignalPlane, point: Trials, name: str, quantities: tuple[Quantity, Quantity], window: TimeWindow
 ) -> Path:
     """Read the path of one method."""
-    row, status = find_run(point, name, keys.run)
+    row, failure = find_run(point, name, keys.run)
     traces = point.traces[name]
     signals = [signal_of(traces, each.name, each.number) for each in quantities]
     columns = [shown_part(each[[row]], traces, window)[0] for each in signals if each is not None]
@@ -135,22 +130,20 @@ def _path(
         reference = traces.r[window.slice][:, [each.number for each in quantities]]
         with np.errstate(over="ignore", invalid="ignore"):
             values = values if keys.magnify == 1.0 else reference + keys.magnify * (values - reference)
-    return Path(drawable(values), reference, status)
+    return Path(drawable(values), reference, failure)
 
 
 def paths_caption(made: PathContent) -> str:
     """Name the run, the marks and the magnification."""
     keys, names = made.keys, joined(name_of(made.point, name) for name in made.paths)
-    failed = [f"{name_of(made.point, name)} {path.status}" for name, path in made.paths.items() if path.failed]
+    failed = [f"{name_of(made.point, name)} {path.failure}" for name, path in made.paths.items() if path.failure]
     axes = joined(each.label(made.point) for each in made.quantities)
-    has_reference = any(path.reference is not None for path in made.paths.values())
-    return sentences(
-        f"Path of {axes} in run {keys.run} for {names}, {made.window.words}"
-        + ("; dashed: reference" if has_reference else ""),
-        place(made.point, made.title),
-        f"Lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
-        f"Marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
-        f"Failed: {joined(failed)}" if failed else "",
+    return sentence(
+        f"Path of {axes} in run {keys.run}{at_point(made.title)} for {names}, {made.window.words}",
+        "dashed: reference" if any(path.reference is not None for path in made.paths.values()) else "",
+        f"lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
+        f"marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
+        f"failed: {joined(failed)}" if failed else "",
     )
 
 
@@ -163,21 +156,23 @@ def draw_paths(made: PathContent, size: tuple[float, float]) -> MplFigure:
         few_ticks(axes)
         handles: list[Handle] = [(name_of(made.point, n), sample(**styles[n].line())) for n in made.paths]
         handles += _draw_reference(axes, made)
-        for name in sorted(made.paths, key=lambda name: made.paths[name].failed):
+        for name in sorted(made.paths, key=lambda name: bool(made.paths[name].failure)):
             limits = axes.get_xlim(), axes.get_ylim()
             with grouped(axes, styles[name].gid):
                 look, values = styles[name].line(), made.paths[name].values
                 axes.plot(*values.T, **look)
                 dots = values[marks_of(made.window, made.keys.marks)]
                 axes.plot(*dots.T, ls="", marker="o", ms=2.2, mew=0.0, color=look["color"], zorder=look["zorder"])
-            if made.paths[name].failed and not all(path.failed for path in made.paths.values()):
+            if made.paths[name].failure and not all(path.failure for path in made.paths.values()):
                 # The values of a failed run may be huge and must not shrink the other paths.
                 axes.set_xlim(limits[0])
                 axes.set_ylim(limits[1])
         axes.margins(0.1)
         handles += _draw_limits(axes, made)
-        axes.set_xlabel(_label(made, 0))
-        axes.set_ylabel(_label(made, 1))
+        # An axis of enlarged distances is no axis of the output alone.
+        enlarged = "" if made.keys.magnify == 1.0 else f", errors \N{MULTIPLICATION SIGN}{made.keys.magnify:g}"
+        x, y = (each.label(made.point) + enlarged for each in made.quantities)
+        axes.set(xlabel=x, ylabel=y)
         if made.one_unit:
             axes.set_aspect("equal", adjustable="datalim")
         finish(figure, handles, ", ".join(filter(None, [made.title, f"run {made.keys.run}"])))
@@ -215,21 +210,12 @@ def _draw_limits(axes: Axes, made: PathContent) -> list[Handle]:
     return found
 
 
-def _label(made: PathContent, which: int) -> str:
-    """Label an axis; that of enlarged distances is no axis of the output alone."""
-    label = made.quantities[which].label(made.point)
-    magnify = made.keys.magnify
-    return label if magnify == 1.0 else f"{label}, errors \N{MULTIPLICATION SIGN}{magnify:g}"
-
-
 def _write_times(axes: Axes, made: PathContent) -> None:
     """Write the times of the marks next to the reference, else to the first path."""
     first = next(iter(made.paths.values()))
     line = first.values if first.reference is None else first.reference
-    labels = [
-        Label(float(line[k, 0]), float(line[k, 1]), f"{made.window.sample * (made.window.first + k):g}")
-        for k in marks_of(made.window, made.keys.marks)
-    ]
+    times = {k: f"{made.window.sample * (made.window.first + k):g}" for k in marks_of(made.window, made.keys.marks)}
+    labels = [Label(float(line[k, 0]), float(line[k, 1]), text) for k, text in times.items()]
     drawn = [line, *(path.values for path in made.paths.values())]
     write(axes, labels, [(each[:, 0], each[:, 1]) for each in drawn], color=DIM)
 

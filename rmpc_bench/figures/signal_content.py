@@ -95,13 +95,10 @@ class Content(NamedTuple):
 
     def kinds(self) -> set[str]:
         """Kinds of lines, areas and levels that are shown."""
-        shown = [cell for cells in self.cells.values() for cell in cells if cell is not None]
-        return {each[0] for cell in shown for group in cell for each in group} - ({"limit"} - self.near())
-
-    def near(self) -> set[str]:
-        """``limit`` if some limit lies in the reach of its panels."""
-        rows = ([cell for cells in self.cells.values() if (cell := cells[row])] for row in range(len(self.rows)))
-        return {"limit"} if any(reach_of(cells)[1] for cells in rows if cells) else set()
+        rows = [[cell for cell in row if cell is not None] for row in zip(*self.cells.values(), strict=True)]
+        kinds = {each[0] for row in rows for cell in row for group in cell for each in group}
+        # Limits are shown where they lie in the reach of their panels.
+        return kinds if any(reach_of(row)[1] for row in rows if row) else kinds - {"limit"}
 
     def words(self, kind: str) -> str:
         """Say what a kind of line means here."""

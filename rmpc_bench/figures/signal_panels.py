@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
-    from rmpc_bench.analysis.trials import Trials
 
 MANY = 30.0
 """Ratio of the ends of a logarithmic axis up to which it has more ticks than powers of ten."""
@@ -52,7 +51,11 @@ def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> Mpl
                     _draw_cell(axes, cell, thin, styles[methods[place]], heights[row])
                 _dress(axes)
             if place < len(methods):
-                _name(_top(grid, block * n, column, n), made.point, methods[place], size[0] / n_columns, styles)
+                panels = [grid[block * n + row, column] for row in range(n)]
+                top = next((axes for axes in panels if axes.get_visible()), panels[0])
+                words = typeset(name_of(made.point, methods[place]))
+                lines = wrapped(words, 0.8 * size[0] / n_columns * POINTS_PER_INCH)
+                top.set_title("\n".join(lines), loc="left", weight="bold").set_gid(styles[methods[place]].gid)
         _align(made, grid, n, n_columns)
         _label_edges(made, grid, n)
         grid[0, 0].set_xlim(*made.window.limits)
@@ -128,20 +131,9 @@ def _label_edges(made: Content, grid: Any, n: int) -> None:
                 axes.set_xlabel(made.window.label)
 
 
-def _top(grid: Any, start: int, column: int, n: int) -> Axes:
-    """The uppermost panel of a method that has a quantity."""
-    panels: list[Axes] = [grid[start + row, column] for row in range(n)]
-    return next((axes for axes in panels if axes.get_visible()), panels[0])
-
-
-def _name(axes: Axes, point: Trials, method: str, width: float, styles: Mapping[str, LineStyle]) -> None:
-    """Write the name of a method above its column."""
-    lines = wrapped(typeset(name_of(point, method)), 0.8 * width * POINTS_PER_INCH)
-    axes.set_title("\n".join(lines), loc="left", weight="bold").set_gid(styles[method].gid)
-
-
 def _align(made: Content, grid: Any, n: int, n_columns: int) -> None:
     """Give the panels of a quantity the same vertical axis, and draw the limits that lie in its reach."""
+    failed = {name for name, each in made.selections.items() if each.failed}
     for row, quantity in enumerate(made.rows):
         shown = {
             name: (grid[place // n_columns * n + row, place % n_columns], cell)
@@ -150,7 +142,7 @@ def _align(made: Content, grid: Any, n: int, n_columns: int) -> None:
         }
         if not shown:
             continue
-        good = [cell for name, (_, cell) in shown.items() if not _failed(made, name)]
+        good = [cell for name, (_, cell) in shown.items() if name not in failed]
         ends, limits = reach_of(good or [cell for _, cell in shown.values()])
         log = quantity.kind in ("nees", "nis") if made.log is None else made.log
         log = log and ends[0] > 0
@@ -172,10 +164,6 @@ def _make_logarithmic(axes: Axes, low: float, high: float) -> None:
     if high > MANY * low:
         axes.yaxis.set_major_locator(LogLocator(numticks=5))
     axes.yaxis.set_minor_locator(NullLocator())
-
-
-def _failed(made: Content, name: str) -> bool:
-    return name in made.selections and made.selections[name].failed
 
 
 def _padded(low: float, high: float, *, log: bool) -> tuple[float, float]:
@@ -211,6 +199,4 @@ def _keys(made: Content) -> list[Handle]:
 def _bursts(made: Content, panels: Sequence[Axes]) -> list[Handle]:
     """Shade the bursts of the noise that all shown runs share."""
     rows = {name: each.rows for name, each in made.selections.items() if name in made.cells}
-    if not rows:
-        return []
-    return shade(panels, spans(bursts_of(made.point, rows), made.window))
+    return shade(panels, spans(bursts_of(made.point, rows), made.window)) if rows else []

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.captions import joined, place, sentences
+from rmpc_bench.figures.captions import at_point, joined, sentence
 from rmpc_bench.figures.curves import Cell, Choice, cell_of
 from rmpc_bench.figures.labels import name_of
 from rmpc_bench.figures.points import point_at
-from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities
-from rmpc_bench.figures.recorded_runs import RunSelection, TimeWindow, differences, middle_run, select_runs, window_of
+from rmpc_bench.figures.quantities import issue_of, methods_with, n_rows, quantities
+from rmpc_bench.figures.recorded_runs import differences, middle_run, select_runs, window_of
 from rmpc_bench.figures.signal_content import WORDS, Content
 from rmpc_bench.figures.signal_panels import draw_panels
 from rmpc_bench.types import DesignError, NonNegative
@@ -107,9 +107,10 @@ class Signals(OnePointFigure):
             yield from layout.require_at_most(MOST_ROWS, n, "rows of panels", "signals", advice)
             named = n * len(self.order or ())
             yield from layout.require_at_most(MOST_PANELS, named, "panels", "order", "name fewer methods or signals")
+            those = ", ".join(sorted(having)) or "none"
             lacking = [name for name in self.order or () if name in layout.methods and name not in having]
             for name in lacking if len(layout.points) <= 1 else ():
-                yield Issue("order", f"'{name}' has none of {', '.join(names)} (those that have: {_listed(having)})")
+                yield Issue("order", f"'{name}' has none of {', '.join(names)} (those that have: {those})")
         if self.run is not None:
             yield from layout.require_recorded(self.run)
         if self.show == "difference" and len(layout.methods) < 2:
@@ -121,15 +122,13 @@ class Signals(OnePointFigure):
         made = self._content(results)
         names = joined(dict.fromkeys(quantity.label(made.point) for quantity in made.rows))
         failed = [name_of(made.point, name) for name, each in made.selections.items() if each.failed]
-        left_out = f"; the first {len(made.cells)} methods are shown" if made.left_out else ""
         kinds = made.kinds()
-        legend = "; ".join(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds)
-        return sentences(
-            f"{names} over time, {made.window.words}, of {joined(name_of(made.point, n) for n in made.cells)} on "
-            f"the same axes{left_out}",
-            place(made.point, made.title),
-            legend[:1].upper() + legend[1:],
-            f"All recorded runs of {joined(failed)} failed" if failed else "",
+        return sentence(
+            f"{names} over time, {made.window.words}{at_point(made.title)}, of "
+            f"{joined(name_of(made.point, n) for n in made.cells)} on the same axes",
+            f"the first {len(made.cells)} methods are shown" if made.left_out else "",
+            *(f"{WORDS[kind].look}: {made.words(kind)}" for kind in WORDS if kind in kinds),
+            f"all recorded runs of {joined(failed)} failed" if failed else "",
         )
 
     def draw(self, results: Trials) -> MplFigure:
@@ -164,19 +163,16 @@ class Signals(OnePointFigure):
         if any(each.failed for each in selections.values()):
             point = replace(point, traces=point.exported_traces())
         window = window_of(point, _last(point, methods), self.from_, self.to)
-        cells = {name: [self._cell(point, name, row, window, selections) for row in rows] for name in methods}
-        cells = {name: found for name, found in cells.items() if any(each is not None for each in found)}
+        cells: dict[str, list[Cell | None]] = {}
+        for name in methods:
+            chosen = selections.get(name)
+            middle = 0 if chosen is None else middle_run(point, name, chosen.rows, self.run)
+            choice = Choice(self.show, chosen, middle, self.runs, self.level, self.log)
+            found = [cell_of(point, name, row, window, choice) for row in rows]
+            cells |= {name: found} if any(each is not None for each in found) else {}
         if not cells:
             raise DesignError(f"no method has a finished run with {joined(names)}", "signals")
         return Content(point, title, rows, cells, window, selections, self.log, self.level, self.run, bool(left_out))
-
-    def _cell(
-        self, point: Trials, name: str, row: Quantity, window: TimeWindow, selections: dict[str, RunSelection]
-    ) -> Cell | None:
-        selection = selections.get(name)
-        middle = 0 if selection is None else middle_run(point, name, selection.rows, self.run)
-        log = row.kind in ("nees", "nis") if self.log is None else self.log
-        return cell_of(point, name, row, window, Choice(self.show, selection, middle, self.runs, self.level, log))
 
     def _names(self, layout: ResultLayout) -> Sequence[str]:
         """Quantities to show; by default the usual signals that are recorded."""
@@ -190,7 +186,3 @@ def _last(point: Trials, methods: Sequence[str]) -> int:
     recorded = [len(point.traces[name].r) - 1 for name in methods if name in point.traces]
     series = point.series.loc[point.series["method"].isin(methods), "k"]
     return max([*recorded, int(series.max()) if len(series) else 0])
-
-
-def _listed(names: set[str]) -> str:
-    return ", ".join(sorted(names)) or "none"

@@ -138,13 +138,9 @@ LINE_HEIGHT = 1.25 * FONT_SIZE
 """Height of a line of text [pt]."""
 EDGE = 4.0
 """Free space at the left and right edges [pt]: a browser gives an exponent the height of a whole letter."""
+SIZES = ("font.size", "axes.labelsize", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 STYLE: dict[Any, Any] = {
-    "font.size": FONT_SIZE,
-    "axes.labelsize": FONT_SIZE,
-    "axes.titlesize": FONT_SIZE,
-    "xtick.labelsize": FONT_SIZE,
-    "ytick.labelsize": FONT_SIZE,
-    "legend.fontsize": FONT_SIZE,
+    **dict.fromkeys(SIZES, FONT_SIZE),
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -162,13 +158,8 @@ STYLE: dict[Any, Any] = {
 }
 
 
-PAPER: dict[Any, Any] = {
-    "axes.linewidth": 0.5,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
-    "xtick.minor.width": 0.3,
-    "ytick.minor.width": 0.3,
-}
+PAPER: dict[Any, Any] = {"axes.linewidth": 0.5}
+PAPER |= {f"{side}tick.{kind}.width": width for side in "xy" for kind, width in (("major", 0.5), ("minor", 0.3))}
 """What the style `paper` changes."""
 MATHTEXT = {"dejavu": "dejavusans", "stix": "stix", "times": "stix"}
 """Font -> formulas that fit to it."""
@@ -251,19 +242,14 @@ def new_figure(size: tuple[float, float]) -> MplFigure:
 
 
 def fix_layout(figure: MplFigure) -> None:
-    """Make the layout of a picture once, at one resolution; call it under `style`.
-
-    Without a layout engine a file takes one draw; with the placeholder that "none" would leave it takes two.
-    """
+    """Make the layout of a picture once, at one resolution; call it under `style`."""
     lay_out(figure)
+    # With the placeholder that "none" would leave a file takes two draws.
     figure.set_layout_engine(None)
 
 
 def lay_out(figure: MplFigure) -> None:
-    """Let the layout engine of a picture place its panels.
-
-    The draw that follows in `draw_without_rendering` is needed for panels of a given aspect only.
-    """
+    """Let the layout engine of a picture place its panels; those of a given aspect need a draw."""
     engine: Any = figure.get_layout_engine()
     if all(axes.get_aspect() == "auto" for axes in figure.axes):
         engine.execute(figure)

@@ -112,10 +112,8 @@ def _without_repetition(text: str) -> str:
     for name, style in dict(_DEFINED.findall(text)).items():
         text = re.sub(rf'(href="#{re.escape(name)}"[^>]*?) {re.escape(style)}', r"\1", text)
     # Lines of one style that follow each other, such as those of a grid, are one.
-    one = _LINES.sub(
-        lambda found: f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n', _NOTHING.sub("", text)
-    )
-    return one
+    text = _NOTHING.sub("", text)
+    return _LINES.sub(lambda found: f'<path d="{" ".join(_POINTS.findall(found[0]))}"{found[1]}/>\n', text)
 
 
 def _without_empty_groups(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import Log
-from rmpc_bench.figures.captions import sentences
+from rmpc_bench.figures.captions import sentence
 from rmpc_bench.figures.labels import metric_of
 from rmpc_bench.figures.points import points_at, tables_of
 from rmpc_bench.figures.sweep_content import POINTS, Show, SweepContent, content_of
@@ -100,7 +100,7 @@ class Sweep(SweepFigure):
 
     def caption(self, results: Trials) -> str:
         """Say what lines or cells are; see `Figure.caption`."""
-        return sentences(self._content(results).sentence())
+        return sentence(self._content(results).sentence())
 
     def _shows(self, methods: Sequence[str]) -> Show:
         return self.show or ("change" if len(methods) > 1 else "value")

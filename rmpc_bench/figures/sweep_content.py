@@ -29,6 +29,8 @@ BETTER_IF = {"lower": ", lower is better", "higher": ", higher is better"}
 FORMS = {"ratio": "change of {}", "difference": "difference of {}", "share": "share of the runs with a better {}"}
 POINTS = "points"
 """In place of a path: every point of the sweep is a name."""
+LIST = "point of the sweep"
+"""Its words."""
 NAME = "name"
 """Path of the names that the rows of a zip have."""
 MOST_TICKS, ROUND_TICKS = 8, 6
@@ -167,10 +169,8 @@ class SweepContent(NamedTuple):
 
     def line(self, panel: str, method: str) -> list[tuple[float, Estimate]]:
         """Return the numbers of a method over the axis."""
-        places = self.panels[panel]
-        found = [
-            (self.axis.place(text), self.number(places[text], method)) for text in self.axis.texts if text in places
-        ]
+        tables = [(text, self.panels[panel].get(text)) for text in self.axis.texts]
+        found = [(self.axis.place(text), self.number(table, method)) for text, table in tables if table is not None]
         return [(x, value) for x, value in found if not math.isnan(value.value)]
 
     @property
@@ -211,7 +211,7 @@ class SweepContent(NamedTuple):
 def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = ()) -> SweepAxis:
     """Find the axis of a swept path, or of `POINTS`, which have titles, from the texts of values by point and path."""
     if path == POINTS:
-        return SweepAxis(POINTS, tuple(dict.fromkeys(titles)), None, "", "point of the sweep")
+        return SweepAxis(POINTS, tuple(dict.fromkeys(titles)), None, "", LIST)
     texts = tuple(dict.fromkeys(point[path] for point in points))
     found = [_number(text) for text in texts]
     known = [each for each in found if each is not None]
@@ -296,39 +296,17 @@ def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None =
     points = [table.trials.point for table in tables]
     titles = [short_title(table.trials) for table in tables]
     paths = [path] if isinstance(path, str) else list(path or main_paths(points))
-    axis = axis_of(points, paths[0], titles) if len(paths) == 1 else None
+    axis, down, others = axis_of(points, paths[0] if paths else POINTS, titles), None, other_paths(points, *paths)
+    if len(paths) == 2 and not others:
+        down = axis_of(points, paths[1])
+    elif len(paths) > 1 or axis.numbers is None:
+        # Points one after the other, named by their path where it tells them apart.
+        names = titles if others or len(paths) > 1 or axis.path == POINTS else [point[axis.path] for point in points]
+        axis = axis._replace(path=POINTS, texts=tuple(names), numbers=None, unit="", words=LIST)
+    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts} if down else {}
+    for place, (point, table) in enumerate(zip(points, tables, strict=True)):
+        listed = axis.path == POINTS
+        panel = point[down.path] if down else "" if listed else panel_title(point, others)
+        panels.setdefault(panel, {})[axis.texts[place] if listed else point[axis.path]] = table
     methods = tuple(dict.fromkeys(row.method for table in tables for row in table.rows if not row.is_baseline))
-    if len(paths) == 2 and not other_paths(points, *paths):
-        return _grid(tables, points, paths, methods)
-    if axis is None or axis.numbers is None:
-        return _list(tables, points, paths, titles, methods)
-    others = other_paths(points, axis.path)
-    panels: dict[str, dict[str, ResultTable]] = {}
-    for point, table in zip(points, tables, strict=True):
-        panels.setdefault(panel_title(point, others), {})[point[axis.path]] = table
-    return SweepContent(axis, panels, methods, common_form(tables))
-
-
-def _grid(
-    tables: Sequence[ResultTable], points: Sequence[Mapping[str, str]], paths: Sequence[str], methods: tuple[str, ...]
-) -> SweepContent:
-    """Arrange points by two paths."""
-    across, down = (axis_of(points, path) for path in paths)
-    panels: dict[str, dict[str, ResultTable]] = {text: {} for text in down.texts}
-    for point, table in zip(points, tables, strict=True):
-        panels[point[down.path]][point[across.path]] = table
-    return SweepContent(across, panels, methods, common_form(tables), down)
-
-
-def _list(
-    tables: Sequence[ResultTable],
-    points: Sequence[Mapping[str, str]],
-    paths: Sequence[str],
-    titles: Sequence[str],
-    methods: tuple[str, ...],
-) -> SweepContent:
-    """Arrange points one after the other, named by their path where it tells them apart."""
-    single = len(paths) == 1 and paths[0] != POINTS and not other_paths(points, *paths)
-    names = [point[paths[0]] for point in points] if single else list(titles)
-    axis = SweepAxis(POINTS, tuple(names), None, "", "point of the sweep")
-    return SweepContent(axis, {"": dict(zip(names, tables, strict=True))}, methods, common_form(tables))
+    return SweepContent(axis, panels, methods, common_form(tables), down)

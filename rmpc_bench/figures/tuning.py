@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import place, sentences
+from rmpc_bench.figures.captions import at_point, sentence
 from rmpc_bench.figures.labels import literal, typeset
 from rmpc_bench.figures.legend import finish
 from rmpc_bench.figures.palette import DIM, line_styles, sample
@@ -67,30 +67,27 @@ class TuningOverParameter(OnePointFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw a panel for every parameter; see `Figure.draw`."""
-        content = self._content(results)
+        title, panels = self._content(results)
         with style():
-            figure = new_figure(self.size(0.4 + PANEL * len(content.panels)))
-            axes = stacked_panels(figure, len(content.panels), sharex=False)
-            for each, panel in zip(axes, content.panels, strict=True):
-                _draw(each, panel)
-            finish(figure, _legend(content.panels), content.title)
+            figure = new_figure(self.size(0.4 + PANEL * len(panels)))
+            for axes, panel in zip(stacked_panels(figure, len(panels), sharex=False), panels, strict=True):
+                _draw(axes, panel)
+            finish(figure, _legend(panels), title)
         return figure
 
     def caption(self, results: Trials) -> str:
-        """Say what marks and lines are, and name default and tuned value of every parameter; see `Figure.caption`."""
-        content = self._content(results)
-        search = content.panels[0].search
+        """Say what marks and lines are; see `Figure.caption`."""
+        title, panels = self._content(results)
+        search = panels[0].search
         test = "" if search.test is None else f", squares on the {search.test.shape[1]} runs of the experiment"
-        protocol = search.protocol
-        return sentences(
-            f"Objective of every value that was tried ({protocol.statistic} of {protocol.metric}, failed runs cost a "
-            f"penalty): circles on the {search.tuning.shape[1]} tuning runs{test}",
-            "Solid vertical lines show the tuned value, dotted ones the default",
-            place(content.point, content.title),
-            *map(_values, content.panels),
+        return sentence(
+            f"Objective of every value that was tried{at_point(title)} ({search.protocol.statistic} of "
+            f"{search.protocol.metric}, failed runs cost a penalty): circles on the {search.tuning.shape[1]} tuning "
+            f"runs{test}; solid vertical lines at the tuned value, dotted ones at the default"
         )
 
-    def _content(self, results: Trials) -> TuningContent:
+    def _content(self, results: Trials) -> tuple[str, list[Panel]]:
+        """Find the title of the point and a panel for every parameter."""
         self.require(layout_of(results))
         point, title = point_at(results, self.at)
         searches = point.tuning.searches if point.tuning is not None else ()
@@ -99,9 +96,7 @@ class TuningOverParameter(OnePointFigure):
         if not shown:
             raise DesignError("no search of these methods is recorded at this point", "order")
         styles = line_styles(point.all_methods, point.all_methods)
-        places = [(each, number) for each in shown for number in range(len(each.parameters))]
-        panels = [Panel(each, number, styles[each.method].color) for each, number in places]
-        return TuningContent(point, title, panels)
+        return title, [Panel(each, k, styles[each.method].color) for each in shown for k in range(len(each.parameters))]
 
 
 class Panel(NamedTuple):
@@ -119,12 +114,6 @@ class Panel(NamedTuple):
         return self.search.parameters[self.number]
 
     @property
-    def places(self) -> Array:
-        """Values that were tried, without the offset."""
-        found: Array = self.search.candidates[:, self.number] - self.parameter.offset
-        return found
-
-    @property
     def default(self) -> float | None:
         """The default without the offset; None where it is no number, or outside of a logarithmic axis."""
         value = self.search.default[self.number]
@@ -132,17 +121,10 @@ class Panel(NamedTuple):
         return None if found is None or (self.parameter.scale == "log" and found <= 0) else found
 
 
-class TuningContent(NamedTuple):
-    """What the figure shows."""
-
-    point: Trials
-    title: str
-    panels: list[Panel]
-
-
 def _draw(axes: Axes, panel: Panel) -> None:
     """Draw both objectives, the tuned value and the default of a parameter."""
-    search, places = panel.search, panel.places
+    search = panel.search
+    places = search.candidates[:, panel.number] - panel.parameter.offset
     order = np.argsort(places, kind="stable")
     tested = None if search.test_objectives is None else search.test_objectives[:-1]
     drawn: list[Array] = []
@@ -164,13 +146,9 @@ def _draw(axes: Axes, panel: Panel) -> None:
         make_logarithmic(axes)
     else:
         few_ticks(axes)
-    axes.set_xlabel(literal(f"{search.method}: {_name(panel.parameter)}"))
+    offset = f" - {panel.parameter.offset:g}" if panel.parameter.offset else ""
+    axes.set_xlabel(literal(f"{search.method}: {panel.parameter.path}{offset}"))
     axes.set_ylabel(literal(search.protocol.metric))
-
-
-def _name(parameter: TunedParameter) -> str:
-    """Write the path of a parameter, and what is subtracted from it on the axis."""
-    return f"{parameter.path} - {parameter.offset:g}" if parameter.offset else parameter.path
 
 
 def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
@@ -180,11 +158,3 @@ def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
     entries.append(("tuned", CHOSEN))
     entries += [("default", DEFAULT)] if any(panel.default is not None for panel in panels) else []
     return [(typeset(text), sample(**keys)) for text, keys in entries]
-
-
-def _values(panel: Panel) -> str:
-    default, row = panel.search.default[panel.number], panel.search.tuned_row
-    tuned = "nothing could be tuned" if row is None else panel.parameter.text(float(row[panel.number]))
-    before = "" if default is None else f", default {panel.parameter.text(default)}"
-    end = ", an end of its range" if panel.search.at_end[panel.number] else ""
-    return f"{panel.search.method}: {panel.parameter.path} = {tuned}{end}{before}"

@@ -101,7 +101,7 @@ class Figure:
 
         Returns
         -------
-        full sentences that define every mark, name the number of runs and state the main numbers; formulas as ``$..$``
+        one sentence that defines every mark and names the number of runs; formulas as ``$..$``
         """
         return (type(self).__doc__ or "").strip().partition("\n")[0]
 

@@ -94,7 +94,7 @@ def test_names_and_units_are_on_the_axes(finished):
 
     assert component_label(trials, "y", 0, "") == "level [m]"
     assert component_label(trials, "x_hat", 0, "0") == r"$\hat{x}_0$"
-    assert component_label(trials, "x", 1, "1", prefix="mean") == "mean h2 [m]"
+    assert component_label(trials, "x", 1, "1") == "h2 [m]"
 
 
 def test_bounds_and_limits_have_names(tmp_path):

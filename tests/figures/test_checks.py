@@ -7,6 +7,7 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config, registry
+from rmpc_bench.config.component import plain_data
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.execution.evaluation import figure_component
@@ -27,11 +28,7 @@ from rmpc_bench.types import ConfigError, DesignError, OnePointFigure, ResultLay
         ("{kind: signals, from: 7}", "from", "lie between `from` and `to` (there are 0 to 1)"),
         ("{kind: signals, to: 0}", "to", "fewer than two samples"),
         ("{kind: signals, signals: [gain]}", "signals", "'gain' is not recorded (recorded: y, u; series: "),
-        (
-            "{kind: signals, signals: [P]}",
-            "signals",
-            "16 rows of panels do not fit into one figure (at most 8)",
-        ),
+        ("{kind: signals, signals: [P]}", "signals", "16 rows of panels do not fit into one figure (at most 8)"),
         ("{kind: signals, signals: ['L.4,0']}", "signals", "(they count from L.0,0 to L.3,0)"),
         ("{kind: signals, signals: [L.2]}", "signals", "(they count from L.0,0 to L.3,0)"),
         ("{kind: signals, signals: [theta.0]}", "signals", "it is a number and has none"),
@@ -73,12 +70,8 @@ def test_the_default_figure_is_that_of_the_experiment(tmp_path):
 @pytest.mark.parametrize(
     ("figure", "message"),
     [
-        ("{kind: paired}", "figures.0.kind: 'paired' is now 'rows' (rmpc-bench list figures)"),
         ("paired", "figures.0: 'paired' is now 'rows' (rmpc-bench list figures)"),
         ("{kind: shares}", "figures.0.kind: 'shares' is now 'rows' with show: share (rmpc-bench list figures)"),
-        ("{kind: sweep-lines}", "figures.0.kind: 'sweep-lines' is now 'sweep' (rmpc-bench list figures)"),
-        ("{kind: heat-map}", "figures.0.kind: 'heat-map' is now 'sweep' (rmpc-bench list figures)"),
-        ("{kind: ranking}", "figures.0.kind: 'ranking' is now 'sweep', or 'rows' with show: rank"),
         (
             "{kind: rows, show: median}",
             "figures.0.show: 'median' is not known; known: values, change, mean, share, rank",
@@ -156,12 +149,7 @@ def issues(kind, text, **layout):
             MOMENTS | P,
             [("components", "there is no state 2 (they count from 0 to 1)")],
         ),
-        (
-            "ellipses",
-            "{x: a, y: b, components: [1, 1]}",
-            MOMENTS | P,
-            [("components", "must be two different states")],
-        ),
+        ("ellipses", "{x: a, y: b, components: [1, 1]}", MOMENTS | P, [("components", "must be two different states")]),
     ],
 )
 def test_what_figures_of_an_ensemble_require(kind, text, series, found):
@@ -281,10 +269,7 @@ def test_what_elements_require(text, found):
         ("{x: y.0, y: y.3}", [("y", "'y.3' is not a component (they count from y.0 to y.2)")]),
         ("{x: y.1, y: y.1}", [("y", "must be another metric or signal than x")]),
         ("{x: y.0, y: y}", [("y", "must be one component of a recorded signal, such as y.0")]),
-        (
-            "{x: y.0, y: y.1, marks: 0.1}",
-            [("marks", TOO_CLOSE)],
-        ),
+        ("{x: y.0, y: y.1, marks: 0.1}", [("marks", TOO_CLOSE)]),
         ("{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", []),
         ("{x: y.0, y: y.1, from: 5, to: 2}", [("from", EMPTY)]),
     ],
@@ -343,14 +328,6 @@ def test_names_are_checked_in_the_same_way_by_every_figure(kind):
     assert sorted(found) == sorted([*expected, ("at", "nothing is swept in this configuration")])
 
 
-def test_matplotlib_is_imported_when_a_figure_is_drawn_and_not_before():
-    """Nor pandas: `check` imports the figures of a configuration and must stay fast."""
-    modules = [registry.BUILT_IN["figures"][name].split(":")[0] for name in registry.names("figures")]
-    code = f"import sys, importlib; [importlib.import_module(name) for name in {modules}]; "
-    code += "print([name for name in ('matplotlib', 'pandas', 'numba') if name in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("kind", registry.RENAMED_FIGURES)
 def test_earlier_kinds_say_what_has_become_of_them(tmp_path, kind):
     """In a file at its place, and as an error of the Python interface."""
@@ -377,3 +354,42 @@ def test_figures_are_loaded_without_the_libraries_that_draw_them():
     kinds, modules = done.stdout.splitlines()
     assert len(kinds.split()) == len(list(names("figures")))
     assert not HEAVY & set(modules.split())
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        (
+            "elements",
+            "{signal: Q_yw, run: 2, from: 1, to: 2*3, width: 7, order: [A]}",
+            {"from_": 1, "to": 6, "width": 7},
+        ),
+        ("ellipses", "{x: a, y: b, k: 1500, sigmas: [1, 2*2], components: [2, 0]}", {"k": 1500, "sigmas": (1, 4)}),
+        ("scatter", "{x: a, y: b, bars: se, front: false, at: [{kp: 1}]}", {"front": False, "at": [{"kp": 1}]}),
+        ("rows", "{show: share}", {"show": "share"}),
+        ("rows", "{show: [mean]}", {"show": ["mean"]}),
+    ],
+)
+def test_keys_are_read_as_a_configuration_writes_them(kind, text, expected):
+    """With arithmetic, and `from`, which is no name in Python."""
+    problems = []
+    keys = validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems)
+    assert not problems and {name: getattr(keys, name) for name in expected} == expected
+    assert plain_data(getattr(keys, "sigmas", (1, 4))) == [1, 4]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "found"),
+    [
+        ("elements", "{run: -1}", ["'signal' is missing", "run: must be >= 0 (got -1)"]),
+        ("ellipses", "{x: a, k: -1}", ["'y' is missing", "k: must be >= 0 (got -1)"]),
+        ("ellipses", "{x: a, y: b, sigmas: [1, 2, 3, 4, 5]}", ["sigmas: has too many entries (got a list of 5)"]),
+        ("ellipses", "{x: a, y: b, components: [0, 1, 2]}", ["components: has too many entries (got a list of 3)"]),
+        ("scatter", "{x: a, bars: iqr}", ["'y' is missing", "bars: must be 'quartiles' or 'se' (got 'iqr')"]),
+    ],
+)
+def test_keys_that_are_no_values_of_a_figure(kind, text, found):
+    """Each with its place."""
+    problems = []
+    validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems)
+    assert sorted(str(problem).split(": ", 1)[1] for problem in problems) == found

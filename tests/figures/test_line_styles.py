@@ -1,6 +1,6 @@
 """The same method has the same colour, dashes and marker in all figures, and differs in more than colour."""
 
-from rmpc_bench.figures.palette import DIM, MARKED_FROM, legend_sample, line_styles
+from rmpc_bench.figures.palette import DIM, line_styles
 
 METHODS = [f"M{number}" for number in range(9)]
 
@@ -25,11 +25,3 @@ def test_seven_methods_differ_in_colour_dashes_and_marker_and_more_are_thin_and_
     styles = line_styles(METHODS, METHODS)
     assert {styles[name].line()["color"] for name in METHODS[7:]} == {DIM}
     assert all(styles[name].linewidth < styles["M0"].linewidth for name in METHODS[7:])
-
-
-def test_samples_of_many_methods_have_markers() -> None:
-    def marker(shown: int, name: str) -> object:
-        return legend_sample(line_styles(METHODS, METHODS[:shown])[name]).get_marker()
-
-    assert marker(MARKED_FROM, "M1") == looks(METHODS)["M1"][2]
-    assert marker(MARKED_FROM - 1, "M1") == marker(9, "M8") == "None"

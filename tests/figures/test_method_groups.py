@@ -1,4 +1,4 @@
-"""All that belongs to a method is in its groups of an SVG, so that a page can hide it."""
+"""Files of every kind: same bytes, any name of a method, and groups of a method, by which a page can hide it."""
 
 import re
 from dataclasses import replace
@@ -9,6 +9,7 @@ import pytest
 
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.elements import Elements
 from rmpc_bench.figures.ellipses import Ellipses
 from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.rows import Rows
@@ -37,8 +38,9 @@ def point(make_trials, with_series):
             for j in (0, 1):
                 entries.append((name, "P", f"{i},{j}", [1.0 if i == j else 0.2], 0))
     x = rng.normal(size=(RUNS, N + 1, 2)).cumsum(axis=1)
-    signals = {name: {"x": x, "x_hat": x + rng.normal(size=x.shape)} for name in METHODS}
-    traces = {name: Traces(np.arange(RUNS), each, np.zeros((N + 1, 1))) for name, each in signals.items()}
+    signals = {name: {"x": x, "x_hat": x + rng.normal(size=x.shape), "S": x[:, :, [0, 1, 1, 0]]} for name in METHODS}
+    shapes = {"S": (2, 2)}
+    traces = {name: Traces(np.arange(RUNS), each, np.zeros((N + 1, 1)), shapes) for name, each in signals.items()}
     return replace(with_series(table, *entries), traces=traces, Ts=0.5)
 
 
@@ -54,9 +56,11 @@ FIGURES = {
     "paths": Scatter(x="x.0", y="x.1"),
     "ellipses": Ellipses(x="length", y="power"),
     "signals": Signals(signals=["x.0", "tube", "error", "nees"]),
+    "elements": Elements(signal="S"),
     "changes of a sweep": Sweep(),
     "values of a sweep": Sweep(show="value"),
 }
+NAMES = ("$Q'Q$", "$x_{k|k}$", "n" * 60, "long " * 12, 'it\'s "quoted"', "<b>", "a$b", "5 %")
 
 
 def without_method(file, name):
@@ -80,3 +84,25 @@ def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
         assert "var(--m1)" in left
     texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
     assert not [text for text in texts if text.strip() in ("B", "B (exact)")]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_same_bytes_when_drawn_twice(tmp_path, point, sweep, name):
+    files = [tmp_path / f"{number}.{ending}" for ending in ("svg", "pdf") for number in (1, 2)]
+    for file in files:
+        save_as(FIGURES[name].draw(sweep if "sweep" in name else point), file)
+    one, two, three, four = (file.read_bytes() for file in files)
+    assert one == two and three == four
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["rows", "boxplot", "lines", "cells"])
+def test_any_name_of_a_method_can_be_drawn(tmp_path, make_trials, make_sweep, kind, name):
+    """In rows, columns, lines and cells, as SVG and PDF."""
+    table = make_trials({"length": {"A": [1.0, 2.0, 3.0], name: [1.1, 2.5, 2.9]}}, FLAT[:1])
+    path, texts = ("plant.a", "12") if kind == "lines" else ("name", "pq")
+    trials = make_sweep(*[({path: text}, table) for text in texts]) if kind in ("lines", "cells") else table
+    figure = {"rows": Rows(), "boxplot": Boxplot()}.get(kind, Sweep()).draw(trials)
+    for ending in ("svg", "pdf"):
+        save_as(figure, tmp_path / f"a.{ending}")
+    assert "<b>" not in (tmp_path / "a.svg").read_text(encoding="utf-8")

@@ -236,18 +236,6 @@ def test_the_paths_that_tell_points_apart():
     assert main_paths([{}]) == []
 
 
-@pytest.mark.parametrize("name", ["$Q'Q$", "$x_{k|k}$", "n" * 60, 'it\'s "quoted"', "<b>", "a$b", "100 %"])
-def test_any_name_of_a_method_can_be_drawn(tmp_path, sweep_of, name):
-    """In lines and in cells, as SVG and PDF, with the same bytes every time."""
-    for points in (over([1, 2]), [{"name": "p"}, {"name": "q"}]):
-        trials = sweep_of(["A", name], points)
-        for ending in ("svg", "pdf"):
-            for number in (1, 2):
-                save_as(Sweep().draw(trials), tmp_path / f"{number}.{ending}")
-            assert (tmp_path / f"1.{ending}").read_bytes() == (tmp_path / f"2.{ending}").read_bytes()
-    assert "<b>" not in (tmp_path / "1.svg").read_text(encoding="utf-8")
-
-
 def test_the_page_has_two_drawings_of_a_sweep_of_one_number(sweep_of):
     """Texts have at least 9 px in a window of 400 px, of which the page leaves 368 for the figure."""
     trials = sweep_of(["A", "B", "C"], over([1, 2, 3]))

@@ -105,10 +105,7 @@ def test_values_with_a_name_together(make_trials, make_sweep, title, text):
     ("at", "message"),
     [
         ([{"Hp": 10}], "'Hp' is not a known path of the sweep; known: controller.Hp, estimator"),
-        (
-            [{"controller.Hp": 12}],
-            "controller.Hp has no value 12 in the sweep (it has 10, 15, 1e-1)",
-        ),
+        ([{"controller.Hp": 12}], "controller.Hp has no value 12 in the sweep (it has 10, 15, 1e-1)"),
         ([{"estimator": None}], "estimator has no value null in the sweep (it has kalman, robust)"),
         ([{"estimator": True}], "estimator has no value true in the sweep (it has kalman, robust)"),
         (
@@ -123,17 +120,3 @@ def test_errors_show_the_choices(sweep, at, message):
     with pytest.raises(DesignError) as error:
         boxplot(sweep, at=at)
     assert str(error.value).startswith(message) and error.value.parameter == "at"
-
-
-def test_no_sweep_no_choice(make_trials):
-    """A key that would have no effect is an error."""
-    with pytest.raises(DesignError, match="nothing is swept in this configuration"):
-        boxplot(make_trials(TABLE), at=[{"controller.Hp": 10}])
-
-
-def test_a_point_that_the_sweep_does_not_have(make_trials, make_sweep):
-    """The values that it has are named."""
-    points = [{"controller.Hp": str(hp)} for hp in range(10, 17)]
-    sweep = sweep_of(make_trials, make_sweep, points)
-    with pytest.raises(DesignError, match="has no value 9 in the sweep .it has 10, 11, 12, 13, 14, 15, 16."):
-        boxplot(sweep, at=[{"controller.Hp": 9}])
