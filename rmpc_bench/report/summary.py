@@ -19,7 +19,7 @@ from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.rows import rows_of
 from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import counted, declared_lines, notes_markdown, status_lines
+from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import ensemble_markdown, worst_runs_columns
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
@@ -43,12 +43,9 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
     worst = worst_runs_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
-    for head, lines in (
-        ("Failed runs", status_lines(trials)),
-        ("Checks that are meant to fail", declared_lines(trials)),
-    ):
-        parts += [f"## {head}", "\n".join(lines)] if lines else []
-    return markdown_page([*parts, *notes_markdown(trials)])
+    for head, entries in sections_of(trials).items():
+        parts += [f"## {head}", "\n".join(f"- {text}" for text in entries)] if entries else []
+    return markdown_page(parts)
 
 
 def quantity(info: MetricInfo) -> str:
@@ -59,8 +56,6 @@ def quantity(info: MetricInfo) -> str:
 
 MOST_ON_SCREEN = 6
 """Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
-
-
 MOST_PAGES = 50
 """Points of a sweep that get a page in tables/summary.md; summary.csv has all."""
 

@@ -166,7 +166,7 @@ def _failures(source: PageSource) -> Fold:
     failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
     counts = Counter(message_of(*each) for each in failed)
     lines = [
-        f"{f'{short_title(table)}: ' if table.title else ''}{text.removeprefix('- ')}"
+        f"{f'{short_title(table)}: ' if table.title else ''}{text}"
         for table in trials.each[:MOST_POINTS]
         for text in (*status_lines(table), *declared_lines(table))
     ]

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
-from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
+from rmpc_bench.analysis.rank_rows import Ranking, Ratio
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
 from rmpc_bench.report.columns import columns_of, other_average, value_text
+from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column
 
@@ -298,7 +299,7 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
     # A file that is kept does not change from machine to machine.
     found |= {"time per step": times} if times and not everything else {}
     found |= {"p": columns["p"]} if everything and "p" in columns else {}
-    found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
+    found["runs"] = [_runs(row.n, row.n_failed) for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
 
 
@@ -315,10 +316,10 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     info = trials.primary_info
     what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
     heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
-    more = {row.method: _more_of_ranks(row, found, base=row.method == trials.baseline) for row in found.rows}
-    heads += [Head(text, "n more") for text in dict.fromkeys(head for cells in more.values() for head in cells)]
+    more = part_columns(found, trials.baseline) | {"runs": [_runs(row.n, row.n_failed) for row in found.rows]}
+    heads += [Head(text, "n more") for text in more]
     rows = []
-    for row, ratio in zip(found.rows, ratios, strict=True):
+    for k, (row, ratio) in enumerate(zip(found.rows, ratios, strict=True)):
         base = row.method == trials.baseline
         style = "" if base else BETTER if ratio.high < 0 else WORSE if ratio.low > 0 else INCONCLUSIVE
         text = "" if base else " ".join(filter(None, change_texts(ratio)))
@@ -327,27 +328,14 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
         cells.append(Cell("n c", text, _number(0.0 if base else ratio.value)))
         rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
-        cells += [Cell("n more", more[row.method].get(head.text, "")) for head in heads[3:]]
+        cells += [Cell("n more", texts[k]) for texts in more.values()]
         css = " ".join(["base"] * base + ["oracle"] * (row.method in trials.oracles))
         rows.append(Row(row.method, label_behind(row.method, trials.labels.get(row.method, "")), css, cells))
     return Rows(heads, rows)
 
 
-def _more_of_ranks(row: RankRow, found: Ranking, *, base: bool) -> dict[str, str]:
-    """Return head -> cell of the columns on demand: ratios of parts of the sweep, and runs."""
-    cells = {each.value: _factor(each) for each in row.by_value}
-    if found.n_values > 1 and not base:
-        ends = {"smallest": row.smallest, "largest": row.largest}
-        cells |= {head: "" if each is None else f"{_factor(each)} ({each.value})" for head, each in ends.items()}
-        cells["better/worse"] = f"{row.better}/{row.worse}"
-    return cells | {"runs": f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}"}
-
-
-def _factor(ratio: Ratio) -> str:
-    """Write the ratio of a part of the sweep, with a mark where its interval contains 1."""
-    if math.isnan(ratio.ratio):
-        return ""
-    return f"\u00d7{short(ratio.ratio)}{'' if ratio.high < 1 or ratio.low > 1 else ' ?'}"
+def _runs(n: int, n_failed: int) -> str:
+    return f"{n}{f', {n_failed} failed' if n_failed else ''}"
 
 
 def _relative(ratio: Ratio) -> Estimate:
