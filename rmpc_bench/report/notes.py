@@ -16,10 +16,19 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed
 from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.comparison_table import AVERAGES
-from rmpc_bench.report.latex import ALL_METRICS, WIDTH, capitalised, chosen_columns, shown_points
-from rmpc_bench.report.latex_text import printed_latex, to_latex
+from rmpc_bench.report.latex import (
+    ALL_METRICS,
+    WIDTH,
+    PaperTable,
+    all_metrics_body,
+    capitalised,
+    metric_body,
+    paper_table,
+    shown_points,
+)
 from rmpc_bench.report.page.rows import Rows
 from rmpc_bench.report.point_tables import Points
+from rmpc_bench.report.requirements_table import latex_requirements
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types.report_choices import Column
 
@@ -145,29 +154,28 @@ DEFINITIONS: dict[Column, str] = {
 PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
 
 
-def latex_captions(summary: Points) -> dict[str, str]:
-    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes."""
+def latex_tables(
+    summary: Points, comments: Sequence[str] = (), columns: Sequence[Column] | None = None, width: float = WIDTH
+) -> dict[str, PaperTable]:
+    """Return name -> table of requirements, of every metric, and of all metrics together where there are several.
+
+    Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
+    method; without them the usual ones that fit into the width in footnotesize [pt].
+    """
     points = shown_points(summary)
     if not points:
         return {}
-    trials = points[0].trials
-    captions = {info.name: _subject(info.words, trials, len(points)) for info in trials.metrics}
-    if len(captions) > 1:
-        captions[ALL_METRICS] = _subject("Metrics", trials, len(points))
-    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
-
-
-def latex_notes(summary: Points, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
-    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes with the same arguments."""
-    points = shown_points(summary)
-    if not points:
-        return {}
-    infos = points[0].trials.metrics
-    tables = {info.name: [result_table(*point, info) for point in points] for info in infos}
-    notes = {name: table_note(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
-    if len(infos) > 1:
-        notes[ALL_METRICS] = _note_of_all([each[0] for each in tables.values()])
-    return {name: f"{printed_latex(text)}%\n" for name, text in notes.items()}
+    trials, found = points[0].trials, latex_requirements(points, comments, width)
+    every = {info.name: [result_table(*point, info) for point in points] for info in trials.metrics}
+    for name, tables in every.items():
+        shown, body = metric_body(tables, columns, width)
+        caption = _subject(tables[0].info.words, trials, len(points))
+        # A metric may have the name of the table of requirements.
+        found[name] = paper_table(name, body, caption, table_note(tables, shown), comments)
+    if len(every) > 1:
+        caption, note = _subject("Metrics", trials, len(points)), _note_of_all([each[0] for each in every.values()])
+        found[ALL_METRICS] = paper_table(ALL_METRICS, all_metrics_body(points, width), caption, note, comments)
+    return found
 
 
 def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:

@@ -184,8 +184,8 @@ def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:
     if found.n_values < 2:
         return columns
     others = [None if row.method == baseline else row for row in found.rows]
-    columns["smallest"] = [_factor(row and row.smallest, at=True) for row in others]
-    columns["largest"] = [_factor(row and row.largest, at=True) for row in others]
+    for head in ("smallest", "largest"):
+        columns[head] = [_factor(getattr(row, head, None), at=True) for row in others]
     return columns | {"better/worse": ["" if row is None else f"{row.better}/{row.worse}" for row in others]}
 
 

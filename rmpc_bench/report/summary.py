@@ -14,8 +14,8 @@ from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
-from rmpc_bench.report.notes import note_of
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH
+from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
 from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
@@ -120,7 +120,7 @@ class Summary(NamedTuple):
         tables = latex_tables(self, (), columns, width)
         if wanted not in tables:
             raise DesignError("there is no table in LaTeX: no run, or too many points of a sweep; summary.csv has all")
-        return tables[wanted]
+        return tables[wanted].body
 
 
 def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequence[str] | None) -> PointSummary:

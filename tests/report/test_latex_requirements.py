@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from rmpc_bench.report.requirements_table import latex_requirements, requirements_caption, requirements_note
+from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Limit, Requirement
@@ -18,13 +18,13 @@ def table(make_trials, requirements=(FAST,)):
 
 
 def test_rows_are_those_of_the_pass_rates(make_trials):
-    text = latex_requirements(table(make_trials), ["version 1"])["requirements"]
+    text = latex_tables(table(make_trials), ["version 1"])["requirements"].body
     assert text.startswith("% version 1") and r"settling\_time $<$ 20 s" in text
     assert "A & $1/4$ & " in text and "B & $3/4$ & " in text and "$+50" in text and r"\toprule" in text
 
 
 def test_the_caption_defines_the_columns(make_trials):
-    text = "".join(each(table(make_trials))["requirements"] for each in (requirements_caption, requirements_note))
+    text = "".join(latex_tables(table(make_trials))["requirements"])
     for words in (
         r"settling\_time $<$ 20 s; 4 runs per method",
         "Wilson",
@@ -35,5 +35,4 @@ def test_the_caption_defines_the_columns(make_trials):
 
 
 def test_without_requirements_there_is_no_table(make_trials):
-    summary = table(make_trials, ())
-    assert latex_requirements(summary) == requirements_caption(summary) == {}
+    assert "requirements" not in latex_tables(table(make_trials, ()))
