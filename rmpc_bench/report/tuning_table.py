@@ -97,19 +97,14 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
     }
 
 
-def rank_text(ranks: TuningRanks, place: int, budget: int = -1) -> str:
-    """Write a rank at the n-th budget with its ends over the bootstrap sets, such as "2 (1 to 3)"."""
-    rank, low, high = (each[budget, place] for each in (ranks.ranks, ranks.smallest, ranks.largest))
-    return f"{rank} ({low} to {high})"
-
-
 def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
     """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget."""
     columns = {"method": [*ranks.methods]}
     words = [parameter_text(trials, name) for name in ranks.methods]
     columns |= {"parameters": [word or "-" for word in words]} if any(words) else {}
     for index, n in enumerate(ranks.budgets):
-        columns[f"rank after {n} values"] = [rank_text(ranks, place, index) for place in range(len(ranks.methods))]
+        found = zip(ranks.ranks[index], ranks.smallest[index], ranks.largest[index], strict=True)
+        columns[f"rank after {n} values"] = [f"{rank} ({low} to {high})" for rank, low, high in found]
     return columns
 
 
@@ -130,14 +125,8 @@ MOST_NAMED = 3
 """Searches whose values the screen names."""
 MOST_POINTS = 6
 """Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
-_SHARES = [
-    "failed_pct",
-    "test_failed_default_pct",
-    "test_failed_pct",
-    "regret_pct",
-    "same_order_pct",
-    "same_winner_pct",
-]
+_SHARES = ["failed_pct", "test_failed_default_pct", "test_failed_pct", "regret_pct"]
+_SHARES += ["same_order_pct", "same_winner_pct"]
 _NUMBERS = ["objective", "test_default", "test_tuned", "test_best"]
 _RANKS = ["rank", "rank_smallest", "rank_largest"]
 
@@ -234,7 +223,7 @@ class TuningTable:
         """What the tuning of these methods leaves open; nothing where no method is tuned."""
         if self.tuning is None:
             return []
-        ends, lost = self._at_end, self._lost
+        ends, lost = ", ".join(self._at_end), ", ".join(self._lost)
         texts = [f"Tuned values at the end of their range: {ends}; a better value may lie outside."] if ends else []
         texts += [f"Nothing could be tuned, so the defaults stay: {lost}."] if lost else []
         names = [name for ranks in self.ranks.values() for name in (*ranks.can_change, *ranks.changing)]
@@ -251,20 +240,20 @@ class TuningTable:
         protocol = self.tuning.protocol
         penalty = f" x (1 + {protocol.penalty:g} x share of failed runs)" if protocol.penalty else ""
         return (
-            f"{protocol.budget} values at most are tried for each method, each on {counted(protocol.runs, 'run')} whose "
-            f"random numbers the experiment does not use. Objective: {protocol.statistic} of {protocol.metric} over the "
-            f"finished runs{penalty}."
+            f"{protocol.budget} values at most are tried for each method, each on {counted(protocol.runs, 'run')} "
+            "whose random numbers the experiment does not use. "
+            f"Objective: {protocol.statistic} of {protocol.metric} over the finished runs{penalty}."
         )
 
     @property
-    def _at_end(self) -> str:
+    def _at_end(self) -> list[str]:
         """Methods whose tuned values are at the end of their range."""
-        return ", ".join(dict.fromkeys(each.search.method for each in self._every if any(each.search.at_end)))
+        return [*dict.fromkeys(each.search.method for each in self._every if any(each.search.at_end))]
 
     @property
-    def _lost(self) -> str:
+    def _lost(self) -> list[str]:
         """Methods for which nothing was found."""
-        return ", ".join(dict.fromkeys(each.search.method for each in self._every if each.search.chosen is None))
+        return [*dict.fromkeys(each.search.method for each in self._every if each.search.chosen is None)]
 
     @property
     def cost(self) -> str:
@@ -305,15 +294,14 @@ class TuningTable:
         """What is tuned, to what values if these are few, and what that leaves open; empty where nothing is."""
         if self.tuning is None or not self.outcomes:
             return ""
-        protocol, lost = self.tuning.protocol, self._lost
+        protocol = self.tuning.protocol
         size = f"budget {protocol.budget}, {protocol.runs} runs (tables/tuning.md)"
         size += f"; no ranks: {next(iter(self.unranked.values()))}" if self.unranked else ""
         if len(self._every) <= MOST_NAMED:
             return f"tuned: {', '.join(map(short_text, self._every))}; {size}"
-        n = len({each.search.method for each in self._every} - {*lost.split(", ")})
-        text = f"tuned: {counted(n, 'method')}"
-        text += f"; nothing found for {lost}" if lost else ""
-        text += f"; at the end of its range: {self._at_end}" if self._at_end else ""
+        text = f"tuned: {counted(len({each.search.method for each in self._every} - {*self._lost}), 'method')}"
+        text += f"; nothing found for {', '.join(self._lost)}" if self._lost else ""
+        text += f"; at the end of its range: {', '.join(self._at_end)}" if self._at_end else ""
         return f"{text}; {size}"
 
     def __str__(self) -> str:
