@@ -156,6 +156,18 @@ def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
     return next((each for each in notes.failures if each.run == run), None) if notes else None
 
 
+def ran_counts(trials: Trials) -> dict[str, tuple[int, int]]:
+    """Return method -> its failed runs and all its runs, all points together."""
+    points = {name: [table for table in trials.each if name in table.methods] for name in trials.methods}
+    return {
+        name: (
+            sum(table.n_failed(name) for table in tables),
+            sum(int((table.frame["method"] == name).sum()) for table in tables),
+        )
+        for name, tables in points.items()
+    }
+
+
 def of_run(trials: Trials, method: str, run: int) -> str:
     """Say in one line what happened to a run."""
     failure = _failure(trials, method, run)

@@ -80,13 +80,13 @@ class Screen:
         return [line.replace(_GLUE, " ") for line in wrapped(text, width)]
 
     def _head(self, width: int) -> list[str]:
-        k, done = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
+        k, what = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
         if not self.extent.planned:
             what = f"exact moments{f' at each of {k} points' if k > 1 else ''}, no runs"
         elif self.extent.is_unfinished:
-            what = f"INTERRUPTED at {done}; run it again to go on"
-        else:
-            what = done if self.trials.with_verdicts else f"smoke run: {done}"
+            what = f"INTERRUPTED at {what}; run it again to go on"
+        elif not self.trials.with_verdicts:
+            what = f"smoke run: {what}"
         line = f"{self.name}   {what}"
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
@@ -138,8 +138,8 @@ class Screen:
             yield "note", [self._note()]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
-            yield "tuned", [text for text in [self.tuned.gist] if text]
-            yield "requirements", [text for text in [self.demanded.gist] if text]
+            yield "tuned", [*filter(None, [self.tuned.gist])]
+            yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()
         yield "failed", self._failed(width)
         yield "claims", self._claims()
@@ -208,23 +208,20 @@ class Screen:
     def _claims(self) -> list[str]:
         if not self.verdicts:
             return []
-        if not self.trials.with_verdicts:
-            return ["claims: not evaluated, a smoke run is too short"]
-        if self.reasons:
-            return [f"claims: not evaluated, {'; '.join(self.reasons)}"]
+        why = [*self.reasons] if self.trials.with_verdicts else ["a smoke run is too short"]
+        if why:
+            return [f"claims: not evaluated, {'; '.join(why)}"]
         found = [Counter(each.joined for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]
         if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
             [finding] = known
             n, ours = found[0][finding], found[1][finding]
             texts = [f"{n} statement{'s' * (n > 1)} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
             return [f"{finding_words(finding)}: {', '.join(texts)} (claims.md)"]
-        names = ("statements of the paper", "ours")
-        texts = [
-            f"{name}: {', '.join(f'{counts[each]} {finding_words(each)}' for each in Finding if counts[each])}"
-            for name, counts in zip(names, found, strict=True)
-            if counts
-        ]
-        return [f"{'; '.join(texts)} (claims.md)"]
+        parts = []
+        for name, counts in zip(("statements of the paper", "ours"), found, strict=True):
+            words = [f"{counts[each]} {finding_words(each)}" for each in Finding if counts[each]]
+            parts += [f"{name}: {', '.join(words)}"] if words else []
+        return [f"{'; '.join(parts)} (claims.md)"]
 
     def _differing(self) -> list[str]:
         if self.reasons or not self.trials.with_verdicts:

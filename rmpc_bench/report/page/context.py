@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.result_rows import ResultTable
+from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
@@ -17,6 +18,7 @@ from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
 from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
+from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."
@@ -101,7 +103,7 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     if not tables:
         return Main(moments=moments_of(trials, short=len(trials.each) > 1))
     if not trials.with_verdicts:
-        return Main(rows=_ran(tables))
+        return Main(rows=_ran(trials))
     if source.ranked is not None:
         level = f"{100 * trials.confidence:g} %"
         note = (
@@ -119,16 +121,14 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     return Main(groups=groups, note=note_of(tables, n, lowest=lowest), wide=wide)
 
 
-def _ran(tables: Sequence[ResultTable]) -> Rows:
+def _ran(trials: Trials) -> Rows:
     """Say of every method of a smoke run whether it ran, at all points together."""
     rows = []
-    for row in tables[0].rows:
-        found = [each for table in tables for each in table.rows if each.method == row.method]
-        failed, n = sum(each.n_failed for each in found), sum(each.n + each.n_failed for each in found)
-        word = "failed" if failed else "ran" if n else "not computed"
-        text = f"{failed} of {n} runs failed" if failed else f"{n} run{'s' * (n > 1)}"
-        css = "fails" if failed else "base"
-        rows.append(Row(row.method, label_behind(row.method, row.label), "", [Cell(f"v {css}", word, "", text)]))
+    for method, (failed, n) in ran_counts(trials).items():
+        word = "failed" if failed else "ran" if n else NOT_COMPUTED
+        text = f"{failed} of {n} runs failed" if failed else counted(n, "run")
+        cell = Cell(f"v {'fails' if failed else 'base'}", word, "", text)
+        rows.append(Row(method, label_behind(method, trials.labels.get(method, "")), "", [cell]))
     return Rows([Head("result", "v")], rows)
 
 

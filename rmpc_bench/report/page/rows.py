@@ -58,17 +58,12 @@ def per_cent(share: float) -> str:
 
 def grid_of(axis: Axis, nothing: float | None = None) -> list[Line]:
     """Return the lines of an axis, of which one may stand for no change."""
-    ticks = axis.ticks
+    ticks, size = axis.ticks, axis.high - axis.low
     middle = min(range(len(ticks)), key=lambda k: abs(ticks[k].at - (nothing or 0.0)), default=0)
-    places = [(tick.at - axis.low) / (axis.high - axis.low) for tick in ticks]
+    zeros = [nothing is not None and abs(tick.at - nothing) < 1e-12 for tick in ticks]
     return [
-        Line(
-            per_cent(place),
-            "zero" if nothing is not None and abs(tick.at - nothing) < 1e-12 else "",
-            tick.label,
-            (k - middle) % 2 == 1,
-        )
-        for k, (place, tick) in enumerate(zip(places, ticks, strict=True))
+        Line(per_cent((tick.at - axis.low) / size), "zero" * zero, tick.label, (k - middle) % 2 == 1)
+        for k, (tick, zero) in enumerate(zip(ticks, zeros, strict=True))
     ]
 
 
@@ -120,21 +115,14 @@ def drawn_change(row: ResultRow, table: ResultTable) -> Estimate:
     return row.change if table.form == "difference" else Estimate(*(1 + each / 100 for each in row.change))
 
 
-class Runs:
-    """Cells of the quantiles of the runs, on one axis."""
-
-    def __init__(self, rows: Sequence[ResultRow]) -> None:
-        self.axis = value_axis([each for row in rows for each in row.quantiles])
-        self.grid = grid_of(self.axis)
-
-    def strip(self, row: ResultRow) -> Strip | None:
-        """Draw the quantiles of a row; None without a finished run."""
-        if not row.quantiles:
-            return None
-        first, low, middle, high, last = map(self.axis.place, row.quantiles)
-        bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)]
-        median = per_cent(middle) if math.isfinite(row.quantiles[2]) else ""
-        return Strip(self.grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
+def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None:
+    """Draw the quantiles of the runs of a row; None without a finished run."""
+    if not row.quantiles:
+        return None
+    first, low, middle, high, last = map(axis.place, row.quantiles)
+    bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)]
+    median = per_cent(middle) if math.isfinite(row.quantiles[2]) else ""
+    return Strip(grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
 
 
 MANY = 10
@@ -224,10 +212,13 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     shown = [*table.rows] if everything else table.ordered
     if not table.trials.with_verdicts:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
-    runs, changes = Runs(shown), Changes.of(table) if table.form != "alone" else None
+    axis = value_axis([each for row in shown for each in row.quantiles])
+    grid, changes = grid_of(axis), Changes.of(table) if table.form != "alone" else None
     more = _more(table, shown, everything=everything)
-    quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * runs.axis.log}"
-    heads = [_mean_head(table), Head(quantiles, "d0", strip=Strip(runs.grid))]
+    unit = f" [{table.info.unit}]" if table.info.unit else ""
+    mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {table.info.words}{unit}"
+    quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * axis.log}"
+    heads = [Head(mean, "n m", True), Head(quantiles, "d0", strip=Strip(grid))]
     if changes is not None:
         heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
         heads += [Head("verdict", "v")]
@@ -235,7 +226,7 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     for k, row in enumerate(shown):
         style = style_of(row.word) if not row.is_baseline else ""
         cells = [Cell("n m", table.mean_text(row), _number(row.mean.value))]
-        cells.append(Cell(f"d0 {style}", strip=runs.strip(row)))
+        cells.append(Cell(f"d0 {style}", strip=runs_strip(row, axis, grid)))
         if changes is not None:
             strip = changes.strip(drawn_change(row, table)) if row.n else None
             cells += [Cell(f"s0 {style}", strip=strip), _change(table, row), _verdict(row, len(shown))]
@@ -250,12 +241,6 @@ def _row(row: ResultRow, cells: Sequence[Cell]) -> Row:
 
 def _number(value: float) -> str:
     return UNKNOWN if math.isnan(value) else f"{value:.6g}"
-
-
-def _mean_head(table: ResultTable) -> Head:
-    unit = f" [{table.info.unit}]" if table.info.unit else ""
-    words = "occurred; median " if table.may_not_occur else "mean "
-    return Head(f"{words}{table.info.words}{unit}", "n m", True)
 
 
 def _change_head(table: ResultTable, changes: Changes) -> Head:
@@ -294,18 +279,14 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
         found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
     found["worst run"] = [value_text(row.worst, row) for row in shown]
     if any(row.word == INCONCLUSIVE for row in shown):
-        found["runs needed"] = [_needed(row) for row in shown]
+        needed = [row.compared.get("runs_for_direction") if row.word == INCONCLUSIVE else None for row in shown]
+        found["runs needed"] = ["" if n is None or math.isnan(n) else about(float(n)) for n in needed]
     times = step_times(table.trials, [row.method for row in shown])
     # A file that is kept does not change from machine to machine.
     found |= {"time per step": times} if times and not everything else {}
     found |= {"p": columns["p"]} if everything and "p" in columns else {}
     found["runs"] = [_runs(row.n, row.n_failed) for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
-
-
-def _needed(row: ResultRow) -> str:
-    found = row.compared.get("runs_for_direction", math.nan)
-    return about(float(found)) if row.word == INCONCLUSIVE and found == found and found is not None else ""
 
 
 def ranked_rows(found: Ranking, trials: Trials) -> Rows:
