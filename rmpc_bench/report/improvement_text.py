@@ -29,6 +29,7 @@ VERDICTS = {
     str(Verdict.EQUIVALENT): "the improvements are equivalent (within {margin})",
 }
 """On the improvement in A against that in B."""
+SHORT_AVERAGES = {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}
 FEW_SETTINGS = 2
 """Differing settings that the sentence names itself."""
 
@@ -74,7 +75,8 @@ class ImprovementComparison:
         head = f"{row.point}: " if row.point else ""
         name = name_of_distance(self.info)
         first, second = (f"with {text}" for text in self._experiments())
-        word = self._word(row, tables[0])
+        signed = bool(row.averages) and row.averages[0].average == "difference"
+        word = f": {_verdict(row, margin_of(tables[0], self.info, signed=signed))}" if row.verdict else ""
         if not row.averages:
             in_a, in_b, gap = _shares(row)
             text = f"{row.method} is better than {row.baseline} in {name} in {in_a} of the runs {first} and in {in_b} "
@@ -85,10 +87,11 @@ class ImprovementComparison:
         gap = _estimate(each.difference, 1, self.info.unit if each.average == "difference" else "percentage points")
         text = f"{row.method} {verbs[0]} {name} against {row.baseline} by {in_a} {first} and "
         text += f"{verbs[1]} it " * (verbs[0] != verbs[1])
+        average = SHORT_AVERAGES.get(each.average, "mean differences")
         text += f"by {in_b} {second}: the difference of the improvements is {gap}"
         if each.average != "difference":
             text += f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
-        return f"{head}{text} ({_average(each)}, {_basis(row, tables)}){word}."
+        return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
 
     def _experiments(self) -> list[str]:
         """Name the two experiments by what differs, or by their directories."""
@@ -108,12 +111,6 @@ class ImprovementComparison:
             failed = f"{row.failed_a} in A, {row.failed_b} in B"
             alone = f"{row.baseline} finished {row.alone_a} and {row.alone_b} of them"
             yield f"failed runs of {row.method}: {failed} ({alone}); averages rest on runs that both finished"
-
-    def _word(self, row: ImprovementDifference, table: Trials) -> str:
-        if not row.verdict:
-            return ""
-        signed = bool(row.averages) and row.averages[0].average == "difference"
-        return ": " + _verdict(row, margin_of(table, self.info, signed=signed))
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:
@@ -152,11 +149,6 @@ def _changed(change: Estimate, each: AverageDifference, info: MetricInfo, *, sig
 def _estimate(each: Estimate, factor: float, unit: str) -> str:
     text = interval_text(*(factor * end for end in each), unit=unit)
     return f"{text}, without an interval" if math.isnan(each.low) and not math.isnan(each.value) else text
-
-
-def _average(each: AverageDifference) -> str:
-    words = {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}
-    return words.get(each.average, "mean differences")
 
 
 def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:

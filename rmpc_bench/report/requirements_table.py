@@ -39,7 +39,10 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = Fa
     }
     if len(trials.methods) > 1:
         columns[f"difference from {trials.baseline}"] = [difference_text(row) for row in rows]
-        columns["met by the method only / by the baseline only"] = [_alone(row) for row in rows]
+        columns["met by the method only / by the baseline only"] = [
+            "-" if row["method"] == row["baseline"] else f"{row['method_only']} / {row['baseline_only']}"
+            for row in rows
+        ]
     return columns
 
 
@@ -52,11 +55,6 @@ def difference_text(row: Mapping[Hashable, Any]) -> str:
     """Write the paired difference from the baseline in percentage points; "-" for the baseline."""
     values = (row["difference_pct"], row["difference_low"], row["difference_high"])
     return interval_text(*values, unit="points")
-
-
-def _alone(row: Mapping[Hashable, Any]) -> str:
-    same = row["method"] == row["baseline"]
-    return "-" if same else f"{row['method_only']} / {row['baseline_only']}"
 
 
 _SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
@@ -107,8 +105,7 @@ class RequirementsTable:
             if len(frame):
                 parts += [f"# {trials.title}"] * bool(trials.title)
                 parts.append(markdown_table(requirement_columns(trials, frame)))
-        parts += [REQUIREMENTS_NOTE] if parts else []
-        return markdown_page(parts)
+        return markdown_page([*parts, REQUIREMENTS_NOTE] if parts else [])
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

@@ -129,8 +129,13 @@ def failure_files(
         for method, run in failed_runs(table):
             counts[method] += 1
             if counts[method] <= MOST_FILES:
+                rows = uncertainty[uncertainty["run"] == run]
+                for path, value in table.point.items():
+                    rows = rows[rows[path] == value]
+                names = [name for name in rows.columns if name != "run" and name not in table.point]
+                values = {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
                 point = f"{_word(table.title)}-" if table.title else ""
-                text = _failure_text(table, directory, method, run, _values_of(table, uncertainty, run), versions)
+                text = _failure_text(table, directory, method, run, values, versions)
                 files[f"{point}{_word(method)}-{run}.txt"] = text
     return files
 
@@ -216,14 +221,6 @@ def _failure_text(
             width = 2 + max(len(str(name)) for name in table)
             lines += ["", title, *(f"  {name!s:{width}}{value}" for name, value in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str, float]:
-    rows = uncertainty[uncertainty["run"] == run]
-    for path, value in trials.point.items():
-        rows = rows[rows[path] == value]
-    names = [name for name in rows.columns if name != "run" and name not in trials.point]
-    return {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
 
 
 def _word(text: str) -> str:

@@ -59,44 +59,35 @@ def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) ->
 def row_lines(table: ResultTable, width: int) -> list[str]:
     """Lay out the methods at one point: mean, change and verdict."""
     n, left = _shown(len(table.rows), "methods")
-    rows = table.ordered[:n]
+    rows, shares, unit = table.ordered[:n], table.form == "share", table.quantity_with_unit
+
+    def lines(size: int | None, with_mean: bool, remarks: int) -> list[str]:
+        what = without_formulas(unit if size is None else cut(table.quantity, size))
+        base = table.baseline if size is None else cut(table.baseline, size)
+        columns = [["method", *_cut_names([row.method for row in rows], size)]]
+        if with_mean:
+            head = f"{'occurred; median' if table.may_not_occur else 'mean'} {what}"
+            columns.append([head, *(plain(table.mean_text(row)) for row in rows)])
+        if table.form != "alone":
+            head = f"better than {base} in" if shares else f"change against {base}"
+            columns.append([head, *(plain(table.change_text(row)) for row in rows)])
+            columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
+        return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
+
     ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
-    return fitting((partial(_rows_in, table, rows, *way) for way in ways), width) + left
-
-
-def _rows_in(
-    table: ResultTable, rows: Sequence[ResultRow], size: int | None, with_mean: bool, remarks: int
-) -> list[str]:
-    names = _cut_names([row.method for row in rows], size)
-    columns = [["method", *names]]
-    if with_mean:
-        columns.append([_mean_head(table, size), *(plain(table.mean_text(row)) for row in rows)])
-    if table.form != "alone":
-        columns.append([_change_head(table, size), *(plain(table.change_text(row)) for row in rows)])
-        if any(row.word for row in rows):
-            columns.append(["verdict", *(_verdict(row, remarks) for row in rows)])
-    return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
-
-
-def _mean_head(table: ResultTable, size: int | None) -> str:
-    what = without_formulas(table.quantity_with_unit if size is None else cut(table.quantity, size))
-    return f"occurred; median {what}" if table.may_not_occur else f"mean {what}"
-
-
-def _change_head(table: ResultTable, size: int | None) -> str:
-    base = table.baseline if size is None else cut(table.baseline, size)
-    return f"better than {base} in" if table.form == "share" else f"change against {base}"
+    return fitting((partial(lines, *way) for way in ways), width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:
     """Write the word with its remark, with the failed runs only, or alone."""
     lost = f"{row.n_failed}/{row.n + row.n_failed}" if row.n_failed else ""
-    text = row.word if row.word == FAILS_MORE or not lost else f"{row.word}, {lost} failed"
     oracle = " (oracle)" if row.is_oracle and "oracle" not in row.method else ""
     if not remarks:
         return row.word
-    if remarks == 1 or row.word == FAILS_MORE or not row.remark:
-        return f"{text} {lost}".strip() + oracle if row.word == FAILS_MORE else text + oracle
+    if row.word == FAILS_MORE:
+        return f"{row.word} {lost}".strip() + oracle
+    if remarks == 1 or not row.remark:
+        return f"{row.word}, {lost} failed{oracle}" if lost else f"{row.word}{oracle}"
     return f"{row.word}{oracle}, {row.remark.replace('by less than', '<')}"
 
 
@@ -154,7 +145,7 @@ def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     paths = [*dict.fromkeys(path for table in tables for path in table.trials.point)]
     x = paths[0].rpartition(".")[2] if len(paths) == 1 else "point"
     by = "" if len(paths) > 1 else f" by {x}" if x == paths[0] else f" by {x} = {paths[0]}"
-    what = f"{'share of runs better than' if first.form == 'share' else f'change of the {first.quantity} against'}"
+    what = "share of runs better than" if first.form == "share" else f"change of the {first.quantity} against"
     title = f"mean {first.quantity_with_unit}" if first.form == "alone" else f"{what} {first.baseline}"
     down, across = _matrix(tables, x, sweep.points)
     points_first = sweep.ordered or len(tables) >= len(first.rows) - 1

@@ -133,13 +133,10 @@ def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequen
 
 def summarise(trials: Trials) -> Summary:
     """Describe every method and compare it with the baseline, at every point of a sweep."""
-    pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
-    of = levels(trials)
+    of, pooled = levels(trials), None
+    if len(trials.points) > MOST_ON_SCREEN and trials.is_population:
+        # Nothing is estimated where the points are all there are, so there are no errors, intervals and tests.
+        every, none = trials.pooled(), {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
+        pooled = PointSummary(every, statistics.summary(every).assign(**none), comparisons(every).iloc[:0])
     points = [PointSummary(point, statistics.summary(point), comparisons(point, of)) for point in trials.each]
     return Summary(points, pooled)
-
-
-def _population(trials: Trials) -> PointSummary:
-    """Describe points that are all there are: nothing is estimated, so there are no errors, intervals and tests."""
-    none = {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
-    return PointSummary(trials, statistics.summary(trials).assign(**none), comparisons(trials).iloc[:0])

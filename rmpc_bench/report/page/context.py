@@ -41,7 +41,9 @@ def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
     tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
     pooled = pooled_of(source.tables, source.info)
-    informational = bool(source.overrides or source.incomplete)
+    informational, paper = bool(source.overrides or source.incomplete), record["paper"] or ""
+    address, identifier = paper_link(paper)
+    directories = dict.fromkeys(f"{file.partition('/')[0]}/" for file in source.files if "/" in file)
     claims = claim_items(source.verdicts) if trials.with_verdicts else []
     of_paper = any(verdict.claim.of_paper for verdict in source.verdicts)
     return {
@@ -49,7 +51,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "title": " ".join((record["title"] or trials.name).split()),
         "name": "/".join(part for part in (record["paper"], trials.name) if part),
         "names": tuple(sorted(trials.all_methods, key=len, reverse=True)),
-        "paper": _paper(record["paper"] or ""),
+        "paper": (address, identifier or (paper if usual_parameters(paper) == "as published" else "")),
         "index": source.index,
         "banner": _banner(source),
         "answer": answer_of(source.tables, [] if informational else source.verdicts, source.extent),
@@ -64,7 +66,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "folds": folds_of(source, tables),
         "command": record["command"],
         "foot": _foot(source),
-        "files": _files(source.files),
+        "files": [*(name for name in FILES if name in source.files), *directories],
         "pictures": [(each.name, *_picture(each.files)) for each in source.figures if each.files],
     }
 
@@ -77,12 +79,6 @@ def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent
         return EXACT
     tables = [pooled] if pooled else tables
     return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
-
-
-def _paper(name: str) -> tuple[str, str]:
-    """Return address and name of the paper; without an address the name alone, and nothing for other directories."""
-    address, identifier = paper_link(name)
-    return address, identifier or (name if usual_parameters(name) == "as published" else "")
 
 
 def _banner(source: PageSource) -> tuple[str, str]:
@@ -105,11 +101,9 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     if not trials.with_verdicts:
         return Main(rows=_ran(trials))
     if source.ranked is not None:
-        level = f"{100 * trials.confidence:g} %"
-        note = (
-            f"{n} runs per point and method. Ratio: geometric mean over {len(tables)} points. Brackets, bars and ranks"
-        )
-        return Main(rows=ranked_rows(source.ranked, trials), note=f"{note}: simultaneous {level} intervals.")
+        note = f"{n} runs per point and method. Ratio: geometric mean over {len(tables)} points. Brackets, bars and "
+        note += f"ranks: simultaneous {100 * trials.confidence:g} % intervals."
+        return Main(rows=ranked_rows(source.ranked, trials), note=note)
     if len(tables) == 1 or pooled is not None:
         rows = rows_of(pooled or tables[0])
         note = f"One run of each method at each of {len(tables)} points." if pooled else note_of(tables, n, rows)
@@ -150,9 +144,3 @@ def _picture(files: Sequence[str]) -> tuple[str, bool]:
     """Return the file of a figure that Markdown can show, or another one to link."""
     shown = [file for ending in (".svg", ".png") for file in files if file.endswith(ending)]
     return (shown or list(files))[0], bool(shown)
-
-
-def _files(files: Sequence[str]) -> list[str]:
-    """Choose the files that the foot links, and the directories of the others."""
-    there = [name for name in FILES if name in files]
-    return [*there, *dict.fromkeys(f"{file.partition('/')[0]}/" for file in files if "/" in file)]
