@@ -24,10 +24,8 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 MOST_WORDS = 45
-ENOUGH = 25
-"""Words for the points of a sweep, below which the findings are counted in fewer words."""
-MOST_RANGES = 2
-"""Ranges of points that are named; of more the points are counted."""
+ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
+MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
 _BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")
@@ -48,8 +46,7 @@ class Sweep(NamedTuple):
     """Points of an experiment in words."""
 
     points: Sequence[str]
-    ordered: bool
-    """Whether they are numbers of one path, so that neighbours form a range."""
+    ordered: bool  # whether they are numbers of one path, so that neighbours form a range
 
 
 def _is_number(text: str) -> bool:

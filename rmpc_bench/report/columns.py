@@ -11,8 +11,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_t
 from rmpc_bench.report.run_notes import failed_cells, held_cells
 from rmpc_bench.types.report_choices import Column
 
-OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
-"""Average of the verdict -> the other one that is computed."""
+OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}  # average of the verdict -> the other one that is computed
 
 
 def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> dict[Column, list[str]]:

@@ -30,8 +30,7 @@ VERDICTS = {
 }
 """On the improvement in A against that in B."""
 SHORT_AVERAGES = {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}
-FEW_SETTINGS = 2
-"""Differing settings that the sentence names itself."""
+FEW_SETTINGS = 2  # differing settings that the sentence names itself
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,12 +21,9 @@ from rmpc_bench.types.report_choices import Column
 
 USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
 """Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
-GAP = 0.9
-"""Distance between columns, in units of the size of the text."""
-HEAD = 45.0
-"""Width of a line in the head of a column [pt]."""
-LABEL = 60.0
-"""Width of a line of a label that is broken [pt]."""
+GAP = 0.9  # distance between columns, in units of the size of the text
+HEAD = 45.0  # width of a line in the head of a column [pt]
+LABEL = 60.0  # width of a line of a label that is broken [pt]
 _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
@@ -128,12 +125,9 @@ def _marked(trials: Trials, method: str) -> str:
     return label if "oracle" in label or method not in trials.oracles else f"{label} (oracle)"
 
 
-ALL_METRICS = "all-metrics"
-"""Name of the table with a column per metric; no metric can have this name."""
-MOST_POINTS = 50
-"""Points of a sweep that a table shows; with more of them there is no table."""
-WIDTH = 252.0
-"""Width of a column of many journals [pt, of which an inch has 72.27]."""
+ALL_METRICS = "all-metrics"  # name of the table with a column per metric; no metric can have this name
+MOST_POINTS = 50  # points of a sweep that a table shows; with more of them there is no table
+WIDTH = 252.0  # width of a column of many journals [pt, of which an inch has 72.27]
 _GAP = rf"@{{\hspace{{{GAP}em}}}}"
 
 

@@ -25,8 +25,7 @@ from rmpc_bench.report.requirements_table import latex_requirements
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types.report_choices import Column
 
-LONGEST = 285
-"""Characters of two lines."""
+LONGEST = 285  # characters of two lines
 SHARE = "of the share of runs in which the method is better (ties count half)"
 
 

@@ -59,8 +59,7 @@ def difference_text(row: Mapping[Hashable, Any]) -> str:
 
 _SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
 
-MOST_NAMED = 4
-"""Methods that the screen names."""
+MOST_NAMED = 4  # methods that the screen names
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +125,7 @@ def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
     return f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
 
 
-REQUIREMENTS = "requirements"
-"""Name of the table."""
+REQUIREMENTS = "requirements"  # name of the table
 
 
 def latex_requirements(points: Sequence[PointSummary], comments: Sequence[str], width: float) -> dict[str, PaperTable]:

@@ -18,12 +18,9 @@ from rmpc_bench.report.answer import listed
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
-MOST_SETTINGS = 5
-"""Settings that differ and are shown with their values."""
-MOST_ROWS = 15
-"""Pairs of verdicts that are shown."""
-MOST_LINES = 20
-"""Lines of one kind that are shown; the rest is counted."""
+MOST_SETTINGS = 5  # settings that differ and are shown with their values
+MOST_ROWS = 15  # pairs of verdicts that are shown
+MOST_LINES = 20  # lines of one kind that are shown; the rest is counted
 
 
 class Setting(NamedTuple):

@@ -13,10 +13,8 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
 
-MOST_FILES = 20
-"""Failed runs of a method that have a file of their own."""
-MOST_WARNINGS = 10
-"""Different warnings of a method that tables/summary.md shows."""
+MOST_FILES = 20  # failed runs of a method that have a file of their own
+MOST_WARNINGS = 10  # different warnings of a method that tables/summary.md shows
 
 
 def held_cells(trials: Trials, methods: list[str]) -> list[str]:

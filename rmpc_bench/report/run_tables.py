@@ -68,8 +68,7 @@ def ensemble_markdown(trials: Trials) -> str:
     return "\n".join([head, "", markdown_table(columns_from(rows)), "", "Bias, variance and P by component.", ""])
 
 
-FEWEST_RUNS = 20
-"""Runs below which the worst 5 % are less than one run."""
+FEWEST_RUNS = 20  # runs below which the worst 5 % are less than one run
 
 
 def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
@@ -122,8 +121,7 @@ def lost_table(trials: Trials) -> pd.DataFrame:
     return table
 
 
-MOST_POINTS = 12
-"""Points of a sweep whose drivers stand in tables/drivers.md; drivers.csv has all."""
+MOST_POINTS = 12  # points of a sweep whose drivers stand in tables/drivers.md; drivers.csv has all
 DRIVERS_NOTE = (
     "Share: what the adjusted R^2 of a quadratic response surface loses without all terms of a quantity. It is the "
     f"total effect of the quantity, interactions included, so that shares need not sum to 100 %. Brackets: interval "

@@ -27,21 +27,15 @@ from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines,
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
-WIDTH = 80
-"""Columns of the screen; fewer where a terminal has fewer."""
-MOST_NOTES = 5
-"""Lines below the table."""
-MOST_LINES = 25
-"""Lines of the screen of few methods and points; notes below a long matrix are fewer."""
+WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
+MOST_NOTES = 5  # lines below the table
+MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 _FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
 """Notes in the order of their importance."""
-_WHOLE = ("failed", "page")
-"""Notes whose lines are not broken: a command or a path that is copied."""
+_WHOLE = ("failed", "page")  # notes whose lines are not broken: a command or a path that is copied
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
-_GLUE = "\x01"
-"""Stands for a blank at which a line does not end."""
-_CAPTIONS = {"share": ", ties count half"}
-"""What is said of intervals, by the form of a table."""
+_GLUE = "\x01"  # stands for a blank at which a line does not end
+_CAPTIONS = {"share": ", ties count half"}  # what is said of intervals, by the form of a table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

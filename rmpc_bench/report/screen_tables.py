@@ -20,12 +20,9 @@ from rmpc_bench.report.run_notes import ran_counts
 from rmpc_bench.report.run_tables import ensemble_rows
 from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
 
-NAME = 12
-"""Characters to which names are cut where a table is too wide."""
-MOST_ROWS, FIRST_ROWS = 40, 30
-"""Rows that are shown at most; of more the first ones."""
-MOST_POINTS = 12
-"""Points that have a line where a sweep has several paths."""
+NAME = 12  # characters to which names are cut where a table is too wide
+MOST_ROWS, FIRST_ROWS = 40, 30  # rows that are shown at most; of more the first ones
+MOST_POINTS = 12  # points that have a line where a sweep has several paths
 _WORDS = (*ORDER, NOT_COMPUTED)
 
 
@@ -165,8 +162,7 @@ def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     return _counted_lines(tables, width)
 
 
-_WAYS = ((None, True), (None, False), (NAME, False))
-"""Size of names, and whether the means of the baseline are shown."""
+_WAYS = ((None, True), (None, False), (NAME, False))  # size of names, and whether the means of the baseline are shown
 _Layout = Callable[[int | None, bool], list[str]]
 
 

@@ -56,8 +56,7 @@ def quantity(info: MetricInfo) -> str:
 
 MOST_ON_SCREEN = 6
 """Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
-MOST_PAGES = 50
-"""Points of a sweep that get a page in tables/summary.md; summary.csv has all."""
+MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
 class Summary(NamedTuple):

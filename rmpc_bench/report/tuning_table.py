@@ -121,10 +121,8 @@ def rank_sentences(ranks: TuningRanks) -> list[str]:
     return texts
 
 
-MOST_NAMED = 3
-"""Searches whose values the screen names."""
-MOST_POINTS = 6
-"""Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
+MOST_NAMED = 3  # searches whose values the screen names
+MOST_POINTS = 6  # points of a sweep that tables/tuning.md and the page show; tuning.csv has all
 _SHARES = ["failed_pct", "test_failed_default_pct", "test_failed_pct", "regret_pct"]
 _SHARES += ["same_order_pct", "same_winner_pct"]
 _NUMBERS = ["objective", "test_default", "test_tuned", "test_best"]

@@ -33,8 +33,7 @@ class Main(NamedTuple):
     groups: Sequence[Group] = ()
     moments: Table | None = None
     note: str = ""
-    wide: bool = False
-    """Whether a matrix is too wide to stand beside lines."""
+    wide: bool = False  # whether a matrix is too wide to stand beside lines
 
 
 def page_context(source: PageSource) -> dict[str, Any]:

@@ -112,14 +112,10 @@ def _untuned(trials: Trials) -> list[str]:
     return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]
 
 
-OVER_TIME = ("signals",)
-"""Kinds of figures that stand among the signals."""
-MOST_LISTED = 6
-"""Entries of a list."""
-MOST_NAMED = 3
-"""Metrics and limits that a title names."""
-MOST_POINTS = 12
-"""Points of a sweep whose tables a fold has; CSV files have all."""
+OVER_TIME = ("signals",)  # kinds of figures that stand among the signals
+MOST_LISTED = 6  # entries of a list
+MOST_NAMED = 3  # metrics and limits that a title names
+MOST_POINTS = 12  # points of a sweep whose tables a fold has; CSV files have all
 SHARES = (
     "Share of the variance of the change that a quantity explains; shares need not sum to 100 %. "
     "-: too uncertain to be shown."

@@ -22,10 +22,8 @@ class Line(NamedTuple):
     """A line of the grid."""
 
     left: str
-    css: str
-    """``zero`` where nothing changes."""
-    label: str
-    """Of the tick, with `odd` for one of those that are left out where the cell is narrow."""
+    css: str  # `zero` where nothing changes
+    label: str  # of the tick, with `odd` for one of those that are left out where the cell is narrow
     odd: bool
 
 
@@ -43,12 +41,9 @@ class Strip(NamedTuple):
     grid: Sequence[Line]
     band: Bar | None = None
     bars: Sequence[Bar] = ()
-    dot: str = ""
-    """Place of the estimate."""
-    middle: str = ""
-    """Place of the median."""
-    arrow: str = ""
-    """Side on which the estimate, or a quantile, lies beyond the axis."""
+    dot: str = ""  # place of the estimate
+    middle: str = ""  # place of the median
+    arrow: str = ""  # side on which the estimate, or a quantile, lies beyond the axis
 
 
 def per_cent(share: float) -> str:
@@ -125,14 +120,12 @@ def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None
     return Strip(grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
 
 
-MANY = 10
-"""Methods above which rows are low and labels are cut."""
+MANY = 10  # methods above which rows are low and labels are cut
 BETTER_IF = {"higher": "higher is better"}
 STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
 """Word of a verdict -> class of its cell, where it is not the word."""
 AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
-UNKNOWN = "Infinity"
-"""Sorts a cell without a number behind the others."""
+UNKNOWN = "Infinity"  # sorts a cell without a number behind the others
 
 
 class Cell(NamedTuple):
@@ -140,8 +133,7 @@ class Cell(NamedTuple):
 
     css: str
     text: str = ""
-    value: str = ""
-    """By which the script sorts."""
+    value: str = ""  # by which the script sorts
     remark: str = ""
     strip: Strip | None = None
     tip: str = ""
@@ -153,8 +145,7 @@ class Head(NamedTuple):
     text: str
     css: str
     sort: bool = False
-    strip: Strip | None = None
-    """Its ticks."""
+    strip: Strip | None = None  # its ticks
 
 
 class Row(NamedTuple):
@@ -171,8 +162,7 @@ class Rows(NamedTuple):
 
     heads: Sequence[Head]
     rows: Sequence[Row]
-    everything: bool = False
-    """Whether Markdown shows the columns on demand, too."""
+    everything: bool = False  # whether Markdown shows the columns on demand, too
 
     @property
     def css(self) -> str:
