@@ -49,13 +49,6 @@ class Sweep(NamedTuple):
     ordered: bool  # whether they are numbers of one path, so that neighbours form a range
 
 
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
 def answer(
     tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
 ) -> str:
@@ -200,10 +193,9 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     if not found:
         return [""]
     lost = base.n_failed if base else 0
+    of = f"{lost or 'none'} of {table.baseline}"
     each = [
-        f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, "
-        f"{lost or 'none'} of {table.baseline}."
-        for row in found
+        f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, {of}." for row in found
     ]
     verb = "fails" if len(found) == 1 else "fail"
     named = [f"{_few([row.method for row in found], n)} {verb} more than {table.baseline}." for n in (3, 1, 0)]
@@ -252,7 +244,10 @@ def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
     if len(paths) != 1:
         return Sweep([point.title for point in trials], ordered=False)
     names = [str(next(iter(point.point.values()))) for point in trials]
-    return Sweep(names, ordered=all(map(_is_number, names)))
+    try:
+        return Sweep(names, ordered=all(math.isfinite(float(name)) for name in names))
+    except ValueError:
+        return Sweep(names, ordered=False)
 
 
 class _Group(NamedTuple):
@@ -268,8 +263,7 @@ class _Group(NamedTuple):
 
 def _groups(words: Mapping[str, Sequence[str]], wanted: str, sweep: Sweep, computed: Sequence[bool]) -> list[_Group]:
     """Join the methods that have a verdict at the same points, those at most points first."""
-    found: dict[str, list[str]] = {}
-    size: dict[str, int] = {}
+    found, size = dict[str, list[str]](), dict[str, int]()
     complete, n = all(computed), sum(computed)
     for method, of_points in words.items():
         chosen = [word == wanted for word in of_points]

@@ -104,7 +104,8 @@ class ComparisonTable:
 
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
-        columns = {str(name): [_cell(value) for value in self.frame[name]] for name in self.frame.columns}
+        texts = self.frame.map(lambda x: ("" if x != x else f"{x:.4g}") if isinstance(x, float) else str(x))
+        columns = {str(name): [*texts[name]] for name in texts.columns}
         return inert_markdown("\n".join([markdown_table(columns), "", *self.notes, ""]))
 
     def __str__(self) -> str:
@@ -158,9 +159,3 @@ def comparison_table(
         ),
         notes=(explanation(points[0]),),
     )
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return "" if value != value else f"{value:.4g}"
-    return str(value)

@@ -167,7 +167,7 @@ def _part(token: re.Match[str], cell: str) -> str:
     return text
 
 
-SIZE = 8.0  # size of the text of a table [pt], that of `\\footnotesize`
+SIZE = 8.0  # size of the text of a table [pt], that of `\footnotesize`
 _WIDTHS = {
     **dict.fromkeys("ijl.,;:|'/ ", 0.30),
     **dict.fromkeys("ftrI-()[]", 0.40),

@@ -43,7 +43,11 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
     change = f"{'Difference' if first.form == 'difference' else 'Change'}: {first.average}." if first.average else ""
     sentences += [_intervals(tables), change, _marks(tables, lowest) if several else _drawn(first, rows)]
-    sentences += [_parameters(first), oracle, _looks(first), _failures(tables)]
+    look = max((int(row.compared["look"]) for row in first.rows if row.compared), default=1)
+    looks = f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
+    planned = first.trials.planned
+    looks = looks if planned is None else f"{capitalised(planned.text)}."
+    sentences += [_parameters(first), oracle, looks, _failures(tables)]
     kept, room = list[str](), LONGEST
     for sentence in filter(None, sentences):
         if len(sentence) < room:
@@ -108,13 +112,6 @@ def _failures(tables: Sequence[ResultTable]) -> str:
     bound = per_cent(100 * max(float(row["far_worse_upper"]) for row in known))
     factor = f"{tables[0].trials.lost or FACTOR:g} times worse than {tables[0].baseline}"
     return f"No run of {n} was lost (failed or {factor}): at most {bound} are."
-
-
-def _looks(table: ResultTable) -> str:
-    if table.trials.planned is not None:
-        return f"{table.trials.planned.text[:1].upper()}{table.trials.planned.text[1:]}."
-    look = max((int(row.compared["look"]) for row in table.rows if row.compared), default=1)
-    return f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
 
 
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}

@@ -188,7 +188,9 @@ def _drivers(source: PageSource) -> Fold | None:
         every += rows if gist else []
         for method in dict.fromkeys(row["method"] for row in rows) if gist else ():
             cells = {"method": method} | _point(trials)
-            found.append(cells | {row["quantity"]: _share(row) for row in rows if row["method"] == method})
+            of_method = [row for row in rows if row["method"] == method]
+            shares = [f"{per_cent(max(row['share'], 0.0))} %" if row["resolved"] else "-" for row in of_method]
+            found.append(cells | dict(zip((row["quantity"] for row in of_method), shares, strict=True)))
     if not found:
         return None
     by_method = Table(columns_from(found), by_method=True)
@@ -198,10 +200,6 @@ def _drivers(source: PageSource) -> Fold | None:
 def _point(trials: Trials) -> dict[str, str]:
     """Name a point of a sweep in a column of its own."""
     return {"point": short_title(trials)} if trials.title else {}
-
-
-def _share(row: Mapping[Any, Any]) -> str:
-    return f"{per_cent(max(row['share'], 0.0))} %" if row["resolved"] else "-"
 
 
 def _points(source: PageSource, tables: Sequence[ResultTable]) -> Iterator[Fold]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
-from rmpc_bench.analysis.rank_rows import Ranking, Ratio
+from rmpc_bench.analysis.rank_rows import Ranking
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
 from rmpc_bench.analysis.trials import Trials
@@ -219,7 +219,9 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
         cells.append(Cell(f"d0 {style}", strip=runs_strip(row, axis, grid)))
         if changes is not None:
             strip = changes.strip(drawn_change(row, table)) if row.n else None
-            cells += [Cell(f"s0 {style}", strip=strip), _change(table, row), _verdict(row, len(shown))]
+            place = -table.rank(row) if table.form == "share" else 0.0 if row.is_baseline else row.change.value
+            change = Cell("n c", table.change_text(row) if row.n else "", _number(place))
+            cells += [Cell(f"s0 {style}", strip=strip), change, _verdict(row, len(shown))]
         rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
     return Rows([*heads, *(Head(head, "n more") for head in more)], rows, everything)
 
@@ -241,12 +243,6 @@ def _change_head(table: ResultTable, changes: Changes) -> Head:
         what = "difference from" if table.form == "difference" else "change against"
         text = f"{what} {table.baseline}{unit}, {BETTER_IF.get(table.info.direction, 'lower is better')}"
     return Head(text, "s0", strip=Strip(changes.grid))
-
-
-def _change(table: ResultTable, row: ResultRow) -> Cell:
-    value = 0.0 if row.is_baseline else row.change.value
-    value = -table.rank(row) if table.form == "share" else value
-    return Cell("n c", table.change_text(row) if row.n else "", _number(value))
 
 
 def _verdict(row: ResultRow, n: int) -> Cell:
@@ -281,7 +277,8 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
 
 def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     """Lay out the ranks: a row per method with its ratio to the baseline over all points, and the rank as verdict."""
-    ratios = [_relative(row.ratio) for row in found.rows]
+    ends = [(row.ratio.ratio, row.ratio.low, row.ratio.high) for row in found.rows]
+    ratios = [Estimate(*(100 * (end - 1) for end in each)) for each in ends]
     axis = ratio_axis([each for each in ratios if not math.isnan(each.value)], trials.relevant)
     changes = Changes.on(axis, 0.0, math.log1p(trials.relevant))
     info = trials.primary_info
@@ -294,8 +291,7 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
         base = row.method == trials.baseline
         style = "" if base else BETTER if ratio.high < 0 else WORSE if ratio.low > 0 else INCONCLUSIVE
         text = "" if base else " ".join(filter(None, change_texts(ratio)))
-        drawn = Estimate() if base else Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high)
-        cells = [Cell(f"s0 {style}", strip=changes.strip(drawn))]
+        cells = [Cell(f"s0 {style}", strip=changes.strip(Estimate() if base else Estimate(*ends[k])))]
         cells.append(Cell("n c", text, _number(0.0 if base else ratio.value)))
         rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
@@ -307,7 +303,3 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
 
 def _runs(n: int, n_failed: int) -> str:
     return f"{n}{f', {n_failed} failed' if n_failed else ''}"
-
-
-def _relative(ratio: Ratio) -> Estimate:
-    return Estimate(*(100 * (each - 1) for each in (ratio.ratio, ratio.low, ratio.high)))
