@@ -171,14 +171,13 @@ def title_of(trials: Trials) -> str:
 
 def _methods_as_columns(tables: Sequence[ResultTable], column: Column) -> Body:
     """Lay a sweep out with a row per point and a column per method."""
-    trials = tables[0].trials
     methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
-    head = [head_of(tables[0], column), *(stacked(label_lines(trials, method)) for method in methods)]
+    head = [head_of(tables[0], column), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
     rows = []
     for table in tables:
-        cells_of = latex_cells(table).get(column, ["--"] * len(table.rows))
-        by_method = dict(zip((row.method for row in table.rows), cells_of, strict=True))
-        rows.append([title_of(table.trials), *(by_method.get(method, "--") for method in methods)])
+        cells = latex_cells(table).get(column, ["--"] * len(table.rows))
+        of = dict(zip((row.method for row in table.rows), cells, strict=True))
+        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
     return Body(head, [("", rows)])
 
 
@@ -200,22 +199,14 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
 
 
 def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
-    of_points = [_means(point, infos) for point in points]
-    labelled = {
-        method: label_lines(point.trials, method)
-        for point, means in zip(points, of_points, strict=True)
-        for method in means
-    }
-    head = ["Metric", *map(stacked, labelled.values())]
-    names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
+    means = [(point.trials, _means(point, infos)) for point in points]
+    labelled = {name: label_lines(trials, name) for trials, of_methods in means for name in of_methods}
     groups = []
-    for point, means in zip(points, of_points, strict=True):
-        rows = [
-            [name, *(means[method][k] if method in means else "--" for method in labelled)]
-            for k, name in enumerate(names)
-        ]
-        groups.append((title_of(point.trials), rows))
-    return Body(head, groups)
+    for trials, found in means:
+        columns = [found.get(name, ["--"] * len(infos)) for name in labelled]
+        names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
+        groups.append((title_of(trials), [*zip(names, *columns, strict=True)]))
+    return Body(["Metric", *map(stacked, labelled.values())], groups)
 
 
 def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[str]]:

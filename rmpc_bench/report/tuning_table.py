@@ -150,30 +150,32 @@ class TuningTable:
         return found
 
     @cached_property
+    def _ranked(self) -> dict[str, TuningRanks | str]:
+        """Title of a point -> ranks there, or why it has none."""
+        tables, ranked = {table.title: table for table in self.trials.each}, dict[str, TuningRanks | str]()
+        if self.tuning is None:
+            return ranked
+        for title, found in self.outcomes.items():
+            searches, table, others = [each.search for each in found], tables.get(title), {}
+            protocol = self.tuning.protocol
+            if table is not None and protocol.metric in [info.name for info in table.metrics]:
+                rest = [name for name in table.methods if name not in {search.method for search in searches}]
+                others = {name: table.column(protocol.metric, name) for name in rest}
+            why = why_unranked(searches, None if table is None else len(table.runs))
+            ranks = None if why else tuning_ranks(protocol, searches, others, self.trials.all_methods)
+            ranked[title] = (why or "every run of the experiment has failed") if ranks is None else ranks
+        return ranked
+
+    @cached_property
     def ranks(self) -> dict[str, TuningRanks]:
         """Title of a point -> ranks there; without the points that have none."""
-        tables = {table.title: table for table in self.trials.each}
-        found = {title: self._ranks_at(title, tables.get(title), each) for title, each in self.outcomes.items()}
-        return {title: ranks for title, ranks in found.items() if ranks is not None}
+        return {title: ranks for title, ranks in self._ranked.items() if not isinstance(ranks, str)}
 
     @cached_property
     def unranked(self) -> dict[str, str]:
         """Title of a point without ranks -> why it has none; nothing where there is one method only."""
-        titles = [title for title in self.outcomes if title not in self.ranks and len(self.trials.methods) > 1]
-        return {title: self._why_unranked(title) or "every run of the experiment has failed" for title in titles}
-
-    def _why_unranked(self, title: str) -> str:
-        n_runs = next((len(table.runs) for table in self.trials.each if table.title == title), None)
-        return why_unranked([each.search for each in self.outcomes[title]], n_runs)
-
-    def _ranks_at(self, title: str, table: Trials | None, found: Sequence[Outcome]) -> TuningRanks | None:
-        if self.tuning is None or self._why_unranked(title):
-            return None
-        searches, metric, others = [each.search for each in found], self.tuning.protocol.metric, {}
-        if table is not None and metric in [info.name for info in table.metrics]:
-            tuned = {search.method for search in searches}
-            others = {name: table.column(metric, name) for name in table.methods if name not in tuned}
-        return tuning_ranks(self.tuning.protocol, searches, others, self.trials.all_methods)
+        whys = {title: why for title, why in self._ranked.items() if isinstance(why, str)}
+        return whys if len(self.trials.methods) > 1 else {}
 
     @property
     def frame(self) -> pd.DataFrame:

@@ -26,7 +26,7 @@ from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Ta
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import failed_runs, message_of, of_run, sections_of, show_command
+from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
 from rmpc_bench.report.run_tables import ensemble_rows, worst_runs, worst_runs_columns
 from rmpc_bench.report.tuning_table import EXPLANATION
 
@@ -61,36 +61,32 @@ def settings_fold(source: PageSource) -> Fold:
 
 def limits_fold(source: PageSource) -> Fold:
     """Say what the comparison cannot show."""
-    items = [*_status_limits(source), *_comparison_limits(source)]
+    items = [*_limits(source)]
     gist = "".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
     gist += f" (and {len(items) - 1} more)" if len(items) > 1 else ""
     return Fold("Limits of this comparison", gist, [Part(items=items)] if items else [])
 
 
-def _status_limits(source: PageSource) -> Iterator[str]:
-    """Say where these are not the results of the configuration as it stands, and where findings have changed."""
+def _limits(source: PageSource) -> Iterator[str]:
+    """Say where these are not the results of the configuration as it stands, then what is not compared."""
+    trials = source.trials
     if source.overrides:
         yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
     if source.incomplete:
         yield f"Runs are missing ({', '.join(source.incomplete)}); findings do not count."
     changed = sum(each.differs for each in source.verdicts)
-    if changed and source.trials.with_verdicts:
-        yield f"{changed} finding{'s' * (changed > 1)} changed since it was recorded."
-    if source.trials.n_failed_trials:
+    if changed and trials.with_verdicts:
+        yield f"{counted(changed, 'finding')} changed since it was recorded."
+    if trials.n_failed_trials:
         yield "Averages rest on the runs that both methods finished."
     yield from (f"A figure is missing: {text}." for text in source.left_out)
     if (source.manifest.get("git") or {}).get("dirty"):
         yield "The working tree had uncommitted changes when this was computed."
-
-
-def _comparison_limits(source: PageSource) -> Iterator[str]:
-    trials = source.trials
     if len(trials.methods) > 1:
         yield from _untuned(trials)
     yield from () if source.tuning is None else source.tuning.limitations
     yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
-    for name in sorted(trials.oracles):
-        yield f"{name} knows the true parameters; no real estimator can do that."
+    yield from (f"{name} knows the true parameters; no real estimator can do that." for name in sorted(trials.oracles))
     if source.confounded:
         pair = f"{trials.baseline} and {', '.join(source.confounded)}"
         yield f"Both the estimator and the controller differ between {pair}; the effect of one alone is not known."
