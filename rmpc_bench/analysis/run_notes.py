@@ -48,15 +48,6 @@ class RunNotes:
         """Number of held steps of all runs."""
         return sum(self.held.values())
 
-    def share_held(self, n_runs: int) -> float:
-        """Return the share of the steps of all runs that were held.
-
-        Parameters
-        ----------
-        n_runs : number of runs
-        """
-        return self.n_held / (self.n_steps * n_runs) if n_runs else 0.0
-
     @property
     def n_failed_steps(self) -> int:
         """Number of steps of all runs whose optimisation failed."""

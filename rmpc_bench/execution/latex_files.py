@@ -7,10 +7,9 @@ from pathlib import Path
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.latex import WIDTH, latex_tables
+from rmpc_bench.report.latex import WIDTH
 from rmpc_bench.report.latex_text import printed_latex
-from rmpc_bench.report.notes import latex_captions, latex_notes
-from rmpc_bench.report.requirements_table import latex_requirements, requirements_caption, requirements_note
+from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.summary import Summary
 
 POINTS = 72.27
@@ -28,13 +27,11 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
         record["command"],
     ]
     width = WIDTH if report.width_in is None else POINTS * report.width_in
-    # A metric may have the name of the table of requirements.
-    bodies = latex_requirements(tables, comments, width) | latex_tables(tables, comments, report.columns, width)
-    files = {f"{name}.tex": text for name, text in bodies.items()}
-    captions = requirements_caption(tables) | latex_captions(tables)
-    files |= {f"{name}.caption.tex": f"{_head(name)}{text}" for name, text in captions.items()}
-    notes = requirements_note(tables) | latex_notes(tables, report.columns, width)
-    files |= {f"{name}.note.tex": f"{_head_of_note(name)}{text}" for name, text in notes.items()}
+    files = {}
+    for name, table in latex_tables(tables, comments, report.columns, width).items():
+        files[f"{name}.tex"] = table.body
+        files[f"{name}.caption.tex"] = f"{_head(name)}{table.caption}"
+        files[f"{name}.note.tex"] = f"{_head_of_note(name)}{table.note}"
     for old in directory.glob("*.tex"):
         if old.name not in files and old.is_file() and not old.is_symlink() and _is_ours(old):
             old.unlink()

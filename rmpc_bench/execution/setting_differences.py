@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rmpc_bench.config.reader import load
 from rmpc_bench.config.tree import plain
@@ -13,6 +13,7 @@ from rmpc_bench.execution import manifest
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.store import Store
+from rmpc_bench.report.results_text import Setting
 from rmpc_bench.types import ConfigError
 
 SECTIONS = ("methods", "metrics", "statistics")
@@ -23,14 +24,6 @@ LONGEST = 80
 
 MISSING = "-"
 """What stands for a value that one of the two does not have."""
-
-
-class Setting(NamedTuple):
-    """A setting that differs, as text."""
-
-    path: str
-    a: str
-    b: str
 
 
 def setting_differences(a: Results, b: Results) -> list[Setting]:

@@ -24,10 +24,8 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 MOST_WORDS = 45
-ENOUGH = 25
-"""Words for the points of a sweep, below which the findings are counted in fewer words."""
-MOST_RANGES = 2
-"""Ranges of points that are named; of more the points are counted."""
+ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
+MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
 _BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")
@@ -48,15 +46,7 @@ class Sweep(NamedTuple):
     """Points of an experiment in words."""
 
     points: Sequence[str]
-    ordered: bool
-    """Whether they are numbers of one path, so that neighbours form a range."""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
+    ordered: bool  # whether they are numbers of one path, so that neighbours form a range
 
 
 def answer(
@@ -86,13 +76,14 @@ def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
     """Count the findings on the statements of the paper, joined over configurations, in their order; then shorter."""
     found = Counter(each.joined for each in verdicts if each.claim.of_paper)
     tested = {each: found[each] for each in Finding if found[each] and each is not Finding.NOT_TESTABLE}
+    n = sum(tested.values())
     if not tested:
         return [""]
-    n = sum(tested.values())
     if len(tested) == 1:
         [word] = map(finding_words, tested)
-        of = {1: "The statement", 2: "Both statements"}.get(n, f"All {n} statements")
-        return [f"{of} of the paper that {'was' if n == 1 else 'were'} tested {'is' if n == 1 else 'are'} {word}."]
+        if n == 1:
+            return [f"The statement of the paper that was tested is {word}."]
+        return [f"{'Both' if n == 2 else f'All {n}'} statements of the paper that were tested are {word}."]
     parts = [f"{found[each]} {finding_words(each)}" for each in Finding if found[each]]
     k = sum(count for each, count in tested.items() if each.is_confirmed)
     fewer = f"Of {n} statements of the paper, {k or 'none'} {'are' if k > 1 else 'is'} confirmed."
@@ -116,9 +107,12 @@ def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
     rows = table.compared
     if not any(row.word for row in rows):
         return [_alone(table)], [""]
-    counted = [f"{_counted(table, rows)}{_largest(table)}", _counted(table, rows)]
+    counts, best = _counted(table, rows), table.best
+    largest = ""
+    if best is not None and best.word == BETTER:
+        largest = f" Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
     named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []
-    return [*dict.fromkeys([*named, *counted])], _failures(table, rows)
+    return [*dict.fromkeys([*named, f"{counts}{largest}", counts])], _failures(table, rows)
 
 
 def _alone(table: ResultTable) -> str:
@@ -137,28 +131,18 @@ def _alone(table: ResultTable) -> str:
 def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     """Name up to 6 methods by their verdicts, with the size of the largest improvement and without."""
     parts: list[str] = []
-    for word, form in _FORMS.items():
+    for word, form in (*_FORMS.items(), (INCONCLUSIVE, INCONCLUSIVE), (NOT_COMPUTED, NOT_COMPUTED)):
         names = [row.method for row in rows if row.word == word]
         if names:
-            other = "it" if parts else table.baseline
-            parts.append(f"{listed(names)} {_are(names)} {form.format(other)}")
-    unsure = [row.method for row in rows if row.word == INCONCLUSIVE]
-    if unsure:
-        n = f" with {rows[0].n + rows[0].n_failed} runs" if not parts else ""
-        parts.append(f"{listed(unsure)} {_are(unsure)} inconclusive{n}")
-    missing = [row.method for row in rows if row.word == NOT_COMPUTED]
-    parts += [f"{listed(missing)} {_are(missing)} not computed"] if missing else []
+            n = f" with {rows[0].n + rows[0].n_failed} runs" if word == INCONCLUSIVE and not parts else ""
+            are = "are" if len(names) > 1 else "is"
+            parts.append(f"{listed(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
     text = "; ".join(parts)
     best = table.best
     if best is None or best.word != BETTER:
         return [f"{text}." if text else ""]
-    if table.form == "share":
-        return [_occurrence(table, best, text), f"{text}."]
-    return [_with_size(table, best, text, alone=len(rows) == 1), f"{text}."]
-
-
-def _are(names: Sequence[str]) -> str:
-    return "are" if len(names) > 1 else "is"
+    sized = _occurrence(table, best, text) if table.form == "share" else _with_size(table, best, text, len(rows) == 1)
+    return [sized, f"{text}."]
 
 
 def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
@@ -171,42 +155,34 @@ def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
     return f"{text}: there is no {table.quantity} in {listed(parts)}."
 
 
-def _with_size(table: ResultTable, best: ResultRow, text: str, *, alone: bool) -> str:
-    """Add by how much the best method is better."""
-    sizes = [" ".join(filter(None, table.change_texts(best, mirrored=mirror))) for mirror in (False, True)]
+def _with_size(table: ResultTable, best: ResultRow, text: str, alone: bool) -> str:
+    """Add by how much the best method is better; with one method compared, as "its"."""
     higher = table.info.direction == "higher"
     as_factor = table.form == "ratio" and not is_per_cent(best.change)
-    if as_factor:
-        size, verb, adjective = sizes[0], "", ""
-    else:
-        size = sizes[0].replace("+", "") if higher else sizes[1]
-        verb, adjective = ("raises", "higher") if higher else ("lowers", "lower")
+    # The size of a reduction is a positive number.
+    size = " ".join(filter(None, table.change_texts(best, mirrored=not as_factor and not higher)))
+    size = size if as_factor else size.replace("+", "")
     if alone:
-        of_base = f" that of {table.baseline}" if as_factor else f" {adjective}"
-        return f"{text}: its {table.quantity} is {size}{of_base}."
+        behind = f"that of {table.baseline}" if as_factor else "higher" if higher else "lower"
+        return f"{text}: its {table.quantity} is {size} {behind}."
     if as_factor:
-        extreme = f"the {'highest' if higher else 'lowest'} {table.quantity}"
-        return f"{text}. {best.method} has {extreme}, {size} that of {table.baseline}."
-    return f"{text}. {best.method} {verb} the {table.quantity} most, by {size}."
+        most = "highest" if higher else "lowest"
+        return f"{text}. {best.method} has the {most} {table.quantity}, {size} that of {table.baseline}."
+    return f"{text}. {best.method} {'raises' if higher else 'lowers'} the {table.quantity} most, by {size}."
 
 
 def _counted(table: ResultTable, rows: Sequence[ResultRow]) -> str:
     """Count the verdicts of many methods."""
     counts = Counter(row.word for row in rows)
     parts = [f"{counts[word]} {word}" for word in (*ORDER, NOT_COMPUTED) if counts[word]]
-    first, _, word = parts[0].partition(" ") if parts else ("", "", "")
-    form = _FORMS.get(word, word).format(table.baseline)
-    verb = "" if word == FAILS_MORE else "is " if first == "1" else "are "
-    form = f"fail{'s' * (first == '1')} more than {table.baseline}" if word == FAILS_MORE else form
-    return f"Of {len(rows)} methods, {listed([f'{first} {verb}{form}', *parts[1:]])}." if parts else ""
-
-
-def _largest(table: ResultTable) -> str:
-    """Name the largest improvement; nothing if no method is better."""
-    best = table.best
-    if best is None or best.word != BETTER:
+    if not parts:
         return ""
-    return f" Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
+    n, _, word = parts[0].partition(" ")
+    if word == FAILS_MORE:
+        parts[0] = f"{n} fail{'s' * (n == '1')} more than {table.baseline}"
+    else:
+        parts[0] = f"{n} {'is' if n == '1' else 'are'} {_FORMS.get(word, word).format(table.baseline)}"
+    return f"Of {len(rows)} methods, {listed(parts)}."
 
 
 def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
@@ -217,10 +193,9 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     if not found:
         return [""]
     lost = base.n_failed if base else 0
+    of = f"{lost or 'none'} of {table.baseline}"
     each = [
-        f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, "
-        f"{lost or 'none'} of {table.baseline}."
-        for row in found
+        f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, {of}." for row in found
     ]
     verb = "fails" if len(found) == 1 else "fail"
     named = [f"{_few([row.method for row in found], n)} {verb} more than {table.baseline}." for n in (3, 1, 0)]
@@ -245,12 +220,10 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
         return "No run is finished."
     if not words:
         return f"{first.baseline} has no other method to compare with."
-    better, worse, lost = (_groups(words, word, sweep, computed) for word in (BETTER, WORSE, FAILS_MORE))
-    head = f"Better than {first.baseline} in {first.quantity}:"
-    sentences = [(head, better), ("Worse:", worse), ("Fails more:", lost)]
-    if not better:
-        sentences[0] = (f"No method is better than {first.baseline} in {first.quantity} at any point", [])
-    kept = [(start, groups) for start, groups in sentences if groups or start == sentences[0][0]]
+    heads = {BETTER: f"Better than {first.baseline} in {first.quantity}:", WORSE: "Worse:", FAILS_MORE: "Fails more:"}
+    kept = [(head, groups) for word, head in heads.items() if (groups := _groups(words, word, sweep, computed))]
+    if not kept or kept[0][0] != heads[BETTER]:
+        kept = [(f"No method is better than {first.baseline} in {first.quantity} at any point", []), *kept]
     left = room - sum(len(start.split()) for start, _ in kept)
     parts = []
     for k, (start, groups) in enumerate(kept):
@@ -271,7 +244,10 @@ def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
     if len(paths) != 1:
         return Sweep([point.title for point in trials], ordered=False)
     names = [str(next(iter(point.point.values()))) for point in trials]
-    return Sweep(names, ordered=all(map(_is_number, names)))
+    try:
+        return Sweep(names, ordered=all(math.isfinite(float(name)) for name in names))
+    except ValueError:
+        return Sweep(names, ordered=False)
 
 
 class _Group(NamedTuple):
@@ -287,8 +263,7 @@ class _Group(NamedTuple):
 
 def _groups(words: Mapping[str, Sequence[str]], wanted: str, sweep: Sweep, computed: Sequence[bool]) -> list[_Group]:
     """Join the methods that have a verdict at the same points, those at most points first."""
-    found: dict[str, list[str]] = {}
-    size: dict[str, int] = {}
+    found, size = dict[str, list[str]](), dict[str, int]()
     complete, n = all(computed), sum(computed)
     for method, of_points in words.items():
         chosen = [word == wanted for word in of_points]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
@@ -12,8 +11,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_t
 from rmpc_bench.report.run_notes import failed_cells, held_cells
 from rmpc_bench.types.report_choices import Column
 
-OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}
-"""Average of the verdict -> the other one that is computed."""
+OTHER_AVERAGE = {"geometric": "mean", "mean": "geometric"}  # average of the verdict -> the other one that is computed
 
 
 def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> dict[Column, list[str]]:
@@ -27,7 +25,8 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
         average = other_average(table)
         # Shares stand in the column of superiority.
         of |= {} if table.form == "share" else {"change": lambda row: table.change_text(row) if row.n else ""}
-        of |= {"other": lambda row: _change(row.compared, average)} if average else {}
+        ends = [f"{average}_{end}" for end in ("pct", "low", "high")]
+        of |= {"other": lambda row: _change(*(row.compared[end] for end in ends if row.compared))} if average else {}
         of |= {"counts": lambda row: row.counts, "superiority": _superiority}
         of |= {"p": lambda row: str(row.compared.get("p_wilcoxon_holm", "") or "")}
         of |= {"verdict": lambda row: row.word if row.compared else ""}
@@ -41,21 +40,18 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
 
 def average_of(table: ResultTable) -> str:
     """Name the average of the changes, such as ``geometric``; empty without one."""
-    found = (str(row.compared["average"]) for row in table.rows if row.compared)
-    return next((average for average in found if average), "")
+    return next((str(row.compared["average"]) for row in table.rows if row.compared and row.compared["average"]), "")
 
 
 def other_average(table: ResultTable) -> str:
     """Name the average that the verdict does not rest on; empty where it is not computed."""
     name = OTHER_AVERAGE.get(average_of(table), "")
-    return (
-        name if any(row.compared and not math.isnan(row.compared[f"{name}_pct"]) for row in table.rows if name) else ""
-    )
+    known = [row for row in table.rows if name and row.compared and not math.isnan(row.compared[f"{name}_pct"])]
+    return name if known else ""
 
 
-def _change(compared: Mapping[str, Any], name: str) -> str:
-    ends = [float(compared[f"{name}_{end}"]) for end in ("pct", "low", "high")] if compared else []
-    return " ".join(filter(None, change_texts(Estimate(*ends))))
+def _change(*ends: float) -> str:
+    return " ".join(filter(None, change_texts(Estimate(*map(float, ends)))))
 
 
 def value_text(value: float, row: ResultRow) -> str:

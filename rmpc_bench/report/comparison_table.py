@@ -8,15 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from rmpc_bench.analysis import comparison_text
 from rmpc_bench.analysis.comparison import comparisons, levels
-from rmpc_bench.analysis.comparison_text import (
-    AVERAGE_WORDS,
-    contradicting,
-    far_worse_bound,
-    margin_text,
-    seen_text,
-    size_text,
-)
+from rmpc_bench.analysis.comparison_text import margin_text, size_text
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
@@ -37,7 +31,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound)."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
-    word = seen_text(row, margin_text(trials, info, row))
+    word = comparison_text.seen_text(row, margin_text(trials, info, row))
     counts = f"won {row['won']}, lost {row['lost']}, tied {row['tied']}"
     origin = pair_text(trials, method, baseline)
     counts += f"; {origin}" if origin else ""
@@ -49,14 +43,16 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     else:
         simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
         level = f"{simultaneous}{100 * trials.confidence:g} % interval"
-        average = AVERAGE_WORDS[str(row["average"])]
+        average = comparison_text.AVERAGE_WORDS[str(row["average"])]
         text = f"{method} {changed} against {baseline} ({average}, {pairs}, {level}; {counts})"
-    if word and contradicting(row):
+    if word and comparison_text.contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"
         text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
-    failed = _failed(row)
-    bound = far_worse_bound([row], trials, info)
-    return f"{text}{failed}{': ' + word if word else ''}{'; ' + bound if bound else ''}."
+    alone = ((method, row["failed_only"]), (baseline, row["baseline_failed_only"]))
+    failed = ", ".join(f"{name} alone failed in {n}" for name, n in alone if n)
+    bound = comparison_text.far_worse_bound([row], trials, info)
+    text += f"; {failed}" if failed else ""
+    return f"{text}{': ' + word if word else ''}{'; ' + bound if bound else ''}."
 
 
 def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
@@ -73,22 +69,9 @@ def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
         return f"changes {name} by {size}"
     if value > 0:
         return f"raises {name} by {size.replace('+', '')}"
-    return f"lowers {name} by {_mirrored(row, info)}"
-
-
-def _mirrored(row: Mapping[str, Any], info: MetricInfo) -> str:
-    """Write a reduction as a positive number, the ends of its interval in order."""
-    signed = row["average"] == "difference"
-    names = ("difference", "difference_high", "difference_low") if signed else ("change_pct", "ci_high", "ci_low")
-    value, low, high = (-float(row[name]) for name in names)
-    return interval_text(value, low, high, unit=info.unit if signed else "%", sign=False)
-
-
-def _failed(row: Mapping[str, Any]) -> str:
-    """Say in which runs one of the two failed; empty where none did."""
-    counts = ((row["method"], row["failed_only"]), (row["baseline"], row["baseline_failed_only"]))
-    texts = [f"{name} alone failed in {n}" for name, n in counts if n]
-    return f"; {', '.join(texts)}" if texts else ""
+    ends = -value, -float(row[high]), -float(row[low])
+    unit = info.unit if row["average"] == "difference" else "%"
+    return f"lowers {name} by {interval_text(*ends, unit=unit, sign=False)}"
 
 
 def explanation(trials: Trials) -> str:
@@ -104,18 +87,11 @@ def explanation(trials: Trials) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ComparisonTable:
-    """Paired comparisons of methods with a baseline.
+    """Paired comparisons of methods with a baseline."""
 
-    Parameters
-    ----------
-    frame : sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
-    sentences : each row as one sentence that can be quoted
-    notes : what the columns mean: pairing, level of the intervals, relevant change
-    """
-
-    frame: pd.DataFrame
-    sentences: tuple[str, ...]
-    notes: tuple[str, ...]
+    frame: pd.DataFrame  # sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
+    sentences: tuple[str, ...]  # each row as one sentence that can be quoted
+    notes: tuple[str, ...]  # what the columns mean: pairing, level of the intervals, relevant change
 
     def to_frame(self) -> pd.DataFrame:
         """Return a copy of the table."""
@@ -128,7 +104,8 @@ class ComparisonTable:
 
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
-        columns = {str(name): [_cell(value) for value in self.frame[name]] for name in self.frame.columns}
+        texts = self.frame.map(lambda x: ("" if x != x else f"{x:.4g}") if isinstance(x, float) else str(x))
+        columns = {str(name): [*texts[name]] for name in texts.columns}
         return inert_markdown("\n".join([markdown_table(columns), "", *self.notes, ""]))
 
     def __str__(self) -> str:
@@ -182,9 +159,3 @@ def comparison_table(
         ),
         notes=(explanation(points[0]),),
     )
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return "" if value != value else f"{value:.4g}"
-    return str(value)

@@ -17,8 +17,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.replaced_file import replaced
 from rmpc_bench.types import Array
 
-ROWS = 20_000
-"""Rows that are texts at the same time."""
+ROWS = 20_000  # rows that are texts at the same time
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
@@ -118,8 +117,7 @@ SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "fai
 SHARES += ["far_worse_upper", "baseline_far_worse_upper"]
 DIFFERENCES = ["difference", "difference_low", "difference_high"]
 PER_CENT = 100.0
-UNRELIABLE = 1e-12
-"""Digits of a small metric that may be rounding errors of the numbers whose difference it is."""
+UNRELIABLE = 1e-12  # digits of a small metric that may be rounding errors of the numbers whose difference it is
 
 
 def summary_table(described: pd.DataFrame) -> pd.DataFrame:

@@ -19,30 +19,30 @@ from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.results_text import Setting
 from rmpc_bench.types import MetricInfo
 
-FEW_SETTINGS = 2
-"""Differing settings that the sentence names itself."""
+VERDICTS = {
+    str(Verdict.FAILS_MORE): "{method} alone fails more in A",
+    str(Verdict.DEPENDS_ON_AVERAGE): "which improvement is larger depends on the average",
+    str(Verdict.BETTER): "the improvement is larger in A",
+    str(Verdict.WORSE): "the improvement is smaller in A",
+    str(Verdict.BETTER_SIZE_UNCERTAIN): "the improvement is larger in A, size uncertain",
+    str(Verdict.WORSE_SIZE_UNCERTAIN): "the improvement is smaller in A, size uncertain",
+    str(Verdict.EQUIVALENT): "the improvements are equivalent (within {margin})",
+}
+"""On the improvement in A against that in B."""
+SHORT_AVERAGES = {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}
+FEW_SETTINGS = 2  # differing settings that the sentence names itself
 
 
 @dataclass(frozen=True, eq=False)
 class ImprovementComparison:
-    """How much the improvement of a method differs between two experiments.
+    """How much the improvement of a method differs between two experiments."""
 
-    Parameters
-    ----------
-    rows : one record per common point of the sweeps
-    info : the metric
-    names : the two experiments
-    settings : what differs in the systems, the method and its baseline
-    tables : the tables of A and B at these points
-    redefined : whether the two define the metric differently
-    """
-
-    rows: tuple[ImprovementDifference, ...]
+    rows: tuple[ImprovementDifference, ...]  # one per common point of the sweeps
     info: MetricInfo
-    names: tuple[str, str]
-    settings: tuple[Setting, ...]
-    tables: tuple[tuple[Trials, Trials], ...]
-    redefined: bool = False
+    names: tuple[str, str]  # of the two experiments
+    settings: tuple[Setting, ...]  # what differs in the systems, the method and its baseline
+    tables: tuple[tuple[Trials, Trials], ...]  # of A and B at these points
+    redefined: bool = False  # whether the two define the metric differently
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -51,68 +51,46 @@ class ImprovementComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row per point and average; see `ImprovementDifference` and `AverageDifference`."""
+        names = ["point", "method", "baseline", "metric", "paired", "n_a", "n_b", "failed_a", "failed_b"]
+        names += ["superiority_a", "superiority_b", "verdict", "level"]
         rows = []
         for row in self.rows:
             for each in row.averages or (AverageDifference("", *[Estimate(math.nan)] * 3),):
-                found: dict[str, object] = {
-                    name: getattr(row, name)
-                    for name in (
-                        *("point", "method", "baseline", "metric", "paired", "n_a", "n_b", "failed_a", "failed_b"),
-                        *("superiority_a", "superiority_b", "verdict", "level"),
-                    )
-                }
-                found["average"] = each.average
+                found = {name: getattr(row, name) for name in names} | {"average": each.average}
                 for name in ("in_a", "in_b", "difference", "ratio"):
-                    value = getattr(each, name)
-                    found |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
+                    found |= zip((name, f"{name}_low", f"{name}_high"), getattr(each, name), strict=True)
                 rows.append(found)
         return pd.DataFrame(rows)
 
     def __str__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _lines(self) -> Iterator[str]:
-        for letter, name in zip("AB", self.names, strict=True):
-            yield f"{letter}  {name}"
-        if self.settings:
-            yield from (
-                "",
-                "settings that differ",
-                *(f"  {each.path}: A {each.a}, B {each.b}" for each in self.settings),
-            )
-        for row, pair in zip(self.rows, self.tables, strict=True):
-            yield ""
-            yield self._sentence(row, pair)
-            yield from (f"  {line}" for line in self._details(row))
-        if self.redefined:
-            yield ""
-            yield f"The two experiments define {self.info.name} differently."
-        yield ""
-        yield _explanation(self.rows[0])
+        parts = [[f"{letter}  {name}" for letter, name in zip("AB", self.names, strict=True)]]
+        parts += [["settings that differ", *(f"  {each}" for each in self.settings)]] if self.settings else []
+        for row, sentence in zip(self.rows, self.sentences, strict=True):
+            parts.append([sentence, *(f"  {line}" for line in self._details(row))])
+        parts += [[f"The two experiments define {self.info.name} differently."]] if self.redefined else []
+        return "\n\n".join("\n".join(lines) for lines in [*parts, [_explanation(self.rows[0])]])
 
     def _sentence(self, row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
         head = f"{row.point}: " if row.point else ""
         name = name_of_distance(self.info)
         first, second = (f"with {text}" for text in self._experiments())
-        word = self._word(row, tables[0])
+        signed = bool(row.averages) and row.averages[0].average == "difference"
+        word = f": {_verdict(row, margin_of(tables[0], self.info, signed=signed))}" if row.verdict else ""
         if not row.averages:
-            shares = [f"{100 * share:.3g} %" for share in (row.superiority_a, row.superiority_b)]
-            gap = _estimate(row.superiority, 100, "percentage points")
-            text = f"{row.method} is better than {row.baseline} in {name} in {shares[0]} of the runs {first} and in "
-            text += f"{shares[1]} {second} (ties count half): the difference is {gap}"
+            in_a, in_b, gap = _shares(row)
+            text = f"{row.method} is better than {row.baseline} in {name} in {in_a} of the runs {first} and in {in_b} "
+            text += f"{second} (ties count half): the difference is {gap}"
             return f"{head}{text} ({_basis(row, tables)}){word}."
-        each = row.averages[0]
-        unit = self.info.unit if each.average == "difference" else "percentage points"
-        gap, texts = (
-            _estimate(each.difference, 1, unit),
-            [_changed(one, each, self.info) for one in (each.in_a, each.in_b)],
-        )
-        text = f"{row.method} {_verb(each.in_a)} {name} against {row.baseline} by {texts[0]} {first} and "
-        verb = "" if _verb(each.in_a) == _verb(each.in_b) else f"{_verb(each.in_b)} it "
-        text += f"{verb}by {texts[1]} {second}: the difference of the improvements is {gap}"
+        each, verbs = row.averages[0], [_verb(row.averages[0].in_a), _verb(row.averages[0].in_b)]
+        in_a, in_b = (_changed(one, each, self.info) for one in (each.in_a, each.in_b))
+        gap = _estimate(each.difference, 1, self.info.unit if each.average == "difference" else "percentage points")
+        text = f"{row.method} {verbs[0]} {name} against {row.baseline} by {in_a} {first} and "
+        text += f"{verbs[1]} it " * (verbs[0] != verbs[1])
+        average = SHORT_AVERAGES.get(each.average, "mean differences")
+        text += f"by {in_b} {second}: the difference of the improvements is {gap}"
         if each.average != "difference":
             text += f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
-        return f"{head}{text} ({_average(each)}, {_basis(row, tables)}){word}."
+        return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
 
     def _experiments(self) -> list[str]:
         """Name the two experiments by what differs, or by their directories."""
@@ -123,23 +101,15 @@ class ImprovementComparison:
     def _details(self, row: ImprovementDifference) -> Iterator[str]:
         """Write the other average, superiority and failed runs."""
         for each in row.averages[1:]:
-            texts = [_changed(one, each, self.info, sign=True) for one in (each.in_a, each.in_b)]
+            in_a, in_b = (_changed(one, each, self.info, sign=True) for one in (each.in_a, each.in_b))
             gap = _estimate(each.difference, 1, "percentage points")
-            yield f"{AVERAGES[each.average]}: {texts[0]} in A, {texts[1]} in B; difference {gap}"
-        shares = [f"{100 * share:.3g} %" for share in (row.superiority_a, row.superiority_b)]
-        gap = _estimate(row.superiority, 100, "percentage points")
-        of_runs = f"{shares[0]} of the runs in A, {shares[1]} in B; difference {gap}"
-        yield f"better than {row.baseline} (ties count half): {of_runs}"
+            yield f"{AVERAGES[each.average]}: {in_a} in A, {in_b} in B; difference {gap}"
+        in_a, in_b, gap = _shares(row)
+        yield f"better than {row.baseline} (ties count half): {in_a} of the runs in A, {in_b} in B; difference {gap}"
         if row.failed_a or row.failed_b:
             failed = f"{row.failed_a} in A, {row.failed_b} in B"
             alone = f"{row.baseline} finished {row.alone_a} and {row.alone_b} of them"
             yield f"failed runs of {row.method}: {failed} ({alone}); averages rest on runs that both finished"
-
-    def _word(self, row: ImprovementDifference, table: Trials) -> str:
-        if not row.verdict:
-            return ""
-        signed = bool(row.averages) and row.averages[0].average == "difference"
-        return ": " + _verdict(row, margin_of(table, self.info, signed=signed))
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:
@@ -151,15 +121,13 @@ def _verdict(row: ImprovementDifference, margin: str) -> str:
         if row.alone_b > row.alone_a and gap.high < 0:
             return f"inconclusive, as {row.method} alone fails more in B"
         return f"inconclusive (runs needed: {known})" if known else "inconclusive"
-    return {
-        str(Verdict.FAILS_MORE): f"{row.method} alone fails more in A",
-        str(Verdict.DEPENDS_ON_AVERAGE): "which improvement is larger depends on the average",
-        str(Verdict.BETTER): "the improvement is larger in A",
-        str(Verdict.WORSE): "the improvement is smaller in A",
-        str(Verdict.BETTER_SIZE_UNCERTAIN): "the improvement is larger in A, size uncertain",
-        str(Verdict.WORSE_SIZE_UNCERTAIN): "the improvement is smaller in A, size uncertain",
-        str(Verdict.EQUIVALENT): f"the improvements are equivalent (within {margin})",
-    }[row.verdict]
+    return VERDICTS[row.verdict].format(method=row.method, margin=margin)
+
+
+def _shares(row: ImprovementDifference) -> tuple[str, str, str]:
+    """Write the shares of runs in which the method is better, in A and B, and their difference."""
+    in_a, in_b = (f"{100 * share:.3g} %" for share in (row.superiority_a, row.superiority_b))
+    return in_a, in_b, _estimate(row.superiority, 100, "percentage points")
 
 
 def _verb(change: Estimate) -> str:
@@ -180,12 +148,6 @@ def _changed(change: Estimate, each: AverageDifference, info: MetricInfo, *, sig
 def _estimate(each: Estimate, factor: float, unit: str) -> str:
     text = interval_text(*(factor * end for end in each), unit=unit)
     return f"{text}, without an interval" if math.isnan(each.low) and not math.isnan(each.value) else text
-
-
-def _average(each: AverageDifference) -> str:
-    return {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}.get(
-        each.average, "mean differences"
-    )
 
 
 def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:

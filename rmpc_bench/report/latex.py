@@ -6,7 +6,7 @@ laid out with a row per point and a column per method.  ``tables/all-metrics.tex
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
@@ -14,46 +14,40 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed, short_title
 from rmpc_bench.figures.labels import typeset, wrapped
 from rmpc_bench.report.columns import average_of, columns_of, mean_alone
-from rmpc_bench.report.latex_text import number_latex, one_line, table_width, to_latex, unit_latex
+from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
 from rmpc_bench.report.point_tables import Points, PointSummary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
 USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
 """Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
-GAP = 0.9
-"""Distance between columns, in units of the size of the text."""
-HEAD = 45.0
-"""Width of a line in the head of a column [pt]."""
-LABEL = 60.0
-"""Width of a line of a label that is broken [pt]."""
+GAP = 0.9  # distance between columns, in units of the size of the text
+HEAD = 45.0  # width of a line in the head of a column [pt]
+LABEL = 60.0  # width of a line of a label that is broken [pt]
 _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
-def chosen_columns(tables: Sequence[ResultTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
-    """Return the columns of the tables of one metric: the asked ones that exist, or the usual ones that fit [pt]."""
+def metric_body(
+    tables: Sequence[ResultTable], columns: Sequence[Column] | None, width: float
+) -> tuple[list[Column], Body]:
+    """Lay out the table of a metric at every point: the asked columns that exist, or the usual ones that fit [pt]."""
     there = [latex_cells(table) for table in tables]
+
+    def body(wanted: Sequence[Column], *, short: bool = False) -> Body:
+        groups = []
+        for table, cells in zip(tables, there, strict=True):
+            names = [row_label(table.trials, row.method, short=short) for row in table.rows]
+            found = [cells.get(name, ["--"] * len(names)) for name in wanted]
+            groups.append((title_of(table.trials), [*zip(names, *found, strict=True)]))
+        return Body(["Method", *(head_of(tables[0], name) for name in wanted)], groups)
+
     wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
     least = 3 if "lost" in wanted else 2
-    while columns is None and len(wanted) > least and _width(tables, there, wanted) > width:
+    while columns is None and len(wanted) > least and body(wanted).width > width:
         wanted = wanted[:-1]
-    return list(wanted)
-
-
-def _width(
-    tables: Sequence[ResultTable], there: Sequence[Mapping[Column, Sequence[str]]], wanted: Sequence[Column]
-) -> float:
-    rows = [row for table, each in zip(tables, there, strict=True) for row in rows_of(table, each, wanted)]
-    return table_width(["Method", *(head_of(tables[0], name) for name in wanted)], rows, GAP)
-
-
-def rows_of(
-    table: ResultTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column], *, short: bool = False
-) -> list[list[str]]:
-    """Return the rows of a table: name of the method, broken into lines if it has to be short, then the columns."""
-    absent = ["--"] * len(table.rows)
-    names = [row_label(table.trials, row.method, short=short) for row in table.rows]
-    return [list(row) for row in zip(*[names, *(there.get(name, absent) for name in wanted)], strict=True)]
+    if len(tables) > 1 and len(wanted) == 1:
+        return list(wanted), _methods_as_columns(tables, wanted[0])
+    return list(wanted), fitting_body([body(wanted), body(wanted, short=True)], width)
 
 
 def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
@@ -115,14 +109,15 @@ def name_lines(info: MetricInfo) -> list[str]:
     return [to_latex(line) for line in wrapped(typeset(capitalised(info.words)), HEAD)]
 
 
-def label_of(trials: Trials, method: str) -> str:
-    """Return the label of a method as LaTeX, where an oracle is marked."""
-    return to_latex(_marked(trials, method))
-
-
 def label_lines(trials: Trials, method: str) -> list[str]:
     """Break the label of a method at blanks outside its formulas into lines of LaTeX."""
     return [to_latex(line) for line in wrapped(typeset(_marked(trials, method)), LABEL)]
+
+
+def row_label(trials: Trials, method: str, *, short: bool) -> str:
+    """Return the label of a method, where an oracle is marked, broken into lines if it has to be short."""
+    lines = label_lines(trials, method) if short else [to_latex(_marked(trials, method))]
+    return stacked(lines, place="t", align="l")
 
 
 def _marked(trials: Trials, method: str) -> str:
@@ -130,12 +125,9 @@ def _marked(trials: Trials, method: str) -> str:
     return label if "oracle" in label or method not in trials.oracles else f"{label} (oracle)"
 
 
-ALL_METRICS = "all-metrics"
-"""Name of the table with a column per metric; no metric can have this name."""
-MOST_POINTS = 50
-"""Points of a sweep that a table shows; with more of them there is no table."""
-WIDTH = 252.0
-"""Width of a column of many journals [pt, of which an inch has 72.27]."""
+ALL_METRICS = "all-metrics"  # name of the table with a column per metric; no metric can have this name
+MOST_POINTS = 50  # points of a sweep that a table shows; with more of them there is no table
+WIDTH = 252.0  # width of a column of many journals [pt, of which an inch has 72.27]
 _GAP = rf"@{{\hspace{{{GAP}em}}}}"
 
 
@@ -152,24 +144,17 @@ class Body(NamedTuple):
         return table_width(self.head, [row for _, rows in self.groups for row in rows], GAP)
 
 
-def latex_tables(
-    summary: Points,
-    comments: Sequence[str] = (),
-    columns: Sequence[Column] | None = None,
-    width: float = WIDTH,
-) -> dict[str, str]:
-    """Return name -> LaTeX of the table of every metric, and of all metrics together where there are several.
+class PaperTable(NamedTuple):
+    """A table for a paper in LaTeX."""
 
-    Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
-    method; without them the usual ones that fit into the width in footnotesize [pt].
-    """
-    points = shown_points(summary)
-    if not points:
-        return {}
-    bodies = {info.name: body_of(points, info, columns, width) for info in points[0].trials.metrics}
-    if len(bodies) > 1:
-        bodies[ALL_METRICS] = _all_metrics(points, width)
-    return {name: written_table(body, comments, name) for name, body in bodies.items()}
+    body: str
+    caption: str
+    note: str  # that defines the columns, below the table
+
+
+def fitting_body(bodies: Sequence[Body], width: float) -> Body:
+    """Return the first form of a table that fits [pt], or the narrowest one."""
+    return next((body for body in bodies if body.width <= width), min(bodies, key=lambda body: body.width))
 
 
 def shown_points(summary: Points) -> list[PointSummary]:
@@ -179,23 +164,6 @@ def shown_points(summary: Points) -> list[PointSummary]:
     return points if len(points) <= MOST_POINTS else []
 
 
-def body_of(
-    points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None, width: float = WIDTH
-) -> Body:
-    """Lay out the table of one metric at the points of a sweep, or at one: see `latex_tables`."""
-    tables = [result_table(*point, info) for point in points]
-    wanted = chosen_columns(tables, columns, width)
-    if len(points) > 1 and len(wanted) == 1:
-        return _methods_as_columns(tables, wanted[0])
-    head = ["Method", *(head_of(tables[0], name) for name in wanted)]
-    groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted)) for table in tables]
-    body = Body(head, groups)
-    if body.width <= width:
-        return body
-    groups = [(title_of(table.trials), rows_of(table, latex_cells(table), wanted, short=True)) for table in tables]
-    return Body(head, groups)
-
-
 def title_of(trials: Trials) -> str:
     """Name a point of a sweep; empty without one."""
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
@@ -203,29 +171,24 @@ def title_of(trials: Trials) -> str:
 
 def _methods_as_columns(tables: Sequence[ResultTable], column: Column) -> Body:
     """Lay a sweep out with a row per point and a column per method."""
-    trials = tables[0].trials
     methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
-    head = [head_of(tables[0], column), *(stacked(label_lines(trials, method)) for method in methods)]
+    head = [head_of(tables[0], column), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
     rows = []
     for table in tables:
-        cells_of = latex_cells(table).get(column, ["--"] * len(table.rows))
-        by_method = dict(zip((row.method for row in table.rows), cells_of, strict=True))
-        rows.append([title_of(table.trials), *(by_method.get(method, "--") for method in methods)])
+        cells = latex_cells(table).get(column, ["--"] * len(table.rows))
+        of = dict(zip((row.method for row in table.rows), cells, strict=True))
+        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
     return Body(head, [("", rows)])
 
 
-def _all_metrics(points: Sequence[PointSummary], width: float) -> Body:
-    """Lay out the means of all metrics, a column or a row per metric: the first form that fits, or the narrowest."""
+def all_metrics_body(points: Sequence[PointSummary], width: float) -> Body:
+    """Lay out the means of all metrics, a column or a row per metric."""
     infos = points[0].trials.metrics
-    bodies = [
-        _metrics_as_columns(points, infos),
-        _metrics_as_rows(points, infos),
-        _metrics_as_columns(points, infos, short=True),
-    ]
-    return next((body for body in bodies if body.width <= width), min(bodies, key=lambda body: body.width))
+    columns, short = (_metrics_as_columns(points, infos, short=short) for short in (False, True))
+    return fitting_body([columns, _metrics_as_rows(points, infos), short], width)
 
 
-def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool = False) -> Body:
+def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool) -> Body:
     head = ["Method", *(stacked([*name_lines(info), bracketed(info.unit)]) for info in infos)]
     groups = []
     for point in points:
@@ -235,28 +198,15 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
     return Body(head, groups)
 
 
-def row_label(trials: Trials, method: str, *, short: bool) -> str:
-    """Return the label of a method, broken into lines if it has to be short."""
-    return stacked(label_lines(trials, method), place="t", align="l") if short else label_of(trials, method)
-
-
 def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
-    of_points = [_means(point, infos) for point in points]
-    labelled = {
-        method: label_lines(point.trials, method)
-        for point, means in zip(points, of_points, strict=True)
-        for method in means
-    }
-    head = ["Metric", *map(stacked, labelled.values())]
-    names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
+    means = [(point.trials, _means(point, infos)) for point in points]
+    labelled = {name: label_lines(trials, name) for trials, of_methods in means for name in of_methods}
     groups = []
-    for point, means in zip(points, of_points, strict=True):
-        rows = [
-            [name, *(means[method][k] if method in means else "--" for method in labelled)]
-            for k, name in enumerate(names)
-        ]
-        groups.append((title_of(point.trials), rows))
-    return Body(head, groups)
+    for trials, found in means:
+        columns = [found.get(name, ["--"] * len(infos)) for name in labelled]
+        names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
+        groups.append((title_of(trials), [*zip(names, *columns, strict=True)]))
+    return Body(["Metric", *map(stacked, labelled.values())], groups)
 
 
 def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[str]]:
@@ -269,8 +219,13 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[s
     return means
 
 
-def written_table(body: Body, comments: Sequence[str], name: str) -> str:
-    """Write a table with comments at its head; all columns but the first are aligned to the right."""
+def paper_table(name: str, body: Body, caption: str, note: str, comments: Sequence[str]) -> PaperTable:
+    """Write a table with comments at its head, and its texts, which have formulas between dollar signs."""
+    return PaperTable(_written(name, body, comments), f"{to_latex(caption)}%\n", f"{printed_latex(note)}%\n")
+
+
+def _written(name: str, body: Body, comments: Sequence[str]) -> str:
+    """Write a table, in which all columns but the first are aligned to the right."""
     n = len(body.head)
     needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]

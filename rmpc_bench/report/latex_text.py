@@ -141,13 +141,10 @@ def number_latex(cell: str) -> str:
         return "--"
     if not _IS_NUMBER.match(cell):
         return to_latex(cell.replace("$", r"\$"))
-    parts, end = [], 0
-    for token in _TOKEN.finditer(cell):
-        if token.start() > end:
-            return to_latex(cell.replace("$", r"\$"))
-        parts.append(_part(token, cell))
-        end = token.end()
-    return f"${''.join(parts)}$" if end == len(cell) else to_latex(cell.replace("$", r"\$"))
+    tokens = [*_TOKEN.finditer(cell)]
+    if "".join(token[0] for token in tokens) != cell:
+        return to_latex(cell.replace("$", r"\$"))
+    return f"${''.join(_part(token, cell) for token in tokens)}$"
 
 
 def _part(token: re.Match[str], cell: str) -> str:
@@ -170,8 +167,7 @@ def _part(token: re.Match[str], cell: str) -> str:
     return text
 
 
-SIZE = 8.0
-"""Size of the text of a table [pt], that of `\\footnotesize`."""
+SIZE = 8.0  # size of the text of a table [pt], that of `\footnotesize`
 _WIDTHS = {
     **dict.fromkeys("ijl.,;:|'/ ", 0.30),
     **dict.fromkeys("ftrI-()[]", 0.40),

@@ -6,7 +6,8 @@ captions of tables in capitals; the note below the table defines every column in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 
 from rmpc_bench.analysis.comparison_text import per_cent
 from rmpc_bench.analysis.failures import FACTOR
@@ -14,17 +15,17 @@ from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed
+from rmpc_bench.report import latex
 from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.comparison_table import AVERAGES
-from rmpc_bench.report.latex import ALL_METRICS, WIDTH, capitalised, chosen_columns, shown_points
-from rmpc_bench.report.latex_text import printed_latex, to_latex
+from rmpc_bench.report.latex import WIDTH, capitalised, paper_table
 from rmpc_bench.report.page.rows import Rows
 from rmpc_bench.report.point_tables import Points
+from rmpc_bench.report.requirements_table import latex_requirements
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types.report_choices import Column
 
-LONGEST = 285
-"""Characters of two lines."""
+LONGEST = 285  # characters of two lines
 SHARE = "of the share of runs in which the method is better (ties count half)"
 
 
@@ -40,8 +41,13 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     draws = " on the same draws" * any(row.compared for table in tables for row in table.rows)
     sentences = [f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{draws}."]
     oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
-    sentences += [_intervals(tables), _change(first), _marks(tables, lowest) if several else _drawn(first, rows)]
-    sentences += [_parameters(first), oracle, _looks(first), _failures(tables)]
+    change = f"{'Difference' if first.form == 'difference' else 'Change'}: {first.average}." if first.average else ""
+    sentences += [_intervals(tables), change, _marks(tables, lowest) if several else _drawn(first, rows)]
+    look = max((int(row.compared["look"]) for row in first.rows if row.compared), default=1)
+    looks = f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
+    planned = first.trials.planned
+    looks = looks if planned is None else f"{capitalised(planned.text)}."
+    sentences += [_parameters(first), oracle, looks, _failures(tables)]
     kept, room = list[str](), LONGEST
     for sentence in filter(None, sentences):
         if len(sentence) < room:
@@ -65,11 +71,6 @@ def _intervals(tables: Sequence[ResultTable]) -> str:
     return f"Brackets and bars: {which}{level} intervals{mean}."
 
 
-def _change(table: ResultTable) -> str:
-    what = "Difference" if table.form == "difference" else "Change"
-    return f"{what}: {table.average}." if table.average else ""
-
-
 def _marks(tables: Sequence[ResultTable], lowest: str) -> str:
     words = {row.word for table in tables for row in table.rows}
     texts = {INCONCLUSIVE: INCONCLUSIVE, EQUIVALENT: f"within {tables[0].margin_text}", FAILS_MORE: FAILS_MORE}
@@ -82,13 +83,10 @@ def _marks(tables: Sequence[ResultTable], lowest: str) -> str:
 def _drawn(table: ResultTable, rows: Rows | None) -> str:
     if table.form in ("alone", "share"):
         return "Arrow: runs without the event." if table.form == "share" else ""
-    arrow = (
-        any(cell.strip is not None and cell.strip.arrow for row in rows.rows for cell in row.cells) if rows else False
-    )
-    band = (
-        f"{'Margin' if rows and rows.everything else 'Grey band'}: within {table.margin_text}." if table.margin else ""
-    )
-    return f"{band}{' Arrow: beyond the axis.' * arrow}".strip()
+    strips = [cell.strip for row in (rows.rows if rows else ()) for cell in row.cells]
+    arrow = "Arrow: beyond the axis." if any(strip is not None and strip.arrow for strip in strips) else ""
+    band = "Margin" if rows and rows.everything else "Grey band"
+    return " ".join(filter(None, [f"{band}: within {table.margin_text}." if table.margin else "", arrow]))
 
 
 def _parameters(table: ResultTable) -> str:
@@ -116,13 +114,6 @@ def _failures(tables: Sequence[ResultTable]) -> str:
     return f"No run of {n} was lost (failed or {factor}): at most {bound} are."
 
 
-def _looks(table: ResultTable) -> str:
-    if table.trials.planned is not None:
-        return f"{table.trials.planned.text[:1].upper()}{table.trials.planned.text[1:]}."
-    look = max((int(row.compared["look"]) for row in table.rows if row.compared), default=1)
-    return f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
-
-
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
 """Direction of a metric -> words."""
 DEFINITIONS: dict[Column, str] = {
@@ -145,29 +136,29 @@ DEFINITIONS: dict[Column, str] = {
 PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
 
 
-def latex_captions(summary: Points) -> dict[str, str]:
-    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes."""
-    points = shown_points(summary)
+def latex_tables(
+    summary: Points, comments: Sequence[str] = (), columns: Sequence[Column] | None = None, width: float = WIDTH
+) -> dict[str, latex.PaperTable]:
+    """Return name -> table of requirements, of every metric, and of all metrics together where there are several.
+
+    Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
+    method; without them the usual ones that fit into the width in footnotesize [pt].
+    """
+    points = latex.shown_points(summary)
     if not points:
         return {}
-    trials = points[0].trials
-    captions = {info.name: _subject(info.words, trials, len(points)) for info in trials.metrics}
-    if len(captions) > 1:
-        captions[ALL_METRICS] = _subject("Metrics", trials, len(points))
-    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
-
-
-def latex_notes(summary: Points, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
-    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes with the same arguments."""
-    points = shown_points(summary)
-    if not points:
-        return {}
-    infos = points[0].trials.metrics
-    tables = {info.name: [result_table(*point, info) for point in points] for info in infos}
-    notes = {name: table_note(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
-    if len(infos) > 1:
-        notes[ALL_METRICS] = _note_of_all([each[0] for each in tables.values()])
-    return {name: f"{printed_latex(text)}%\n" for name, text in notes.items()}
+    trials, found = points[0].trials, latex_requirements(points, comments, width)
+    every = {info.name: [result_table(*point, info) for point in points] for info in trials.metrics}
+    for name, tables in every.items():
+        shown, body = latex.metric_body(tables, columns, width)
+        caption = _subject(tables[0].info.words, trials, len(points))
+        # A metric may have the name of the table of requirements.
+        found[name] = paper_table(name, body, caption, table_note(tables, shown), comments)
+    if len(every) > 1:
+        name, body = latex.ALL_METRICS, latex.all_metrics_body(points, width)
+        caption, note = _subject("Metrics", trials, len(points)), _note_of_all([each[0] for each in every.values()])
+        found[name] = paper_table(name, body, caption, note, comments)
+    return found
 
 
 def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
@@ -177,23 +168,21 @@ def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
     sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
     sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
-    sentences += [PAIRING.format(**words)] * bool(
-        {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}
-    )
-    return " ".join([*sentences, *_origins(first.trials), _failed_runs(tables)])
+    paired = {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}
+    sentences += [PAIRING.format(**words)] if paired else []
+    return " ".join(filter(None, [*sentences, _origins(first.trials), _failed_runs(tables)]))
 
 
 def _words(table: ResultTable) -> dict[str, str]:
     """Return what the definitions name."""
     trials, margin = table.trials, _plain(table.margin_text)
     simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in table.rows)
-    other = other_average(table) or "mean"
     return {
         "level": f"{100 * trials.confidence:g} %",
         "kind": "simultaneous " * simultaneous,
         "baseline": _name(trials, trials.baseline),
         "average": table.average or "average",
-        "other": AVERAGES[other],
+        "other": AVERAGES[other_average(table) or "mean"],
         "margin": margin,
         "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
         "lost": f"{trials.lost or FACTOR:g}",
@@ -204,31 +193,26 @@ def _words(table: ResultTable) -> dict[str, str]:
 def _subject(what: str, trials: Trials, n_points: int) -> str:
     """Name what is shown, methods, runs and points of a sweep."""
     where = f" at {n_points} points of the sweep" if n_points > 1 else ""
-    return f"{capitalised(what)} of {counted(len(trials.methods), 'method')} in {_runs(trials)}{where}"
-
-
-def _runs(trials: Trials) -> str:
+    runs = f"{counted(len(trials.runs), 'run')} per method"
     if trials.alike and not trials.points and trials.title:
-        return f"one run at {_plain(printed(trials.title))}"
-    return f"{counted(len(trials.runs), 'run')} per method"
+        runs = f"one run at {_plain(printed(trials.title))}"
+    return f"{capitalised(what)} of {counted(len(trials.methods), 'method')} in {runs}{where}"
 
 
-def _origins(trials: Trials) -> Iterable[str]:
+def _origins(trials: Trials) -> str:
     """Say where the parameters of the methods come from; nothing where it is not known."""
     groups = parameter_groups(trials, trials.methods)
     if len(groups) == 1:
-        yield f"Parameters of all methods: {next(iter(groups))}."
-    elif groups:
-        parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
-        yield f"Parameters: {'; '.join(parts)}."
+        return f"Parameters of all methods: {next(iter(groups))}."
+    parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
+    return f"Parameters: {'; '.join(parts)}." if parts else ""
 
 
 def _failed_runs(tables: Sequence[ResultTable]) -> str:
     """Name the failed runs of every method, and say how they count."""
-    counts: dict[str, int] = {}
-    for table in tables:
-        for row in table.rows:
-            counts[row.method] = counts.get(row.method, 0) + row.n_failed
+    counts = Counter[str]()
+    for row in (row for table in tables for row in table.rows):
+        counts[row.method] += row.n_failed
     failed = [f"{_name(tables[0].trials, name)} {n}" for name, n in counts.items() if n]
     if not failed:
         return "No run failed."

@@ -15,10 +15,8 @@ class PointSummary(NamedTuple):
     """The statistics of one table of trials."""
 
     trials: Trials
-    described: pd.DataFrame
-    """One row per method and metric, see `statistics.summary`."""
-    compared: pd.DataFrame
-    """One row per comparison with the baseline, see `comparison.comparisons`."""
+    described: pd.DataFrame  # one row per method and metric, see `statistics.summary`
+    compared: pd.DataFrame  # one row per comparison with the baseline, see `comparison.comparisons`
 
 
 class Points(Protocol):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
@@ -14,6 +13,7 @@ from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.point_tables import markdown_page, markdown_table
@@ -38,21 +38,16 @@ _WHOLE = ["rank_low", "rank_high", "n", "n_failed", "better", "worse"]
 
 @dataclass(frozen=True, eq=False)
 class RanksTable:
-    """The methods in the order of their ranks.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    found : the ranks; None where there are none
-    """
+    """The methods in the order of their ranks."""
 
     trials: Trials
-    found: Ranking | None
+    found: Ranking | None  # None where there are no ranks
 
     @property
     def frame(self) -> pd.DataFrame:
         """Content of ranks.csv: a row per method, then a row per part of the sweep and method."""
-        rows = [] if self.found is None else [*map(_whole_row, self.found.rows), *map(_part_row, self.found.ratios)]
+        rows = [_record(row.ratio, row) for row in self.found.rows] if self.found else []
+        rows += map(_record, self.found.ratios) if self.found else []
         table = pd.DataFrame(rows, columns=COLUMNS)
         table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float), 1.0)
         for name in _WHOLE:
@@ -74,14 +69,7 @@ class RanksTable:
         # Failures come before accuracy.
         columns["n/n_failed"] = [f"{row.n}/{row.n_failed}" for row in rows]
         columns[f"ratio to {baseline}"] = [_interval(row.ratio, row.method == baseline) for row in rows]
-        for head, value in self._values():
-            here = [each for row in rows for each in row.by_value if (each.axis, each.value) == (head, value)]
-            cells = {each.method: _short(each) for each in here}
-            columns[value] = [cells.get(row.method, "1") for row in rows]
-        if self.found.n_values > 1:
-            columns["smallest"] = [_extreme(row.smallest) for row in rows]
-            columns["largest"] = [_extreme(row.largest) for row in rows]
-            columns["better/worse"] = [_counts(row, baseline) for row in rows]
+        columns |= part_columns(self.found, baseline)
         if words := parameter_cells(self.trials, [row.method for row in rows]):
             columns["parameters"] = words
         times = [self._time(row.method) for row in rows]
@@ -112,21 +100,15 @@ class RanksTable:
             f"ratio: geometric mean of {info.words if info else 'the metric'} relative to {baseline}{points}, with the "
             "same simultaneous interval",
         ]
-        if points:
-            texts.append(
-                "rank, ratio: of these points; the intervals contain the chance of the runs, not other systems"
-            )
+        what = "rank, ratio: of these points; the intervals contain the chance of the runs, not other systems"
+        texts += [what] if points else []
         if any(each.ratio for row in self.found.rows for each in row.by_value):
             texts.append("?: the simultaneous interval of the ratio contains 1")
         if self.found.n_values > 1:
-            texts.append(
-                f"smallest, largest, better/worse: of the {self.found.n_values} values of {self.found.longest}; better "
-                f"and worse by simultaneous intervals at {level}"
-            )
+            which = f"of the {self.found.n_values} values of {self.found.longest}"
+            texts.append(f"smallest, largest, better/worse: {which}; by simultaneous intervals at {level}")
         if "-" in self.columns.get("time per step", ()):
-            texts.append(
-                "time per step -: a linear filter runs in one compiled loop with the plant, which is not timed"
-            )
+            texts.append("time per step -: a linear filter runs in a compiled loop with the plant, which is not timed")
         return [*texts, *parameter_legend(self.trials), *filter(None, [self._cost, self.rest])]
 
     @property
@@ -168,11 +150,6 @@ class RanksTable:
     def __str__(self) -> str:
         return "\n".join(self.sentences)
 
-    def _values(self) -> list[tuple[str, str]]:
-        """Axis and value of the columns of ratios."""
-        found = self.found.rows if self.found is not None else ()
-        return [*dict.fromkeys((each.axis, each.value) for row in found for each in row.by_value)]
-
     def _time(self, method: str) -> str:
         """Median over the points of the time per run and step."""
         notes = [point.notes.get(method) for point in self.trials.each]
@@ -198,40 +175,34 @@ def _interval(ratio: Ratio, is_baseline: bool) -> str:
     return interval_text(ratio.ratio, ratio.low, ratio.high, sign=False)
 
 
-def _short(ratio: Ratio) -> str:
-    """Write a ratio of a part of the sweep, with a mark where its interval contains 1."""
-    if math.isnan(ratio.ratio):
-        return "-"
-    return f"{ratio.ratio:.3g}{'' if ratio.high < 1 or ratio.low > 1 else ' ?'}"
+def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:
+    """Return head -> cells on the parts of the sweep, a line per method; those of the baseline are empty."""
+    parts: dict[tuple[str, str], dict[str, Ratio]] = {}
+    for each in (ratio for row in found.rows for ratio in row.by_value):
+        parts.setdefault((each.axis, each.value), {})[each.method] = each
+    columns = {value: [_factor(of.get(row.method)) for row in found.rows] for (_, value), of in parts.items()}
+    if found.n_values < 2:
+        return columns
+    others = [None if row.method == baseline else row for row in found.rows]
+    for head in ("smallest", "largest"):
+        columns[head] = [_factor(getattr(row, head, None), at=True) for row in others]
+    return columns | {"better/worse": ["" if row is None else f"{row.better}/{row.worse}" for row in others]}
 
 
-def _extreme(ratio: Ratio | None) -> str:
-    return "-" if ratio is None else f"{ratio.ratio:.3g} ({ratio.value})"
+def _factor(ratio: Ratio | None, *, at: bool = False) -> str:
+    """Write the ratio of a part of the sweep: with a mark where its interval contains 1, or with the part behind it."""
+    if ratio is None or math.isnan(ratio.ratio):
+        return ""
+    mark = "" if ratio.high < 1 or ratio.low > 1 else " ?"
+    return f"\u00d7{short(ratio.ratio)}{mark}{f' ({ratio.value})' * at}"
 
 
-def _counts(row: RankRow, baseline: str) -> str:
-    return "-" if row.method == baseline else f"{row.better}/{row.worse}"
-
-
-def _whole_row(row: RankRow) -> Mapping[str, Any]:
-    return {
-        **{
-            name: getattr(row, name) for name in ("method", "rank_low", "rank_high", "n", "n_failed", "better", "worse")
-        },
-        **_part_row(row.ratio),
-        **_extremes(row),
-    }
-
-
-def _extremes(row: RankRow) -> Mapping[str, Any]:
-    named: Sequence[tuple[str, Ratio | None]] = (("smallest", row.smallest), ("largest", row.largest))
-    return {
-        key: value
-        for name, each in named
-        for key, value in ((name, each.ratio if each else math.nan), (f"{name}_at", each.value if each else ""))
-    }
-
-
-def _part_row(ratio: Ratio) -> Mapping[str, Any]:
+def _record(ratio: Ratio, row: RankRow | None = None) -> dict[str, Any]:
+    """Return a row of ranks.csv: of a method, or of a part of the sweep."""
     found = asdict(ratio)
-    return found | {"ratio_low": found.pop("low"), "ratio_high": found.pop("high")}
+    found |= {"ratio_low": found.pop("low"), "ratio_high": found.pop("high")}
+    if row is None:
+        return found
+    for name, each in (("smallest", row.smallest), ("largest", row.largest)):
+        found |= {name: each.ratio, f"{name}_at": each.value} if each else {name: math.nan, f"{name}_at": ""}
+    return found | {name: getattr(row, name) for name in _WHOLE}

@@ -14,9 +14,9 @@ from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.latex import WIDTH, Body, row_label, shown_points, stacked, title_of, written_table
+from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
 from rmpc_bench.report.latex_text import number_latex, to_latex
-from rmpc_bench.report.point_tables import Points, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.types.requirement import Requirement
 
 REQUIREMENTS_NOTE = (
@@ -39,7 +39,10 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = Fa
     }
     if len(trials.methods) > 1:
         columns[f"difference from {trials.baseline}"] = [difference_text(row) for row in rows]
-        columns["met by the method only / by the baseline only"] = [_alone(row) for row in rows]
+        columns["met by the method only / by the baseline only"] = [
+            "-" if row["method"] == row["baseline"] else f"{row['method_only']} / {row['baseline_only']}"
+            for row in rows
+        ]
     return columns
 
 
@@ -54,29 +57,17 @@ def difference_text(row: Mapping[Hashable, Any]) -> str:
     return interval_text(*values, unit="points")
 
 
-def _alone(row: Mapping[Hashable, Any]) -> str:
-    same = row["method"] == row["baseline"]
-    return "-" if same else f"{row['method_only']} / {row['baseline_only']}"
-
-
 _SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
 
-MOST_NAMED = 4
-"""Methods that the screen names."""
+MOST_NAMED = 4  # methods that the screen names
 
 
 @dataclass(frozen=True, eq=False)
 class RequirementsTable:
-    """Pass rates at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    points : table of each point and its pass rates, see `rmpc_bench.analysis.requirements`
-    """
+    """Pass rates at every point of a sweep."""
 
     trials: Trials
-    points: Sequence[tuple[Trials, pd.DataFrame]]
+    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its pass rates, see `rmpc_bench.analysis.requirements`
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -113,8 +104,7 @@ class RequirementsTable:
             if len(frame):
                 parts += [f"# {trials.title}"] * bool(trials.title)
                 parts.append(markdown_table(requirement_columns(trials, frame)))
-        parts += [REQUIREMENTS_NOTE] if parts else []
-        return markdown_page(parts)
+        return markdown_page([*parts, REQUIREMENTS_NOTE] if parts else [])
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)
@@ -135,60 +125,36 @@ def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
     return f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
 
 
-REQUIREMENTS = "requirements"
-"""Name of the table."""
+REQUIREMENTS = "requirements"  # name of the table
 
 
-def latex_requirements(summary: Points, comments: Sequence[str] = (), width: float = WIDTH) -> dict[str, str]:
-    """Return name -> LaTeX of the table of requirements, with comments at its head; empty without requirements.
-
-    Where it is wider than the width in footnotesize [pt], labels are broken into lines.
-    """
-    tables = _tables(summary)
+def latex_requirements(points: Sequence[PointSummary], comments: Sequence[str], width: float) -> dict[str, PaperTable]:
+    """Return name -> table of requirements for a paper; empty without requirements."""
+    tables = [point.trials for point in points if point.trials.requirements]
     if not tables:
         return {}
-    body = _body(tables, short=False)
-    body = body if body.width <= width else _body(tables, short=True)
-    return {REQUIREMENTS: written_table(body, comments, REQUIREMENTS)}
+    body = fitting_body([_body(tables, short=short) for short in (False, True)], width)
+    return {REQUIREMENTS: paper_table(REQUIREMENTS, body, _caption(tables), _note(tables[0], tables), comments)}
 
 
-def requirements_caption(summary: Points) -> dict[str, str]:
-    """Return name -> LaTeX of the caption of the table; empty without requirements."""
-    sentences = _paper_sentences(summary)
-    return {REQUIREMENTS: f"{to_latex(sentences[0])}%\n"} if sentences else {}
-
-
-def requirements_note(summary: Points) -> dict[str, str]:
-    """Return name -> LaTeX of the note below the table, which defines its columns; empty without requirements."""
-    text = " ".join(_paper_sentences(summary)[1:])
-    return {REQUIREMENTS: f"{to_latex(text)}%\n"} if text else {}
-
-
-def _paper_sentences(summary: Points) -> list[str]:
-    """Say what the table shows, then define its columns; empty without requirements."""
-    tables = _tables(summary)
-    if not tables:
-        return []
-    first, points = tables[0], {id(trials) for trials in tables}
-    n, level = len(first.runs), f"{100 * first.confidence:g} %"
-    where = f" at {len(points)} points of a sweep" if len(points) > 1 else ""
+def _caption(tables: Sequence[Trials]) -> str:
+    where = f" at {len(tables)} points of a sweep" if len(tables) > 1 else ""
     named = ", ".join(dict.fromkeys(_named(trials, each) for trials in tables for each in trials.requirements))
-    sentences = [f"Runs that pass, which is to have {named}; {n} runs per method{where}."]
-    sentences.append(f"Share: with its {level} interval of Wilson in brackets.")
+    return f"Runs that pass, which is to have {named}; {len(tables[0].runs)} runs per method{where}."
+
+
+def _note(first: Trials, tables: Sequence[Trials]) -> str:
+    """Define the columns."""
+    level = f"{100 * first.confidence:g} %"
+    sentences = [f"Share: with its {level} interval of Wilson in brackets."]
     if len(first.methods) > 1:
-        baseline = first.labels.get(first.baseline, first.baseline.replace("$", r"\$"))
-        sentences.append(f"Each run is paired with the run of {baseline} that has the same random numbers.")
-        sentences.append(
-            f"Difference: share minus that of {baseline} in percentage points, with the paired {level} score interval."
-        )
+        base = first.labels.get(first.baseline, first.baseline.replace("$", r"\$"))
+        sentences.append(f"Each run is paired with the run of {base} that has the same random numbers.")
+        what = f"share minus that of {base} in percentage points"
+        sentences.append(f"Difference: {what}, with the paired {level} score interval.")
     failed = {name: sum(trials.n_failed(name) for trials in tables) for name in first.methods}
     counts = ", ".join(f"{first.labels.get(name, name)} {n}" for name, n in failed.items() if n)
-    sentences.append(f"Failed runs: {counts}; they do not pass." if counts else "No run failed.")
-    return sentences
-
-
-def _tables(summary: Points) -> list[Trials]:
-    return [point.trials for point in shown_points(summary) if point.trials.requirements]
+    return " ".join([*sentences, f"Failed runs: {counts}; they do not pass." if counts else "No run failed."])
 
 
 def _named(trials: Trials, requirement: Requirement) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, Protocol
+from itertools import groupby
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -13,31 +14,24 @@ from rmpc_bench.analysis.improvement_difference import ImprovementDifference
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, plain
 from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, TrialDifferences
+from rmpc_bench.report.answer import listed
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
-MOST_SETTINGS = 5
-"""Settings that differ and are shown with their values."""
-MOST_ROWS = 15
-"""Pairs of verdicts that are shown."""
-MOST_LINES = 20
-"""Lines of one kind that are shown; the rest is counted."""
+MOST_SETTINGS = 5  # settings that differ and are shown with their values
+MOST_ROWS = 15  # pairs of verdicts that are shown
+MOST_LINES = 20  # lines of one kind that are shown; the rest is counted
 
 
-class Setting(Protocol):
-    """A setting that differs."""
+class Setting(NamedTuple):
+    """A setting that differs, as text."""
 
-    @property
-    def path(self) -> str:
-        """Where it stands."""
+    path: str
+    a: str
+    b: str
 
-    @property
-    def a(self) -> str:
-        """Its value in the first experiment."""
-
-    @property
-    def b(self) -> str:
-        """Its value in the second experiment."""
+    def __str__(self) -> str:
+        return f"{self.path}: A {self.a}, B {self.b}"
 
 
 class FindingDifference(NamedTuple):
@@ -46,6 +40,9 @@ class FindingDifference(NamedTuple):
     claim: str
     a: str
     b: str
+
+    def __str__(self) -> str:
+        return f"{self.claim}: A {self.a}, B {self.b}"
 
 
 class Beside(NamedTuple):
@@ -58,15 +55,12 @@ class Beside(NamedTuple):
     @property
     def gap(self) -> Estimate:
         """Change in B minus change in A, in percentage points, or in the unit of a signed metric."""
-        table, found = self.tables[0], self.difference
-        if table.form == "share":
-            value, low, high = (100 * each for each in found.superiority)
-        elif found.averages:
-            value, low, high = found.averages[0].difference
-        else:
+        shares, found = self.tables[0].form == "share", self.difference
+        if not shares and not found.averages:
             return Estimate()
+        value, low, high = (100 * each for each in found.superiority) if shares else found.averages[0].difference
         # It is that of the improvements, A minus B.
-        turned = table.form == "share" or table.info.direction == "higher"
+        turned = shares or self.tables[0].info.direction == "higher"
         return Estimate(-value, -high, -low) if turned else Estimate(value, low, high)
 
     @property
@@ -75,9 +69,9 @@ class Beside(NamedTuple):
         return self.gap.low * self.gap.high > 0
 
     @property
-    def words(self) -> tuple[str, str]:
-        """The verdicts."""
-        return self.rows[0].word, self.rows[1].word
+    def words(self) -> list[str]:
+        """The verdict in A and B, once where it is the same."""
+        return [*dict.fromkeys(row.word for row in self.rows)]
 
     @property
     def name(self) -> str:
@@ -87,24 +81,14 @@ class Beside(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ResultsComparison:
-    """How the results of two directories differ.
+    """How the results of two directories differ."""
 
-    Parameters
-    ----------
-    names : the two directories
-    sizes : name, numbers of runs, methods and metrics, and seed of either
-    settings : what differs in the configurations
-    trials : what differs in the trials
-    findings : claims of both whose computed findings differ
-    beside : methods of both with their verdicts, where metric and baseline are the same
-    """
-
-    names: tuple[str, str]
-    sizes: tuple[str, str]
-    settings: tuple[Setting, ...]
+    names: tuple[str, str]  # of the two directories
+    sizes: tuple[str, str]  # name, numbers of runs, methods and metrics, and seed of either
+    settings: tuple[Setting, ...]  # what differs in the configurations
     trials: TrialDifferences
-    findings: tuple[FindingDifference, ...]
-    beside: tuple[Beside, ...] = ()
+    findings: tuple[FindingDifference, ...]  # claims of both whose computed findings differ
+    beside: tuple[Beside, ...] = ()  # methods of both, where metric and baseline are the same
 
     @property
     def equal(self) -> bool:
@@ -137,8 +121,8 @@ class ResultsComparison:
         shown = [each for each in self.beside if len(self.beside) <= MOST_ROWS or each.is_resolved]
         if shown and not self.equal:
             first = shown[0].tables[0]
-            share = "better than" if first.form == "share" else f"change of the {first.quantity} against"
-            lines += ["", cut(without_formulas(f"{share} {first.baseline}"), width)]
+            what = "better than" if first.form == "share" else f"change of the {first.quantity} against"
+            lines += ["", cut(without_formulas(f"{what} {first.baseline}"), width)]
             ways = ((None, True), (NAME, True), (None, False), (NAME, False))
             lines += fitting((partial(_beside_lines, shown[:MOST_ROWS], *way) for way in ways), width)
             lines += [f" and {len(shown) - MOST_ROWS} more"] if len(shown) > MOST_ROWS else []
@@ -153,19 +137,15 @@ class ResultsComparison:
         text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
         if not self.beside:
             return f"{conclusion}{text}"
-        other = [each for each in self.beside if len({*each.words}) > 1]
+        other = [each for each in self.beside if len(each.words) > 1]
         resolved = [each.name for each in self.beside if each.is_resolved]
         said = "The verdicts are the same"
         if other:
-            one = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
-            said = f"{len(other)} of {len(self.beside)} verdicts differ: {one}" if len(self.beside) > 1 else one
-        names = ", ".join(resolved[:3]) + (f" and {len(resolved) - 3} more" if len(resolved) > 3 else "")
-        gap = (
-            f"the difference between A and B is resolved for {names}"
-            if resolved
-            else "no difference between A and B is resolved"
-        )
-        return f"{said}; {gap}.{text}"
+            said = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
+            said = f"{len(other)} of {len(self.beside)} verdicts differ: {said}" if len(self.beside) > 1 else said
+        names = listed(resolved if len(resolved) <= 3 else [", ".join(resolved[:3]), f"{len(resolved) - 3} more"])
+        gap = f"the difference between A and B is resolved for {names}"
+        return f"{said}; {gap if resolved else 'no difference between A and B is resolved'}.{text}"
 
     def _differing(self) -> Iterator[str]:
         """Say which settings and values differ."""
@@ -175,31 +155,27 @@ class ResultsComparison:
         known = [each.path for each in settings if each.path in ("seed", "runs")]
         rest = [each for each in settings if each.path not in known]
         if settings:
-            more = f" and {len(rest) - MOST_SETTINGS} more: --values" if len(rest) > MOST_SETTINGS else ""
             yield f" settings that differ: {', '.join(known)}".rstrip(" ,")
-            yield from (f"   {each.path}: A {each.a}, B {each.b}" for each in rest[:MOST_SETTINGS])
-            yield from [f"  {more}"] if more else []
+            yield from (f"   {each}" for each in rest[:MOST_SETTINGS])
+            yield from [f"   and {len(rest) - MOST_SETTINGS} more: --values"] * (len(rest) > MOST_SETTINGS)
         yield from (f" only in {line}" for line in _alone(self.trials)[:MOST_SETTINGS])
         if not self.equal:
             seeds = ", as with other seeds" if any(each.path == "seed" for each in settings) else ""
-            yield (
-                f" values of the runs differ{seeds}: --values lists them"
-                if self.trials.differing
-                else " --values lists all"
-            )
+            differ = f" values of the runs differ{seeds}: --values lists them"
+            yield differ if self.trials.differing else " --values lists all"
 
     def _lines(self) -> Iterator[str]:
         for letter, name, size in zip("AB", self.names, self.sizes, strict=True):
             yield f"{letter}  {name}   {size}"
         sections = {
-            "settings that differ": [f"{each.path}: A {each.a}, B {each.b}" for each in self.settings],
+            "settings that differ": [*map(str, self.settings)],
             "only in one": _alone(self.trials),
             "statuses that differ": [
-                f"{_where(each.point, each.method)} run {each.run}: A {each.a}, B {each.b}"
+                str(Setting(f"{_where(each.point, each.method)} run {each.run}", each.a, each.b))
                 for each in self.trials.statuses
             ],
-            "metrics that differ": [_metric(each) for each in self.trials.differing],
-            "findings that differ": [f"{each.claim}: A {each.a}, B {each.b}" for each in self.findings],
+            "metrics that differ": [*map(_metric, self.trials.differing)],
+            "findings that differ": [*map(str, self.findings)],
         }
         for title, lines in sections.items():
             if lines:
@@ -232,8 +208,8 @@ def _beside_lines(shown: Sequence[Beside], size: int | None, with_intervals: boo
             plain(table.change_text(row) if with_intervals else table.change_texts(row)[0])
             for table, row in zip(each.tables, each.rows, strict=True)
         ]
-        words = each.words[0] if len({*each.words}) == 1 else ", ".join(each.words)
-        lines.append([cut(each.name, size or 80), *texts, plain(" ".join(difference_texts(each.gap))), words])
+        gap = plain(" ".join(difference_texts(each.gap)))
+        lines.append([cut(each.name, size or 80), *texts, gap, ", ".join(each.words)])
     return in_columns(lines, (1, 2, 3), indent="")
 
 
@@ -259,13 +235,9 @@ def _ranges(runs: Sequence[int]) -> str:
     >>> _ranges([0, 1, 2, 7, 9, 10])
     '0-2, 7, 9-10'
     """
-    parts: list[list[int]] = []
-    for run in runs:
-        if parts and run == parts[-1][1] + 1:
-            parts[-1][1] = run
-        else:
-            parts.append([run, run])
-    texts = [str(first) if first == last else f"{first}-{last}" for first, last in parts]
+    # Consecutive numbers have the same distance from their place.
+    parts = [[run for _, run in part] for _, part in groupby(enumerate(runs), lambda each: each[1] - each[0])]
+    texts = [str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts]
     return ", ".join(texts[:MOST_LINES]) + (f" and {len(texts) - MOST_LINES} more" if len(texts) > MOST_LINES else "")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,31 +13,26 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
 
-MOST_FILES = 20
-"""Failed runs of a method that have a file of their own."""
-MOST_WARNINGS = 10
-"""Different warnings of a method that tables/summary.md shows."""
+MOST_FILES = 20  # failed runs of a method that have a file of their own
+MOST_WARNINGS = 10  # different warnings of a method that tables/summary.md shows
 
 
 def held_cells(trials: Trials, methods: list[str]) -> list[str]:
     """Return the share of held steps of every method, for a column of a table; none where no component holds steps."""
-    if not any(trials.notes[method].holds for method in methods if method in trials.notes):
-        return []
-    n_runs = len(trials.runs)
-    shares = {method: 100.0 * notes.share_held(n_runs) for method, notes in trials.notes.items() if notes.holds}
-    return [_percent(shares[method]) if method in shares else "-" for method in methods]
+    counts = {name: notes.n_held for name, notes in trials.notes.items() if notes.holds}
+    return _shares(trials, methods, counts) if counts.keys() & {*methods} else []
 
 
 def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
     """Return the share of failed steps of every method, for a column of a table; none where no step has failed."""
-    shares = {
-        method: 100.0 * notes.n_failed_steps / (notes.n_steps * len(trials.runs))
-        for method, notes in trials.notes.items()
-        if notes.optimises and len(trials.runs)
-    }
-    if not any(shares.get(method) for method in methods):
-        return []
-    return [_percent(shares[method]) if method in shares else "-" for method in methods]
+    counts = {name: notes.n_failed_steps for name, notes in trials.notes.items() if notes.optimises}
+    return _shares(trials, methods, counts) if any(counts.get(name) for name in methods) else []
+
+
+def _shares(trials: Trials, methods: list[str], counts: Mapping[str, int]) -> list[str]:
+    """Write numbers of steps as shares of all steps of the runs."""
+    sizes = {name: max(1, notes.n_steps * len(trials.runs)) for name, notes in trials.notes.items()}
+    return [_percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
 
 
 def step_times(trials: Trials, methods: list[str]) -> list[str]:
@@ -62,8 +58,7 @@ def held_sentences(trials: Trials) -> list[str]:
     """Say how many steps of which method were held."""
     n_runs = len(trials.runs)
     return [
-        f"{method}: {notes.n_held:,} of {notes.n_steps * n_runs:,} steps held in {len(notes.held)} "
-        f"run{'' if len(notes.held) == 1 else 's'}"
+        f"{method}: {notes.n_held:,} of {notes.n_steps * n_runs:,} steps held in {counted(len(notes.held), 'run')}"
         for method, notes in trials.notes.items()
         if notes.held
     ]
@@ -75,34 +70,32 @@ def failed_sentences(trials: Trials) -> list[str]:
     for method, notes in trials.notes.items():
         if not notes.failed_steps:
             continue
-        n_runs, every = len(notes.failed_steps), notes.n_steps * len(trials.runs)
-        words = {status.word: 0 for status in Status}
+        every, words = notes.n_steps * len(trials.runs), Counter[str]()
         for counts in notes.failed_steps.values():
-            for word, n in counts.items():
-                words[word] += n
-        parts = ", ".join(f"{n:,} {word}" for word, n in words.items() if n)
+            words.update(counts)
+        parts = ", ".join(f"{words[status.word]:,} {status.word}" for status in Status if words[status.word])
         sentences.append(
             f"{method}: the optimisation failed in {notes.n_failed_steps:,} of {every:,} steps ({parts}), "
-            f"in {n_runs} run{'' if n_runs == 1 else 's'}; the fallback was applied"
+            f"in {counted(len(notes.failed_steps), 'run')}; the fallback was applied"
         )
     return sentences
 
 
-def notes_markdown(trials: Trials) -> list[str]:
-    """Return the sections on limitations, held and failed steps and warnings; none where there are none."""
-    held = [f"- {text}" for text in held_sentences(trials)]
-    failed = [f"- {text}" for text in failed_sentences(trials)]
+def sections_of(trials: Trials) -> dict[str, list[str]]:
+    """Return title -> entries of what tables/summary.md says besides its tables; an entry has one line."""
     warned = [
-        # A warning may have several lines, and a list entry has one.
-        f"- {method}, {n} time{'' if n == 1 else 's'}: {' '.join(text.split())}"
+        f"{method}, {counted(n, 'time')}: {' '.join(text.split())}"
         for method, notes in trials.notes.items()
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]
-    limits = [f"- {text}" for text in _limitations(trials)]
-    parts = ["## Limitations", "\n".join(limits)] if limits else []
-    parts += ["## Held steps", "\n".join(held)] if held else []
-    parts += ["## Failed steps", "\n".join(failed)] if failed else []
-    return [*parts, *(["## Warnings of components", "\n".join(warned)] if warned else [])]
+    return {
+        "Failed runs": status_lines(trials),
+        "Checks that are meant to fail": declared_lines(trials),
+        "Limitations": _limitations(trials),
+        "Held steps": held_sentences(trials),
+        "Failed steps": failed_sentences(trials),
+        "Warnings of components": warned,
+    }
 
 
 def remark_lines(trials: Trials) -> list[str]:
@@ -110,7 +103,7 @@ def remark_lines(trials: Trials) -> list[str]:
     held = [text for table in trials.each for text in held_sentences(table)]
     steps = [text for table in trials.each for text in failed_sentences(table)]
     kinds = {text for table in trials.each for notes in table.notes.values() for text in notes.warnings}
-    warned = [f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"] if kinds else []
+    warned = [f"{counted(len(kinds), 'warning')} of components: tables/summary.md"] if kinds else []
     found = [[*each] for each in (steps, held, warned, _limitations(trials)) if each]
     return [text + (f" (and {len(each)} more: tables/summary.md)" if each else "") for text, *each in found]
 
@@ -130,12 +123,17 @@ def failure_files(
     """
     files: dict[str, str] = {}
     for table in trials.each:
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         for method, run in failed_runs(table):
-            counts[method] = counts.get(method, 0) + 1
+            counts[method] += 1
             if counts[method] <= MOST_FILES:
+                rows = uncertainty[uncertainty["run"] == run]
+                for path, value in table.point.items():
+                    rows = rows[rows[path] == value]
+                names = [name for name in rows.columns if name != "run" and name not in table.point]
+                values = {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
                 point = f"{_word(table.title)}-" if table.title else ""
-                text = _failure_text(table, directory, method, run, _values_of(table, uncertainty, run), versions)
+                text = _failure_text(table, directory, method, run, values, versions)
                 files[f"{point}{_word(method)}-{run}.txt"] = text
     return files
 
@@ -161,15 +159,24 @@ def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
     return next((each for each in notes.failures if each.run == run), None) if notes else None
 
 
+def ran_counts(trials: Trials) -> dict[str, tuple[int, int]]:
+    """Return method -> its failed runs and all its runs, all points together."""
+    points = {name: [table for table in trials.each if name in table.methods] for name in trials.methods}
+    return {
+        name: (
+            sum(table.n_failed(name) for table in tables),
+            sum(int((table.frame["method"] == name).sum()) for table in tables),
+        )
+        for name, tables in points.items()
+    }
+
+
 def of_run(trials: Trials, method: str, run: int) -> str:
     """Say in one line what happened to a run."""
     failure = _failure(trials, method, run)
     where = f" at {trials.title}" if trials.title else ""
-    head = f"{method} run {run}{where}: {_status(trials, method, run)}"
-    if failure is None:
-        return head
-    reason = (failure.message or failure.component).splitlines()[0]
-    return f"{head}{_at(trials, failure.k)} ({reason})"
+    why = f"{_at(trials, failure.k)} ({message_of(trials, method, run)})" if failure is not None else ""
+    return f"{method} run {run}{where}: {_status(trials, method, run)}{why}"
 
 
 def message_of(trials: Trials, method: str, run: int) -> str:
@@ -214,14 +221,6 @@ def _failure_text(
     return "\n".join(lines) + "\n"
 
 
-def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str, float]:
-    rows = uncertainty[uncertainty["run"] == run]
-    for path, value in trials.point.items():
-        rows = rows[rows[path] == value]
-    names = [name for name in rows.columns if name != "run" and name not in trials.point]
-    return {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
-
-
 def _word(text: str) -> str:
     """Write a name so that it can be that of a file on every system."""
     return re.sub(r"[^\w.=,+-]+", "_", text)
@@ -240,21 +239,19 @@ def _percent(share: float) -> str:
 
 def status_lines(trials: Trials) -> list[str]:
     """List the failed runs by method and status; nothing where all runs ended well."""
-    failed = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "status"]]
-    counts = failed.value_counts().to_dict()
-    rows = []
+    failed, rows = trials.frame[trials.frame["status"] != Status.OK.word], []
     for method in trials.methods:
-        for word in sorted({word for name, word in counts if name == method}):
+        for word, n in sorted(failed.loc[failed["method"] == method, "status"].value_counts().items()):
             status = Status.__members__.get(word.upper().replace("-", "_"))
             meaning = f": {status.explanation}" if status is not None else ""
-            rows.append(f"- {method}: {counted(counts[method, word], 'run')} {word}{meaning}")
+            rows.append(f"{method}: {counted(n, 'run')} {word}{meaning}")
     return rows
 
 
 def declared_lines(trials: Trials) -> list[str]:
     """List the checks that own components declare to fail, with the reason."""
     return [
-        f"- {method}: `{check}` ({reason})"
+        f"{method}: `{check}` ({reason})"
         for method in trials.methods
         for check, reason in trials.expected_failures.get(method, {}).items()
     ]

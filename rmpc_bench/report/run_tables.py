@@ -20,24 +20,30 @@ from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.texts import inert_markdown
 
 
-def ensemble_rows(trials: Trials) -> list[list[str]]:
-    """Return a head and a row per method of one point; nothing where no moments were evaluated."""
-    rows = [["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]]
+def ensemble_rows(trials: Trials) -> list[dict[str, str]]:
+    """Return head -> cell of every method of one point; nothing where no moments were evaluated."""
+    rows = []
     for method in trials.methods:
         mean, cov, P = (_last(trials, quantity, method) for quantity in ("mean(e)", "cov(e)", "P"))
         if mean is None or cov is None:
             continue
-        variance = np.diagonal(cov)
-        reported = "-" if P is None else _numbers(np.diagonal(P))
-        square = f"{float(variance.sum() + mean @ mean):.4g}"
-        n = trials.n_of("cov(e)", method)
-        cells = [_numbers(np.where(np.abs(mean) < 1e-9 * np.sqrt(variance.max()), 0.0, mean)), _numbers(variance)]
-        rows.append([marked(trials, method), *cells, square, reported, f"from {n} runs" if n else "exact"])
-    return rows if len(rows) > 1 else []
+        variance, n = np.diagonal(cov), trials.n_of("cov(e)", method)
+        rows.append(
+            {
+                "error at the end": marked(trials, method),
+                "bias x - x_hat": _numbers(np.where(np.abs(mean) < 1e-9 * np.sqrt(variance.max()), 0.0, mean)),
+                "variance": _numbers(variance),
+                "mean square": f"{float(variance.sum() + mean @ mean):.4g}",
+                "reported covariance": "-" if P is None else _numbers(np.diagonal(P)),
+                "": f"from {n} runs" if n else "exact",
+            }
+        )
+    return rows
 
 
 def _last(trials: Trials, quantity: str, method: str) -> Array | None:
@@ -59,12 +65,10 @@ def ensemble_markdown(trials: Trials) -> str:
         return ""
     title = f": {trials.title}" if trials.title else ""
     head = inert_markdown(f"## Ensemble of the error at the end{title}")
-    table = markdown_table(dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True)))
-    return "\n".join([head, "", table, "", "Bias, variance and P by component.", ""])
+    return "\n".join([head, "", markdown_table(columns_from(rows)), "", "Bias, variance and P by component.", ""])
 
 
-FEWEST_RUNS = 20
-"""Runs below which the worst 5 % are less than one run."""
+FEWEST_RUNS = 20  # runs below which the worst 5 % are less than one run
 
 
 def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
@@ -117,8 +121,7 @@ def lost_table(trials: Trials) -> pd.DataFrame:
     return table
 
 
-MOST_POINTS = 12
-"""Points of a sweep whose drivers stand in tables/drivers.md; drivers.csv has all."""
+MOST_POINTS = 12  # points of a sweep whose drivers stand in tables/drivers.md; drivers.csv has all
 DRIVERS_NOTE = (
     "Share: what the adjusted R^2 of a quadratic response surface loses without all terms of a quantity. It is the "
     f"total effect of the quantity, interactions included, so that shares need not sum to 100 %. Brackets: interval "
@@ -129,14 +132,9 @@ DRIVERS_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class DriversTable:
-    """Drivers of the primary metric.
+    """Drivers of the primary metric."""
 
-    Parameters
-    ----------
-    points : table of each point and its drivers, see `rmpc_bench.analysis.drivers`
-    """
-
-    points: Sequence[tuple[Trials, pd.DataFrame]]
+    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its drivers, see `rmpc_bench.analysis.drivers`
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -150,9 +148,8 @@ class DriversTable:
             if len(frame):
                 parts += [f"# {trials.title}"] * bool(trials.title) + [markdown_table(_columns(frame))]
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
-        parts += [f"{left} more point{'s' * (left > 1)} of the sweep: drivers.csv"] if left else []
-        parts += [DRIVERS_NOTE] if parts else []
-        return markdown_page(parts)
+        parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
+        return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
 
     def __str__(self) -> str:
         return self.to_markdown()

@@ -27,21 +27,15 @@ from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines,
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
-WIDTH = 80
-"""Columns of the screen; fewer where a terminal has fewer."""
-MOST_NOTES = 5
-"""Lines below the table."""
-MOST_LINES = 25
-"""Lines of the screen of few methods and points; notes below a long matrix are fewer."""
+WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
+MOST_NOTES = 5  # lines below the table
+MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 _FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
 """Notes in the order of their importance."""
-_WHOLE = ("failed", "page")
-"""Notes whose lines are not broken: a command or a path that is copied."""
+_WHOLE = ("failed", "page")  # notes whose lines are not broken: a command or a path that is copied
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
-_GLUE = "\x01"
-"""Stands for a blank at which a line does not end."""
-_CAPTIONS = {"share": ", ties count half"}
-"""What is said of intervals, by the form of a table."""
+_GLUE = "\x01"  # stands for a blank at which a line does not end
+_CAPTIONS = {"share": ", ties count half"}  # what is said of intervals, by the form of a table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,13 +74,13 @@ class Screen:
         return [line.replace(_GLUE, " ") for line in wrapped(text, width)]
 
     def _head(self, width: int) -> list[str]:
-        k, done = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
+        k, what = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
         if not self.extent.planned:
             what = f"exact moments{f' at each of {k} points' if k > 1 else ''}, no runs"
         elif self.extent.is_unfinished:
-            what = f"INTERRUPTED at {done}; run it again to go on"
-        else:
-            what = done if self.trials.with_verdicts else f"smoke run: {done}"
+            what = f"INTERRUPTED at {what}; run it again to go on"
+        elif not self.trials.with_verdicts:
+            what = f"smoke run: {what}"
         line = f"{self.name}   {what}"
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
@@ -138,8 +132,8 @@ class Screen:
             yield "note", [self._note()]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
-            yield "tuned", [text for text in [self.tuned.gist] if text]
-            yield "requirements", [text for text in [self.demanded.gist] if text]
+            yield "tuned", [*filter(None, [self.tuned.gist])]
+            yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()
         yield "failed", self._failed(width)
         yield "claims", self._claims()
@@ -208,23 +202,20 @@ class Screen:
     def _claims(self) -> list[str]:
         if not self.verdicts:
             return []
-        if not self.trials.with_verdicts:
-            return ["claims: not evaluated, a smoke run is too short"]
-        if self.reasons:
-            return [f"claims: not evaluated, {'; '.join(self.reasons)}"]
+        why = [*self.reasons] if self.trials.with_verdicts else ["a smoke run is too short"]
+        if why:
+            return [f"claims: not evaluated, {'; '.join(why)}"]
         found = [Counter(each.joined for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]
         if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
             [finding] = known
             n, ours = found[0][finding], found[1][finding]
             texts = [f"{n} statement{'s' * (n > 1)} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
             return [f"{finding_words(finding)}: {', '.join(texts)} (claims.md)"]
-        names = ("statements of the paper", "ours")
-        texts = [
-            f"{name}: {', '.join(f'{counts[each]} {finding_words(each)}' for each in Finding if counts[each])}"
-            for name, counts in zip(names, found, strict=True)
-            if counts
-        ]
-        return [f"{'; '.join(texts)} (claims.md)"]
+        parts = []
+        for name, counts in zip(("statements of the paper", "ours"), found, strict=True):
+            words = [f"{counts[each]} {finding_words(each)}" for each in Finding if counts[each]]
+            parts += [f"{name}: {', '.join(words)}"] if words else []
+        return [f"{'; '.join(parts)} (claims.md)"]
 
     def _differing(self) -> list[str]:
         if self.reasons or not self.trials.with_verdicts:

@@ -11,30 +11,19 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 from rmpc_bench.analysis.rank_rows import Ranking
-from rmpc_bench.analysis.result_rows import (
-    BETTER,
-    EQUIVALENT,
-    FAILS_MORE,
-    INCONCLUSIVE,
-    NOT_COMPUTED,
-    WORSE,
-    ResultRow,
-    ResultTable,
-)
+from rmpc_bench.analysis.result_rows import FAILS_MORE, NOT_COMPUTED, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.answer import sweep_of
+from rmpc_bench.report.answer import ORDER, sweep_of
+from rmpc_bench.report.run_notes import ran_counts
 from rmpc_bench.report.run_tables import ensemble_rows
 from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
 
-NAME = 12
-"""Characters to which names are cut where a table is too wide."""
-MOST_ROWS, FIRST_ROWS = 40, 30
-"""Rows that are shown at most; of more the first ones."""
-MOST_POINTS = 12
-"""Points that have a line where a sweep has several paths."""
-_WORDS = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE, NOT_COMPUTED)
+NAME = 12  # characters to which names are cut where a table is too wide
+MOST_ROWS, FIRST_ROWS = 40, 30  # rows that are shown at most; of more the first ones
+MOST_POINTS = 12  # points that have a line where a sweep has several paths
+_WORDS = (*ORDER, NOT_COMPUTED)
 
 
 def fitting(layouts: Iterable[Callable[[], list[str]]], width: int) -> list[str]:
@@ -67,73 +56,61 @@ def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) ->
 def row_lines(table: ResultTable, width: int) -> list[str]:
     """Lay out the methods at one point: mean, change and verdict."""
     n, left = _shown(len(table.rows), "methods")
-    rows = table.ordered[:n]
+    rows, shares, unit = table.ordered[:n], table.form == "share", table.quantity_with_unit
+
+    def lines(size: int | None, with_mean: bool, remarks: int) -> list[str]:
+        what = without_formulas(unit if size is None else cut(table.quantity, size))
+        base = table.baseline if size is None else cut(table.baseline, size)
+        columns = [["method", *_cut_names([row.method for row in rows], size)]]
+        if with_mean:
+            head = f"{'occurred; median' if table.may_not_occur else 'mean'} {what}"
+            columns.append([head, *(plain(table.mean_text(row)) for row in rows)])
+        if table.form != "alone":
+            head = f"better than {base} in" if shares else f"change against {base}"
+            columns.append([head, *(plain(table.change_text(row)) for row in rows)])
+            columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
+        return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
+
     ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
-    return fitting((partial(_rows_in, table, rows, *way) for way in ways), width) + left
-
-
-def _rows_in(
-    table: ResultTable, rows: Sequence[ResultRow], size: int | None, with_mean: bool, remarks: int
-) -> list[str]:
-    names = _cut_names([row.method for row in rows], size)
-    columns = [["method", *names]]
-    if with_mean:
-        columns.append([_mean_head(table, size), *(plain(table.mean_text(row)) for row in rows)])
-    if table.form != "alone":
-        columns.append([_change_head(table, size), *(plain(table.change_text(row)) for row in rows)])
-        if any(row.word for row in rows):
-            columns.append(["verdict", *(_verdict(row, remarks) for row in rows)])
-    return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
-
-
-def _mean_head(table: ResultTable, size: int | None) -> str:
-    what = without_formulas(table.quantity_with_unit if size is None else cut(table.quantity, size))
-    return f"occurred; median {what}" if table.may_not_occur else f"mean {what}"
-
-
-def _change_head(table: ResultTable, size: int | None) -> str:
-    base = table.baseline if size is None else cut(table.baseline, size)
-    return f"better than {base} in" if table.form == "share" else f"change against {base}"
+    return fitting((partial(lines, *way) for way in ways), width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:
     """Write the word with its remark, with the failed runs only, or alone."""
     lost = f"{row.n_failed}/{row.n + row.n_failed}" if row.n_failed else ""
-    text = row.word if row.word == FAILS_MORE or not lost else f"{row.word}, {lost} failed"
     oracle = " (oracle)" if row.is_oracle and "oracle" not in row.method else ""
     if not remarks:
         return row.word
-    if remarks == 1 or row.word == FAILS_MORE or not row.remark:
-        return f"{text} {lost}".strip() + oracle if row.word == FAILS_MORE else text + oracle
+    if row.word == FAILS_MORE:
+        return f"{row.word} {lost}".strip() + oracle
+    if remarks == 1 or not row.remark:
+        return f"{row.word}, {lost} failed{oracle}" if lost else f"{row.word}{oracle}"
     return f"{row.word}{oracle}, {row.remark.replace('by less than', '<')}"
 
 
 def ran_lines(trials: Trials, width: int) -> list[str]:
     """Say of every method whether its runs ended well, all points together."""
     n, left = _shown(len(trials.methods), "methods")
-    rows = []
-    for method in trials.methods[:n]:
-        failed = sum(table.n_failed(method) for table in trials.each if method in table.methods)
-        total = sum(int((table.frame["method"] == method).sum()) for table in trials.each)
-        rows.append((method, f"failed {failed} of {total} runs" if failed else "ran" if total else NOT_COMPUTED))
-    names = _cut_names([name for name, _ in rows], NAME)
-    short_rows = [(name, word) for name, (_, word) in zip(names, rows, strict=True)]
-    return fitting((lambda: in_columns(rows), lambda: in_columns(short_rows)), width) + left
+    counts = [*ran_counts(trials).items()][:n]
+    words = [f"failed {k} of {total} runs" if k else "ran" if total else NOT_COMPUTED for _, (k, total) in counts]
+
+    def lines(size: int | None) -> list[str]:
+        return in_columns([*zip(_cut_names([name for name, _ in counts], size), words, strict=True)])
+
+    return fitting((lambda: lines(None), lambda: lines(NAME)), width) + left
 
 
 def moment_lines(trials: Trials, width: int) -> list[str]:
     """Lay out moments of the error at the end, a line per method and point; nothing without any."""
-    found = [(point, row) for point in trials.each for row in ensemble_rows(point)[1:]]
+    found = [(point.title, [*row.values()]) for point in trials.each for row in ensemble_rows(point)]
     n, left = _shown(len(found), "lines: tables/summary.md", most=MOST_POINTS, first=MOST_POINTS)
-    names = [" ".join(filter(None, [row[0], point.title])) for point, row in found[:n]]
-    heads = ("error at the end", "bias", "variance", "mean square", "reported")
+    names = [" ".join(filter(None, [row[0], title])) for title, row in found[:n]]
+    heads = ("error at the end", "bias", "variance", "mean square", "reported", "")
 
     def lines(size: int | None, kept: Sequence[int]) -> list[str]:
-        rows = [
-            [name, *(row[k] for k in kept), row[5]]
-            for name, (_, row) in zip(_cut_names(names, size), found, strict=False)
-        ]
-        return in_columns([[heads[0], *(heads[k] for k in kept), ""], *rows], range(1, len(kept) + 1))
+        columns = [[heads[0], *_cut_names(names, size)]]
+        columns += [[heads[k], *(row[k] for _, row in found[:n])] for k in (*kept, 5)]
+        return in_columns([*zip(*columns, strict=True)], range(1, len(kept) + 1))
 
     ways = ((None, (1, 2, 3, 4)), (None, (3, 4)), (None, (3,)), (NAME, (3,)))
     return fitting((partial(lines, *way) for way in ways), width) + left if found else []
@@ -143,10 +120,8 @@ def rank_lines(found: Ranking, trials: Trials, width: int) -> list[str]:
     """Lay out the ratios over all points, with the rank in place of a verdict."""
     n, left = _shown(len(found.rows), "methods")
     rows = found.rows[:n]
-    ratios = [
-        "1" if row.method == trials.baseline else plain(number_text(Estimate(each.ratio, each.low, each.high)))
-        for row, each in ((row, row.ratio) for row in rows)
-    ]
+    ratios = [plain(number_text(Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high))) for row in rows]
+    ratios = ["1" if row.method == trials.baseline else text for row, text in zip(rows, ratios, strict=True)]
     lost = [f"{row.n_failed}/{row.n}" if row.n_failed else "" for row in rows]
 
     def lines(size: int | None) -> list[str]:
@@ -167,7 +142,7 @@ def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     paths = [*dict.fromkeys(path for table in tables for path in table.trials.point)]
     x = paths[0].rpartition(".")[2] if len(paths) == 1 else "point"
     by = "" if len(paths) > 1 else f" by {x}" if x == paths[0] else f" by {x} = {paths[0]}"
-    what = f"{'share of runs better than' if first.form == 'share' else f'change of the {first.quantity} against'}"
+    what = "share of runs better than" if first.form == "share" else f"change of the {first.quantity} against"
     title = f"mean {first.quantity_with_unit}" if first.form == "alone" else f"{what} {first.baseline}"
     down, across = _matrix(tables, x, sweep.points)
     points_first = sweep.ordered or len(tables) >= len(first.rows) - 1
@@ -187,8 +162,7 @@ def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     return _counted_lines(tables, width)
 
 
-_WAYS = ((None, True), (None, False), (NAME, False))
-"""Size of names, and whether the means of the baseline are shown."""
+_WAYS = ((None, True), (None, False), (NAME, False))  # size of names, and whether the means of the baseline are shown
 _Layout = Callable[[int | None, bool], list[str]]
 
 
@@ -196,26 +170,24 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
     """Return the layouts with the points below each other and with the methods below each other."""
     first, found = tables[0], [{row.method: row for row in table.rows} for table in tables]
     names = [row.method for row in first.ordered if not row.is_baseline]
-    means = [short(rows[first.baseline].mean.value) if first.baseline in rows else "" for rows in found]
-    means = [plain(text) for text in means]
+    means = [plain(short(rows[first.baseline].mean.value)) if first.baseline in rows else "" for rows in found]
     pairs = [*zip(tables, found, strict=True)]
     cells = [
         [_hanging(plain(t.short_change(rows[name]))) if name in rows else "" for t, rows in pairs] for name in names
     ]
 
-    def down(size: int | None, with_mean: bool) -> list[str]:
-        columns = [[x, *_cut_names(points, size and 2 * size)]]
-        columns += [[f"{first.baseline}, mean", *means]] if with_mean or not names else []
-        columns += [[f"{name}  ", *column] for name, column in zip(_cut_names(names, size), cells, strict=True)]
-        return in_columns([*zip(*columns, strict=True)], range(1, len(columns)))
+    def lines(size: int | None, with_mean: bool, *, down: bool) -> list[str]:
+        texts = [_cut_names(points, size and 2 * size if down else size)]
+        texts += [means] if with_mean or not names else []
+        # Marks of cells stand behind the column of numbers, and so do heads and means.
+        texts = texts if down else [[f"{text}  " for text in row] for row in texts]
+        heads = [x, f"{first.baseline}, mean"][: len(texts)]
+        heads += [f"{name}  " if down else name for name in _cut_names(names, size)]
+        rows = [[head, *row] for head, row in zip(heads, [*texts, *cells], strict=True)]
+        rows = [[*row] for row in zip(*rows, strict=True)] if down else rows
+        return in_columns(rows, range(1, len(rows[0])))
 
-    def across(size: int | None, with_mean: bool) -> list[str]:
-        rows = [[x, *(f"{point}  " for point in _cut_names(points, size))]]
-        rows += [[f"{first.baseline}, mean", *(f"{mean}  " for mean in means)]] if with_mean or not names else []
-        rows += [[name, *row] for name, row in zip(_cut_names(names, size), cells, strict=True)]
-        return in_columns(rows, range(1, len(points) + 1))
-
-    return down, across
+    return partial(lines, down=True), partial(lines, down=False)
 
 
 def _hanging(cell: str) -> str:

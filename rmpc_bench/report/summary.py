@@ -14,12 +14,12 @@ from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
-from rmpc_bench.report.notes import note_of
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH
+from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
 from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import counted, declared_lines, notes_markdown, status_lines
+from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import ensemble_markdown, worst_runs_columns
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
@@ -43,12 +43,9 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
     worst = worst_runs_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
-    for head, lines in (
-        ("Failed runs", status_lines(trials)),
-        ("Checks that are meant to fail", declared_lines(trials)),
-    ):
-        parts += [f"## {head}", "\n".join(lines)] if lines else []
-    return markdown_page([*parts, *notes_markdown(trials)])
+    for head, entries in sections_of(trials).items():
+        parts += [f"## {head}", "\n".join(f"- {text}" for text in entries)] if entries else []
+    return markdown_page(parts)
 
 
 def quantity(info: MetricInfo) -> str:
@@ -59,10 +56,7 @@ def quantity(info: MetricInfo) -> str:
 
 MOST_ON_SCREEN = 6
 """Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
-
-
-MOST_PAGES = 50
-"""Points of a sweep that get a page in tables/summary.md; summary.csv has all."""
+MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
 class Summary(NamedTuple):
@@ -125,7 +119,7 @@ class Summary(NamedTuple):
         tables = latex_tables(self, (), columns, width)
         if wanted not in tables:
             raise DesignError("there is no table in LaTeX: no run, or too many points of a sweep; summary.csv has all")
-        return tables[wanted]
+        return tables[wanted].body
 
 
 def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequence[str] | None) -> PointSummary:
@@ -138,13 +132,10 @@ def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequen
 
 def summarise(trials: Trials) -> Summary:
     """Describe every method and compare it with the baseline, at every point of a sweep."""
-    pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
-    of = levels(trials)
+    of, pooled = levels(trials), None
+    if len(trials.points) > MOST_ON_SCREEN and trials.is_population:
+        # Nothing is estimated where the points are all there are, so there are no errors, intervals and tests.
+        every, none = trials.pooled(), {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
+        pooled = PointSummary(every, statistics.summary(every).assign(**none), comparisons(every).iloc[:0])
     points = [PointSummary(point, statistics.summary(point), comparisons(point, of)) for point in trials.each]
     return Summary(points, pooled)
-
-
-def _population(trials: Trials) -> PointSummary:
-    """Describe points that are all there are: nothing is estimated, so there are no errors, intervals and tests."""
-    none = {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
-    return PointSummary(trials, statistics.summary(trials).assign(**none), comparisons(trials).iloc[:0])

@@ -16,7 +16,8 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
-from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol
+from rmpc_bench.report.run_notes import counted
+from rmpc_bench.types.tuning import TunedParameter, Tuning
 
 EXPLANATION = (
     "Columns of objectives and of the share of failed runs: tuning is on the runs of the search, test on those of the "
@@ -47,17 +48,9 @@ def percent(value: float) -> str:
     return f"{value:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
 
 
-def objective_text(protocol: TuningProtocol) -> str:
-    """Say what the search makes small."""
-    penalty = f" x (1 + {protocol.penalty:g} x share of failed runs)" if protocol.penalty else ""
-    return f"{protocol.statistic} of {protocol.metric} over the finished runs{penalty}"
-
-
 def range_text(parameter: TunedParameter) -> str:
     """Write the range of a parameter."""
-    low, high = map(parameter.text, parameter.ends)
-    whole = ", whole numbers" if parameter.integer else ""
-    return f"{low} to {high}{whole}"
+    return " to ".join(map(parameter.text, parameter.ends)) + ", whole numbers" * parameter.integer
 
 
 def short_text(found: Outcome) -> str:
@@ -66,7 +59,7 @@ def short_text(found: Outcome) -> str:
     if row is None:
         return f"{search.method} nothing found"
     values = [
-        f"{parameter.path.rpartition('.')[2]} {parameter.text(float(value))}{' (end of range)' if end else ''}"
+        f"{parameter.path.rpartition('.')[2]} {parameter.text(float(value))}{' (end of range)' * end}"
         for parameter, value, end in zip(search.parameters, row, search.at_end, strict=True)
     ]
     return " ".join([search.method, *values])
@@ -83,14 +76,17 @@ def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
 
 def _cells(found: Outcome, place: int) -> dict[str, str]:
     search, parameter, row = found.search, found.search.parameters[place], found.search.tuned_row
-    end = " (end of range)" if search.at_end[place] else ""
+
+    def text(value: float | None) -> str:
+        return "-" if value is None else parameter.text(value)
+
     return {
         "method": search.method,
         "parameter": parameter.path,
         "range": range_text(parameter),
-        "default": _text(parameter, search.default[place]),
-        "tuned": _text(parameter, None if row is None else float(row[place])) + end,
-        "best on test": _text(parameter, found.best_values[place]),
+        "default": text(search.default[place]),
+        "tuned": text(None if row is None else float(row[place])) + " (end of range)" * search.at_end[place],
+        "best on test": text(found.best_values[place]),
         "tuning: tuned": number(found.objective),
         "test: default": number(found.test_default),
         "test: tuned": number(found.test_tuned),
@@ -101,25 +97,14 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
     }
 
 
-def _text(parameter: TunedParameter, value: float | None) -> str:
-    """Write a value of a parameter; ``-`` where it is not known."""
-    return "-" if value is None else parameter.text(value)
-
-
-def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:
-    """Write a rank at the n-th budget with its ends over the bootstrap sets, such as "2 (1 to 3)"."""
-    place = ranks.methods.index(method)
-    ends = ranks.smallest[budget, place], ranks.largest[budget, place]
-    return f"{ranks.ranks[budget, place]} ({ends[0]} to {ends[1]})"
-
-
 def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
     """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget."""
     columns = {"method": [*ranks.methods]}
     words = [parameter_text(trials, name) for name in ranks.methods]
     columns |= {"parameters": [word or "-" for word in words]} if any(words) else {}
     for index, n in enumerate(ranks.budgets):
-        columns[f"rank after {n} values"] = [rank_text(ranks, name, index) for name in ranks.methods]
+        found = zip(ranks.ranks[index], ranks.smallest[index], ranks.largest[index], strict=True)
+        columns[f"rank after {n} values"] = [f"{rank} ({low} to {high})" for rank, low, high in found]
     return columns
 
 
@@ -136,34 +121,25 @@ def rank_sentences(ranks: TuningRanks) -> list[str]:
     return texts
 
 
-MOST_NAMED = 3
-"""Searches whose values the screen names."""
-MOST_POINTS = 6
-"""Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
-_SHARES = [
-    "failed_pct",
-    "test_failed_default_pct",
-    "test_failed_pct",
-    "regret_pct",
-    "same_order_pct",
-    "same_winner_pct",
-]
+MOST_NAMED = 3  # searches whose values the screen names
+MOST_POINTS = 6  # points of a sweep that tables/tuning.md and the page show; tuning.csv has all
+_SHARES = ["failed_pct", "test_failed_default_pct", "test_failed_pct", "regret_pct"]
+_SHARES += ["same_order_pct", "same_winner_pct"]
 _NUMBERS = ["objective", "test_default", "test_tuned", "test_best"]
 _RANKS = ["rank", "rank_smallest", "rank_largest"]
 
 
 @dataclass(frozen=True, eq=False)
 class TuningTable:
-    """What tuning has chosen and gained, at every point of a sweep.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    tuning : how the parameters were chosen; None where no method is tuned
-    """
+    """What tuning has chosen and gained, at every point of a sweep."""
 
     trials: Trials
-    tuning: Tuning | None
+    tuning: Tuning | None  # how the parameters were chosen; None where no method is tuned
+
+    @cached_property
+    def _every(self) -> list[Outcome]:
+        """What all searches have found, point by point."""
+        return [each for found in self.outcomes.values() for each in found]
 
     @cached_property
     def outcomes(self) -> dict[str, list[Outcome]]:
@@ -174,30 +150,32 @@ class TuningTable:
         return found
 
     @cached_property
+    def _ranked(self) -> dict[str, TuningRanks | str]:
+        """Title of a point -> ranks there, or why it has none."""
+        tables, ranked = {table.title: table for table in self.trials.each}, dict[str, TuningRanks | str]()
+        if self.tuning is None:
+            return ranked
+        for title, found in self.outcomes.items():
+            searches, table, others = [each.search for each in found], tables.get(title), {}
+            protocol = self.tuning.protocol
+            if table is not None and protocol.metric in [info.name for info in table.metrics]:
+                rest = [name for name in table.methods if name not in {search.method for search in searches}]
+                others = {name: table.column(protocol.metric, name) for name in rest}
+            why = why_unranked(searches, None if table is None else len(table.runs))
+            ranks = None if why else tuning_ranks(protocol, searches, others, self.trials.all_methods)
+            ranked[title] = (why or "every run of the experiment has failed") if ranks is None else ranks
+        return ranked
+
+    @cached_property
     def ranks(self) -> dict[str, TuningRanks]:
         """Title of a point -> ranks there; without the points that have none."""
-        tables = {table.title: table for table in self.trials.each}
-        found = {title: self._ranks_at(title, tables.get(title), each) for title, each in self.outcomes.items()}
-        return {title: ranks for title, ranks in found.items() if ranks is not None}
+        return {title: ranks for title, ranks in self._ranked.items() if not isinstance(ranks, str)}
 
     @cached_property
     def unranked(self) -> dict[str, str]:
         """Title of a point without ranks -> why it has none; nothing where there is one method only."""
-        titles = [title for title in self.outcomes if title not in self.ranks and len(self.trials.methods) > 1]
-        return {title: self._why_unranked(title) or "every run of the experiment has failed" for title in titles}
-
-    def _why_unranked(self, title: str) -> str:
-        n_runs = next((len(table.runs) for table in self.trials.each if table.title == title), None)
-        return why_unranked([each.search for each in self.outcomes[title]], n_runs)
-
-    def _ranks_at(self, title: str, table: Trials | None, found: Sequence[Outcome]) -> TuningRanks | None:
-        if self.tuning is None or self._why_unranked(title):
-            return None
-        searches, metric, others = [each.search for each in found], self.tuning.protocol.metric, {}
-        if table is not None and metric in [info.name for info in table.metrics]:
-            tuned = {search.method for search in searches}
-            others = {name: table.column(metric, name) for name in table.methods if name not in tuned}
-        return tuning_ranks(self.tuning.protocol, searches, others, self.trials.all_methods)
+        whys = {title: why for title, why in self._ranked.items() if isinstance(why, str)}
+        return whys if len(self.trials.methods) > 1 else {}
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -220,11 +198,10 @@ class TuningTable:
         if ranks is None:
             return {**dict.fromkeys(_RANKS), "ranks": "", "same_order_pct": np.nan, "same_winner_pct": np.nan}
         place = ranks.methods.index(method)
+        last = (int(each[-1, place]) for each in (ranks.ranks, ranks.smallest, ranks.largest))
         texts = [f"{n}: {rank}" for n, rank in zip(ranks.budgets, ranks.ranks[:, place], strict=True)]
         return {
-            "rank": int(ranks.ranks[-1, place]),
-            "rank_smallest": int(ranks.smallest[-1, place]),
-            "rank_largest": int(ranks.largest[-1, place]),
+            **dict(zip(_RANKS, last, strict=True)),
             "ranks": ", ".join(texts),
             "same_order_pct": 100 * ranks.same_order,
             "same_winner_pct": 100 * ranks.same_winner,
@@ -246,15 +223,9 @@ class TuningTable:
         """What the tuning of these methods leaves open; nothing where no method is tuned."""
         if self.tuning is None:
             return []
-        found = {
-            each.search.method: each for point in self.outcomes.values() for each in point if any(each.search.at_end)
-        }
-        texts = [f"Tuned values at the end of their range: {', '.join(found)}; a better value may lie outside."]
-        texts = texts if found else []
-        left = dict.fromkeys(
-            each.search.method for point in self.outcomes.values() for each in point if each.search.chosen is None
-        )
-        texts += [f"Nothing could be tuned, so the defaults stay: {', '.join(left)}."] if left else []
+        ends, lost = ", ".join(self._at_end), ", ".join(self._lost)
+        texts = [f"Tuned values at the end of their range: {ends}; a better value may lie outside."] if ends else []
+        texts += [f"Nothing could be tuned, so the defaults stay: {lost}."] if lost else []
         names = [name for ranks in self.ranks.values() for name in (*ranks.can_change, *ranks.changing)]
         if names:
             shown = ", ".join(dict.fromkeys(names))
@@ -267,18 +238,27 @@ class TuningTable:
         if self.tuning is None:
             return ""
         protocol = self.tuning.protocol
+        penalty = f" x (1 + {protocol.penalty:g} x share of failed runs)" if protocol.penalty else ""
         return (
-            f"{protocol.budget} values at most are tried for each method, each on "
-            f"{protocol.runs} run{'s' * (protocol.runs > 1)} whose random numbers the experiment does not use. "
-            f"Objective: {objective_text(protocol)}."
+            f"{protocol.budget} values at most are tried for each method, each on {counted(protocol.runs, 'run')} "
+            "whose random numbers the experiment does not use. "
+            f"Objective: {protocol.statistic} of {protocol.metric} over the finished runs{penalty}."
         )
+
+    @property
+    def _at_end(self) -> list[str]:
+        """Methods whose tuned values are at the end of their range."""
+        return [*dict.fromkeys(each.search.method for each in self._every if any(each.search.at_end))]
+
+    @property
+    def _lost(self) -> list[str]:
+        """Methods for which nothing was found."""
+        return [*dict.fromkeys(each.search.method for each in self._every if each.search.chosen is None)]
 
     @property
     def cost(self) -> str:
         """Trials that tuning has computed, and their computing time where it is known; searches that are equal once."""
-        searches = {
-            each.search.key or id(each.search): each.search for found in self.outcomes.values() for each in found
-        }
+        searches = {each.search.key or id(each.search): each.search for each in self._every}
         sizes = [each.tuning.size + (0 if each.test is None else each.test.size) for each in searches.values()]
         seconds = sum(each.seconds for each in searches.values())
         return f"{sum(sizes):,} trials" + (f", {seconds:.0f} s of computing time" if seconds >= 0.5 else "")
@@ -286,12 +266,11 @@ class TuningTable:
     @property
     def tables(self) -> list[tuple[str, dict[str, list[str]], dict[str, list[str]], list[str]]]:
         """Title, table of values, table of ranks (empty without) and sentences of each point, `MOST_POINTS` at most."""
-        found = []
-        for title in [*self.outcomes][:MOST_POINTS]:
-            ranks = self.ranks.get(title)
-            of_ranks = {} if ranks is None else rank_columns(ranks, self.trials)
-            found.append((title, value_columns(self.outcomes[title]), of_ranks, self._sentences_at(title)))
-        return found
+        of_ranks = {title: rank_columns(ranks, self.trials) for title, ranks in self.ranks.items()}
+        return [
+            (title, value_columns(found), of_ranks.get(title, {}), self._sentences_at(title))
+            for title, found in [*self.outcomes.items()][:MOST_POINTS]
+        ]
 
     @property
     def n_left(self) -> int:
@@ -307,7 +286,7 @@ class TuningTable:
             parts += [f"## {title}"] * bool(title) + [markdown_table(values)]
             parts += [markdown_table(ranks)] if ranks else []
             parts += ["\n".join(f"- {text}" for text in sentences)] if sentences else []
-        parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
+        parts += [f"{counted(self.n_left, 'more point')} of the sweep: tuning.csv"] if self.n_left else []
         return markdown_page([*parts, EXPLANATION])
 
     @property
@@ -315,21 +294,15 @@ class TuningTable:
         """What is tuned, to what values if these are few, and what that leaves open; empty where nothing is."""
         if self.tuning is None or not self.outcomes:
             return ""
-        every, protocol = [each for found in self.outcomes.values() for each in found], self.tuning.protocol
+        protocol = self.tuning.protocol
         size = f"budget {protocol.budget}, {protocol.runs} runs (tables/tuning.md)"
-        if len(every) <= MOST_NAMED:
-            return f"tuned: {', '.join(map(short_text, every))}; {size}{self._no_ranks}"
-        lost = [*dict.fromkeys(each.search.method for each in every if each.search.chosen is None)]
-        ends = [*dict.fromkeys(each.search.method for each in every if any(each.search.at_end))]
-        n = len({each.search.method for each in every} - {*lost})
-        text = f"tuned: {n} method{'s' * (n != 1)}"
-        text += f"; nothing found for {', '.join(lost)}" if lost else ""
-        text += f"; at the end of its range: {', '.join(ends)}" if ends else ""
-        return f"{text}; {size}{self._no_ranks}"
-
-    @property
-    def _no_ranks(self) -> str:
-        return f"; no ranks: {next(iter(self.unranked.values()))}" if self.unranked else ""
+        size += f"; no ranks: {next(iter(self.unranked.values()))}" if self.unranked else ""
+        if len(self._every) <= MOST_NAMED:
+            return f"tuned: {', '.join(map(short_text, self._every))}; {size}"
+        text = f"tuned: {counted(len({each.search.method for each in self._every} - {*self._lost}), 'method')}"
+        text += f"; nothing found for {', '.join(self._lost)}" if self._lost else ""
+        text += f"; at the end of its range: {', '.join(self._at_end)}" if self._at_end else ""
+        return f"{text}; {size}"
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

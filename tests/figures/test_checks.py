@@ -205,29 +205,11 @@ def test_tubes_need_states_and_estimates(signals):
     assert of_tubes("{signals: [tube], order: [KF]}", other) == []
 
 
+NINE_ROWS = "9 rows of panels do not fit into one figure (at most 8): choose components such as x.0"
 TOO_CLOSE = "more than 50 time marks overlap: choose a longer time between two marks"
 COMMON = {"y": (3,), "bursts": (1,)}
 RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
 LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("{signals: [e, Q_yw.8, r.0, bursts]}", []),
-        ("{signals: [e.3]}", [("signals", "'e.3' is not a component (they count from e.0 to e.2)")]),
-        ("{signals: [Q_yw.9]}", [("signals", "'Q_yw.9' is not a component (they count from Q_yw.0 to Q_yw.8)")]),
-        ("{signals: [e, r, u]}", [("signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)")]),
-        (
-            "{signals: [Q_yw]}",
-            [("signals", "9 rows of panels do not fit into one figure (at most 8): choose components such as x.0")],
-        ),
-        ("{signals: []}", [("signals", "must name at least one signal")]),
-    ],
-)
-def test_signals_of_what_is_reported(text, found):
-    """Components of a matrix count row by row; the control error is there where y is."""
-    assert issues("signals", text, **LAYOUT) == found
 
 
 def test_components_of_a_signal_of_unknown_size():
@@ -243,40 +225,36 @@ def test_the_control_error_needs_the_output():
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("kind", "text", "key", "message"),
     [
-        ("{signal: Q_yw, run: 1, order: [B]}", []),
-        ("{signal: S}", [("signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)")]),
-        ("{signal: r}", [("signal", "r is not a square matrix (3): show it with signals")]),
-        ("{signal: y}", [("signal", "y is not a square matrix (3): show it with signals")]),
-        ("{signal: Q_yw, run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
-        ("{signal: Q_yw, order: [A, C]}", [("order", "'C' does not report Q_yw")]),
-        ("{signal: Q_yw, width: 3}", [("width", "3 columns need a width of 3.2 inches (got 3)")]),
-        ("{signal: Q_yw, to: 0}", [("to", EMPTY)]),
+        ("signals", "{signals: [e, Q_yw.8, r.0, bursts]}", "", ""),
+        ("signals", "{signals: [e.3]}", "signals", "'e.3' is not a component (they count from e.0 to e.2)"),
+        ("signals", "{signals: [Q_yw.9]}", "signals", "'Q_yw.9' is not a component (they count from Q_yw.0 to Q_yw.8)"),
+        ("signals", "{signals: [e, r, u]}", "signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)"),
+        ("signals", "{signals: [Q_yw]}", "signals", NINE_ROWS),
+        ("signals", "{signals: []}", "signals", "must name at least one signal"),
+        ("elements", "{signal: Q_yw, run: 1, order: [B]}", "", ""),
+        ("elements", "{signal: S}", "signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)"),
+        ("elements", "{signal: r}", "signal", "r is not a square matrix (3): show it with signals"),
+        ("elements", "{signal: y}", "signal", "y is not a square matrix (3): show it with signals"),
+        ("elements", "{signal: Q_yw, run: 2}", "run", "run 2 is not recorded (recorded: 0, 1)"),
+        ("elements", "{signal: Q_yw, order: [A, C]}", "order", "'C' does not report Q_yw"),
+        ("elements", "{signal: Q_yw, width: 3}", "width", "3 columns need a width of 3.2 inches (got 3)"),
+        ("elements", "{signal: Q_yw, to: 0}", "to", EMPTY),
+        ("scatter", "{x: y.0, y: y.1}", "", ""),
+        ("scatter", "{x: y.2, y: y.0, run: 1, marks: 1, magnify: 20}", "", ""),
+        ("scatter", "{x: y.0, y: y.1, run: 5}", "run", "run 5 is not recorded (recorded: 0, 1)"),
+        ("scatter", "{x: y.0, y: y.3}", "y", "'y.3' is not a component (they count from y.0 to y.2)"),
+        ("scatter", "{x: y.1, y: y.1}", "y", "must be another metric or signal than x"),
+        ("scatter", "{x: y.0, y: y}", "y", "must be one component of a recorded signal, such as y.0"),
+        ("scatter", "{x: y.0, y: y.1, marks: 0.1}", "marks", TOO_CLOSE),
+        ("scatter", "{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", "", ""),
+        ("scatter", "{x: y.0, y: y.1, from: 5, to: 2}", "from", EMPTY),
     ],
 )
-def test_what_elements_require(text, found):
-    """A recorded square matrix of a recorded run, which fits."""
-    assert issues("elements", text, **LAYOUT) == found
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("{x: y.0, y: y.1}", []),
-        ("{x: y.2, y: y.0, run: 1, marks: 1, magnify: 20}", []),
-        ("{x: y.0, y: y.1, run: 5}", [("run", "run 5 is not recorded (recorded: 0, 1)")]),
-        ("{x: y.0, y: y.3}", [("y", "'y.3' is not a component (they count from y.0 to y.2)")]),
-        ("{x: y.1, y: y.1}", [("y", "must be another metric or signal than x")]),
-        ("{x: y.0, y: y}", [("y", "must be one component of a recorded signal, such as y.0")]),
-        ("{x: y.0, y: y.1, marks: 0.1}", [("marks", TOO_CLOSE)]),
-        ("{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", []),
-        ("{x: y.0, y: y.1, from: 5, to: 2}", [("from", EMPTY)]),
-    ],
-)
-def test_what_a_path_requires(text, found):
-    """A recorded run, two components, marks that do not overlap."""
-    assert issues("scatter", text, **LAYOUT) == found
+def test_what_figures_of_recorded_signals_require(kind, text, key, message):
+    """Recorded runs, components that exist (of a matrix row by row), marks that do not overlap; e is there with y."""
+    assert issues(kind, text, **LAYOUT) == ([(key, message)] if message else [])
 
 
 def test_pictures_of_a_run_need_one():
@@ -284,12 +262,7 @@ def test_pictures_of_a_run_need_one():
     message = "no run is recorded; record some with `record: {runs: 1}`"
     assert issues("elements", "{signal: Q_yw}") == [("", message)]
     assert issues("scatter", "{x: y.0, y: y.1}")[0] == ("", message)
-
-
-def test_runs_that_are_recorded_are_listed():
-    """Many by their ends."""
-    layout = LAYOUT | {"recorded": range(200)}
-    found = issues("scatter", "{x: y.0, y: y.1, run: 200}", **layout)
+    found = issues("scatter", "{x: y.0, y: y.1, run: 200}", **LAYOUT | {"recorded": range(200)})
     assert found == [("run", "run 200 is not recorded (recorded: 0 to 199)")]
 
 

@@ -1,11 +1,17 @@
-"""CSV files have the bytes of pandas."""
+"""CSV files have the bytes of pandas, and those for version control the same bytes where numbers differ by rounding."""
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from rmpc_bench.analysis.comparison import comparisons
+from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.report import csv_file
-from rmpc_bench.report.csv_file import write_csv
+from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
+from rmpc_bench.types import MetricInfo
 
 RNG = np.random.default_rng(2)
 FRAMES = {
@@ -40,3 +46,110 @@ def test_a_carriage_return_is_in_quotes(tmp_path):
     frame = pd.DataFrame({"name": ["g\rh", "i"], "n": [1, 2]})
     write_csv(frame, tmp_path / "a.csv")
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "a.csv"), frame, check_dtype=False)
+
+
+def test_trials_csv(make_trials, tmp_path):
+    """Missing is empty, infinite is inf, columns in order."""
+    trials = make_trials({"mse": {"A": [0.1, "diverged"], "B": [math.inf, 1e-7]}})
+    trials.frame.insert(0, "extra", 1)
+    trials_csv(trials, tmp_path / "trials.csv")
+    expected = b"method,run,status,mse\nA,0,ok,0.1\nA,1,diverged,\nB,0,ok,inf\nB,1,ok,1e-07\n"
+    assert (tmp_path / "trials.csv").read_bytes() == expected
+
+
+def test_csv_round_trip(tmp_path):
+    """Floats of every size come back bit for bit in their shortest form, ints stay ints."""
+    bits = np.random.default_rng(0).integers(0, 2**64, 5000, dtype=np.uint64)
+    value = bits.view(np.float64)
+    frame = pd.DataFrame({"method": "A, b", "component": "0,1", "k": np.arange(5000), "value": value})
+    frame.loc[7, "value"] = 5e-324
+    path = tmp_path / "series.csv"
+    write_csv(frame, path)
+    texts = [line.rsplit(",", 1)[1] for line in path.read_text().splitlines()[1:]]
+    assert texts == ["" if math.isnan(number) else repr(number) for number in frame["value"].tolist()]
+    # The default parser of pandas may miss the last bit, float() does not.
+    back = pd.read_csv(path, dtype={"value": str}).astype({"value": float})
+    pd.testing.assert_frame_equal(back, frame, check_exact=True)
+    assert back["k"].dtype == np.int64
+    write_csv(back, tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
+    assert b"\r" not in path.read_bytes()
+
+
+def test_csv_of_the_derived_tables(make_trials, tmp_path):
+    """Their columns, and no index."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}})
+    write_csv(summary(trials), tmp_path / "summary.csv")
+    write_csv(comparisons(trials), tmp_path / "comparisons.csv")
+    lines = (tmp_path / "summary.csv").read_text().splitlines()
+    assert lines[0].startswith("method,metric,n,n_failed,mean,se,") and lines[2].startswith("B,mse,1,1,2.0,,,,2.0,")
+    text = (tmp_path / "comparisons.csv").read_text().splitlines()[1]
+    assert text.startswith("B,A,mse,100.0,,,0,2,0,0.0,1.000,1,inconclusive,geometric,")
+
+
+METRICS = [MetricInfo("mse", "rad^2", "lower"), MetricInfo("offset", "rad", "zero")]
+
+
+def with_noise(trials, rng):
+    """Change every value in its last digits, and a zero by what is left of a difference of such numbers."""
+    frame = trials.frame.copy()
+    for info in trials.metrics:
+        values = frame[info.name].to_numpy(dtype=float)
+        relative, left = rng.uniform(-1e-14, 1e-14, len(values)), rng.uniform(0, 1e-15, len(values))
+        frame[info.name] = np.where(values == 0, left, values * (1 + relative))
+    return replace(trials, frame=frame)
+
+
+@pytest.fixture
+def trials(make_trials, rng):
+    """Return methods that are equal, nearly equal, better in some runs by nothing, and one without a spread."""
+    first = rng.uniform(0.5, 2.0, 12).round(2)
+    nearly, second = first * (1 + 1e-7 * rng.standard_normal(12)), first.copy()
+    second[:3] *= 0.8
+    values = {"A": first, "B": nearly, "C": second, "D": np.full(12, 0.3), "E": first}
+    small = {"A": first - 1.0, "B": nearly - first, "C": np.full(12, 0.05), "D": np.full(12, 0.1), "E": first - 1.0}
+    return make_trials(
+        {name: {m: [*v] for m, v in data.items()} for name, data in (("mse", values), ("offset", small))}, METRICS
+    )
+
+
+def test_rounding_errors_change_no_byte(trials, rng):
+    """Numbers, counts, ranks and words, where the runs of two methods differ by rounding errors only, too."""
+    expected = [table.to_csv() for table in (summary_table(summary(trials)), comparisons_table(comparisons(trials)))]
+    for _ in range(5):
+        other = with_noise(trials, rng)
+        found = [table.to_csv() for table in (summary_table(summary(other)), comparisons_table(comparisons(other)))]
+        assert found == expected
+
+
+def test_six_digits_and_exact_counts(make_trials):
+    """By hand: 1/3 and 2/3 in the mean and its error; n stays a whole number."""
+    trials = make_trials({"mse": {"A": [0.0, 0.0, 1.0], "B": [1.0, 1.0, 1.0]}}, METRICS[:1])
+    row = summary_table(summary(trials)).to_dict("records")[0]
+    assert (row["n"], row["n_failed"], row["mean"], row["se"], row["max"]) == (3, 0, 0.333333, 0.333333, 1.0)
+    assert "did_not_occur" not in row
+
+
+def test_a_number_beside_a_large_one_is_zero(make_trials):
+    """A method whose metric is 1e-16 where that of another is 0.1; the largest run of all does not count."""
+    values = {"A": [1e-16, 2e-16, 1e-16, 3e-16, 1e-16], "B": [0.1, 0.2, 0.2, 0.3, 1e12]}
+    rows = summary_table(summary(make_trials({"mse": values}, METRICS[:1]))).to_dict("records")
+    assert (rows[0]["mean"], rows[0]["max"]) == (0.0, 0.0)
+    assert (rows[1]["median"], rows[1]["max"]) == (0.2, 1e12)
+
+
+def test_a_row_beside_a_large_one_keeps_its_spread(make_trials):
+    """A method whose metric is 2e-9 to 5e-9 of that of another: its smallest run and the error of its mean, not 0."""
+    values = {"A": [0.2, 0.4, 0.5, 0.5], "B": [1e8, 1e8, 1e8, 1e8]}
+    row = summary_table(summary(make_trials({"mse": values}, METRICS[:1]))).to_dict("records")[0]
+    # By hand: the deviations -0.2, 0, 0.1, 0.1 give sqrt(0.06 / 3 / 4).
+    assert (row["mean"], row["se"], row["min"], row["max"]) == (0.4, 0.0707, 0.2, 0.5)
+
+
+def test_equal_methods_are_not_separated(make_trials):
+    """Rounding errors of one sign in all runs have an interval that leaves out 0, and are no difference."""
+    values = [0.1, 0.2, 0.3, 0.4]
+    trials = make_trials({"mse": {"A": values, "B": [value * (1 - 4e-16) for value in values]}}, METRICS[:1])
+    row = comparisons_table(comparisons(trials)).to_dict("records")[0]
+    assert (row["change_pct"], row["superiority"], row["p_wilcoxon_holm"]) == (0.0, 0.5, "1.000")
+    assert row["verdict"] == "inconclusive"

@@ -27,30 +27,30 @@ def believed(method, values):
 def test_numbers_of_the_last_sample(make_trials, with_series):
     """The mean square is the trace of the covariance and the square of the bias: 4 + 9 + 1 + 0.25."""
     entries = moments("A", [1.0, -0.5], [4.0, 9.0], 500) + believed("A", [5.0, 6.0])
-    head, row = ensemble_rows(with_series(make_trials(TWO), *entries))
-    assert head == ["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]
-    assert row == ["A", "1 -0.5", "4 9", "14.25", "5 6", "from 500 runs"]
+    [row] = ensemble_rows(with_series(make_trials(TWO), *entries))
+    assert [*row] == ["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]
+    assert [*row.values()] == ["A", "1 -0.5", "4 9", "14.25", "5 6", "from 500 runs"]
 
 
 def test_exact_ones_win(make_trials, with_series):
     """Beside those of runs; a method may have either, and no P."""
     entries = moments("A", [1.0], [4.0], 500) + moments("A", [0.5], [2.0], 0) + moments("B", [0.0], [3.0], 20)
-    rows = ensemble_rows(with_series(make_trials(TWO), *entries))[1:]
+    rows = [[*row.values()] for row in ensemble_rows(with_series(make_trials(TWO), *entries))]
     assert rows == [["A", "0.5", "2", "2.25", "-", "exact"], ["B", "0", "3", "3", "-", "from 20 runs"]]
 
 
 def test_a_bias_that_is_rounding_is_zero(make_trials, with_series):
     """Relative to the standard deviation, so that a small bias of a small error stays."""
     entries = moments("A", [1e-17, 1e-5], [1.0, 1.0], 0) + moments("B", [1e-17], [1e-30], 0)
-    rows = ensemble_rows(with_series(make_trials(TWO), *entries))[1:]
-    assert [row[1] for row in rows] == ["0 1e-05", "1e-17"]
+    rows = ensemble_rows(with_series(make_trials(TWO), *entries))
+    assert [row["bias x - x_hat"] for row in rows] == ["0 1e-05", "1e-17"]
 
 
 def test_oracles_are_marked(make_trials, with_series):
     """As in the other tables."""
     trials = with_series(make_trials(TWO), *moments("A", [0.0], [1.0], 0), *moments("B", [0.0], [1.0], 0))
-    rows = ensemble_rows(replace(trials, oracles=frozenset({"B"})))[1:]
-    assert [row[0] for row in rows] == ["A", "B (oracle)"]
+    rows = ensemble_rows(replace(trials, oracles=frozenset({"B"})))
+    assert [row["error at the end"] for row in rows] == ["A", "B (oracle)"]
 
 
 def test_nothing_without_moments(make_trials, with_series):
@@ -59,14 +59,14 @@ def test_nothing_without_moments(make_trials, with_series):
         assert ensemble_rows(trials) == []
         assert ensemble_markdown(trials) == ""
     rows = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))
-    assert [row[0] for row in rows[1:]] == ["B"]
+    assert [row["error at the end"] for row in rows] == ["B"]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_an_error_beyond_all_bounds(make_trials, with_series, value):
     """It is shown as it is, without a warning."""
-    (_, row) = ensemble_rows(with_series(make_trials(TWO), *moments("A", [0.0], [value], 0)))
-    assert row[2] == row[3] == str(value)
+    [row] = ensemble_rows(with_series(make_trials(TWO), *moments("A", [0.0], [value], 0)))
+    assert row["variance"] == row["mean square"] == str(value)
 
 
 def test_a_page_of_a_point(make_trials, with_series):

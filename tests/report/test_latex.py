@@ -1,16 +1,18 @@
 """Tables in LaTeX: rows, columns and numbers of the Markdown table, comments at the head, captions that define them."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.latex import ALL_METRICS, latex_tables, name_lines, stacked
+from rmpc_bench.report.latex import ALL_METRICS, name_lines, stacked
 from rmpc_bench.report.latex_text import width_of
-from rmpc_bench.report.notes import latex_captions, latex_notes
+from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.summary import Summary, summarise
 from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.types.requirement import Limit, Requirement
 
 
 def rows_in(text: str) -> list[list[str]]:
@@ -39,7 +41,7 @@ def summary_of(make_trials) -> tuple[Trials, Summary]:
 def test_numbers_are_those_of_the_markdown_table(make_trials):
     """Every digit of mean, change and counts, in the same order."""
     trials, summary = summary_of(make_trials)
-    text = latex_tables(summary, columns=["mean", "change", "counts"])[trials.metrics[0].name]
+    text = latex_tables(summary, columns=["mean", "change", "counts"])[trials.metrics[0].name].body
     markdown = summary.to_markdown()
     for row, method in zip(rows_in(text), trials.methods, strict=True):
         line = next(line for line in markdown.split("\n") if line.startswith(f"| {method} |")).replace("\u2212", "-")
@@ -50,7 +52,7 @@ def test_numbers_are_those_of_the_markdown_table(make_trials):
 def test_head_of_the_file(make_trials):
     """Comments come first, each on one line, and a hostile one stays a comment."""
     _, summary = summary_of(make_trials)
-    text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).split("\n")
+    text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).body.split("\n")
     assert text[0] == "% version 1" and text[1] == r"% run \input{x}" and text[2].startswith("% needs")
     assert text[3].startswith(r"\begin{tabular}{@{}l") and text[4] == r"\toprule"
 
@@ -61,19 +63,18 @@ def test_order_and_metrics(make_trials):
     order, metric = [*reversed(trials.methods)][:2], trials.metrics[-1].name
     tables = latex_tables(summary.shown(order, [metric]))
     assert list(tables) == [metric]
-    assert [row[0] for row in rows_in(tables[metric])] == ["Q", "R, $c=10^{-1}$"]
+    assert [row[0] for row in rows_in(tables[metric].body)] == ["Q", "R, $c=10^{-1}$"]
 
 
 def test_every_table_has_a_caption_and_a_note(make_trials):
     """With the baseline, the pairing, the failures and every column that is shown."""
     trials, summary = summary_of(make_trials)
-    tables, captions, notes = latex_tables(summary), latex_captions(summary), latex_notes(summary)
-    assert tables.keys() == captions.keys() == notes.keys()
+    tables = latex_tables(summary)
     # Classes of documents set captions in capitals: one line without units.
-    assert captions["mse"] == "MSE of 3 methods in 30 runs per method%\n"
-    assert captions["input_cost"].startswith("Input cost of")
-    text = latex_notes(summary, ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"])
-    caption = text[trials.metrics[0].name]
+    assert tables["mse"].caption == "MSE of 3 methods in 30 runs per method%\n"
+    assert tables["input_cost"].caption.startswith("Input cost of")
+    shown = ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"]
+    caption = latex_tables(summary, columns=shown)[trials.metrics[0].name].note
     for word in (
         "Mean:",
         "Median:",
@@ -94,9 +95,9 @@ def test_a_sweep_has_groups_of_rows_or_a_row_per_point(make_trials, make_sweep):
     trials = make_sweep(*points)
     summary = summarise(trials)
     name, n = trials.metrics[0].name, len(trials.points)
-    groups = latex_tables(summary, columns=["mean", "n"])[name]
+    groups = latex_tables(summary, columns=["mean", "n"])[name].body
     assert groups.count(r"\multicolumn") == n and groups.count(r"\addlinespace") == n - 1
-    rows = rows_in(latex_tables(summary, columns=["mean"])[name])
+    rows = rows_in(latex_tables(summary, columns=["mean"])[name].body)
     assert len(rows) == n and len(rows[0]) == 1 + len(trials.points[0].methods)
 
 
@@ -105,8 +106,8 @@ def test_the_usual_columns_depend_on_the_width(make_trials, width):
     """More columns where there is room, never fewer than two numbers."""
     trials, summary = summary_of(make_trials)
     name = trials.metrics[0].name
-    n = len(rows_in(latex_tables(summary, width=width)[name])[0])
-    assert 3 <= n <= len(rows_in(latex_tables(summary, width=1000.0)[name])[0])
+    n = len(rows_in(latex_tables(summary, width=width)[name].body)[0])
+    assert 3 <= n <= len(rows_in(latex_tables(summary, width=1000.0)[name].body)[0])
 
 
 def test_long_names_and_heads():
@@ -127,9 +128,41 @@ def test_python_gives_the_tables_of_the_files(make_trials):
     """The primary metric by default; a wrong name and a wrong width say what is possible."""
     _, summary = summary_of(make_trials)
     tables = latex_tables(summary)
-    assert summary.to_latex() == tables["mse"] and summary.to_latex("input_cost") == tables["input_cost"]
-    assert summary.to_latex(ALL_METRICS) == tables[ALL_METRICS]
+    for name in ("input_cost", ALL_METRICS):
+        assert summary.to_latex(name) == tables[name].body
+    assert summary.to_latex() == tables["mse"].body
     assert "Won/lost/" in summary.to_latex("mse", columns=["counts"]) and "Mean" not in summary.to_latex(columns=["n"])
     assert len(summary.to_latex(width=700.0)) > len(summary.to_latex(width=150.0))
     with pytest.raises(DesignError, match="'msee' is not a known metric; did you mean 'mse'"):
         summary.to_latex("msee")
+
+
+TIME = MetricInfo("settling_time", "s", "lower")
+FAST = Requirement("settling_time < 20", "settling_time", (Limit("<", 20.0),))
+
+
+def passing(make_trials, requirements=(FAST,)):
+    """Statistics of two methods: one run of A and three of B pass, and one run of B fails."""
+    columns = {"settling_time": {"A": [10.0, 30.0, 30.0, 30.0], "B": [10.0, 11.0, 12.0, "diverged"]}}
+    return summarise(replace(make_trials(columns, (TIME,)), requirements=requirements))
+
+
+def test_rows_are_those_of_the_pass_rates(make_trials):
+    text = latex_tables(passing(make_trials), ["version 1"])["requirements"].body
+    assert text.startswith("% version 1") and r"settling\_time $<$ 20 s" in text
+    assert "A & $1/4$ & " in text and "B & $3/4$ & " in text and "$+50" in text and r"\toprule" in text
+
+
+def test_the_caption_defines_the_columns(make_trials):
+    text = "".join(latex_tables(passing(make_trials))["requirements"])
+    for words in (
+        r"settling\_time $<$ 20 s; 4 runs per method",
+        "Wilson",
+        "percentage points",
+        "B 1; they do not pass",
+    ):
+        assert words in text
+
+
+def test_without_requirements_there_is_no_passing(make_trials):
+    assert "requirements" not in latex_tables(passing(make_trials, ()))

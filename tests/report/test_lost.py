@@ -8,8 +8,7 @@ from comparison_tables import table
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.report.latex import latex_tables
-from rmpc_bench.report.notes import latex_notes
+from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import ConfigError, MetricInfo
@@ -32,7 +31,7 @@ def test_the_markdown_has_the_share_beside_the_mean(trials):
 def test_without_the_key_nothing_is_said_of_it(trials):
     made = summarise(replace(trials, lost=None))
     assert "| lost |" not in made.to_markdown()
-    assert "Lost" not in latex_tables(made)["m"] and "Lost" not in latex_notes(made)["m"]
+    assert not any("Lost" in text for text in latex_tables(made)["m"])
     assert lost_table(replace(trials, lost=None)).empty
 
 
@@ -47,12 +46,12 @@ def test_only_the_table_of_the_primary_metric_has_it(make_trials):
 def test_the_table_for_a_paper_defines_the_column(trials):
     """It stays where the columns do not fit, and so does the change."""
     made = summarise(trials)
-    text = latex_tables(made, width=100.0)["m"]
+    text = latex_tables(made, width=100.0)["m"].body
     assert r"Lost\\{}[\%]" in text and r"$25\ [5, 70]$" in text and "Change" in text and "Won/lost" not in text
-    note = latex_notes(made)["m"]
+    note = latex_tables(made)["m"].note
     assert r"Lost: share of the runs that failed or whose m exceeds 10 times that of KF in the same run" in note
     alone = made.shown(["X"])
-    assert r"$25\ [5, 70]$" in latex_tables(alone, columns=["lost"])["m"]
+    assert r"$25\ [5, 70]$" in latex_tables(alone, columns=["lost"])["m"].body
 
 
 def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):

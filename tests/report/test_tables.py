@@ -1,15 +1,12 @@
-"""Markdown page and CSV files."""
+"""Markdown page."""
 
 import math
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.statistics import summary
-from rmpc_bench.report.csv_file import trials_csv, write_csv
 from rmpc_bench.report.summary import summary_markdown
 from rmpc_bench.types import MetricInfo
 
@@ -103,45 +100,6 @@ def test_unknown_status_is_counted(make_trials):
     """A table written by a later version."""
     text = page(make_trials({"mse": {"A": ["eaten-by-dog", "eaten-by-dog", 1.0]}}))
     assert text.endswith("## Failed runs\n\n- A: 2 runs eaten-by-dog\n")
-
-
-def test_trials_csv(make_trials, tmp_path):
-    """Missing is empty, infinite is inf, columns in order."""
-    trials = make_trials({"mse": {"A": [0.1, "diverged"], "B": [INF, 1e-7]}})
-    trials.frame.insert(0, "extra", 1)
-    trials_csv(trials, tmp_path / "trials.csv")
-    expected = b"method,run,status,mse\nA,0,ok,0.1\nA,1,diverged,\nB,0,ok,inf\nB,1,ok,1e-07\n"
-    assert (tmp_path / "trials.csv").read_bytes() == expected
-
-
-def test_csv_round_trip(tmp_path):
-    """Floats of every size come back bit for bit in their shortest form, ints stay ints."""
-    bits = np.random.default_rng(0).integers(0, 2**64, 5000, dtype=np.uint64)
-    value = bits.view(np.float64)
-    frame = pd.DataFrame({"method": "A, b", "component": "0,1", "k": np.arange(5000), "value": value})
-    frame.loc[7, "value"] = 5e-324
-    path = tmp_path / "series.csv"
-    write_csv(frame, path)
-    texts = [line.rsplit(",", 1)[1] for line in path.read_text().splitlines()[1:]]
-    assert texts == ["" if math.isnan(number) else repr(number) for number in frame["value"].tolist()]
-    # The default parser of pandas may miss the last bit, float() does not.
-    back = pd.read_csv(path, dtype={"value": str}).astype({"value": float})
-    pd.testing.assert_frame_equal(back, frame, check_exact=True)
-    assert back["k"].dtype == np.int64
-    write_csv(back, tmp_path / "again.csv")
-    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
-    assert b"\r" not in path.read_bytes()
-
-
-def test_csv_of_the_derived_tables(make_trials, tmp_path):
-    """Their columns, and no index."""
-    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}})
-    write_csv(summary(trials), tmp_path / "summary.csv")
-    write_csv(comparisons(trials), tmp_path / "comparisons.csv")
-    lines = (tmp_path / "summary.csv").read_text().splitlines()
-    assert lines[0].startswith("method,metric,n,n_failed,mean,se,") and lines[2].startswith("B,mse,1,1,2.0,,,,2.0,")
-    text = (tmp_path / "comparisons.csv").read_text().splitlines()[1]
-    assert text.startswith("B,A,mse,100.0,,,0,2,0,0.0,1.000,1,inconclusive,geometric,")
 
 
 def test_an_oracle_is_marked(make_trials):

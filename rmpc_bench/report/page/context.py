@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.result_rows import ResultTable
+from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
@@ -17,6 +18,7 @@ from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
 from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
+from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
 
 EXACT = "Exact moments of the error; nothing is simulated."
@@ -31,8 +33,7 @@ class Main(NamedTuple):
     groups: Sequence[Group] = ()
     moments: Table | None = None
     note: str = ""
-    wide: bool = False
-    """Whether a matrix is too wide to stand beside lines."""
+    wide: bool = False  # whether a matrix is too wide to stand beside lines
 
     @property
     def n_words(self) -> int:
@@ -46,7 +47,9 @@ def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
     tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
     pooled = pooled_of(source.tables, source.info)
-    informational = bool(source.overrides or source.incomplete)
+    informational, paper = bool(source.overrides or source.incomplete), record["paper"] or ""
+    address, identifier = paper_link(paper)
+    directories = dict.fromkeys(f"{file.partition('/')[0]}/" for file in source.files if "/" in file)
     claims = claim_items(source.verdicts) if trials.with_verdicts else []
     main = _main(source, tables, pooled)
     opened = n_open(claims, main.n_words)
@@ -56,7 +59,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "title": " ".join((record["title"] or trials.name).split()),
         "name": "/".join(part for part in (record["paper"], trials.name) if part),
         "names": tuple(sorted(trials.all_methods, key=len, reverse=True)),
-        "paper": _paper(record["paper"] or ""),
+        "paper": (address, identifier or (paper if usual_parameters(paper) == "as published" else "")),
         "index": source.index,
         "banner": _banner(source),
         "answer": answer_of(source.tables, [] if informational else source.verdicts, source.extent),
@@ -71,7 +74,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "folds": folds_of(source, tables),
         "command": record["command"],
         "foot": _foot(source),
-        "files": _files(source.files),
+        "files": [*(name for name in FILES if name in source.files), *directories],
         "pictures": [(each.name, *_picture(each.files)) for each in source.figures if each.files],
     }
 
@@ -84,12 +87,6 @@ def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent
         return EXACT
     tables = [pooled] if pooled else tables
     return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
-
-
-def _paper(name: str) -> tuple[str, str]:
-    """Return address and name of the paper; without an address the name alone, and nothing for other directories."""
-    address, identifier = paper_link(name)
-    return address, identifier or (name if usual_parameters(name) == "as published" else "")
 
 
 def _banner(source: PageSource) -> tuple[str, str]:
@@ -110,13 +107,11 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     if not tables:
         return Main(moments=moments_of(trials, short=len(trials.each) > 1))
     if not trials.with_verdicts:
-        return Main(rows=_ran(tables))
+        return Main(rows=_ran(trials))
     if source.ranked is not None:
-        level = f"{100 * trials.confidence:g} %"
-        note = (
-            f"{n} runs per point and method. Ratio: geometric mean over {len(tables)} points. Brackets, bars and ranks"
-        )
-        return Main(rows=ranked_rows(source.ranked, trials), note=f"{note}: simultaneous {level} intervals.")
+        note = f"{n} runs per point and method. Ratio: geometric mean over {len(tables)} points. Brackets, bars and "
+        note += f"ranks: simultaneous {100 * trials.confidence:g} % intervals."
+        return Main(rows=ranked_rows(source.ranked, trials), note=note)
     if len(tables) == 1 or pooled is not None:
         rows = rows_of(pooled or tables[0])
         note = f"One run of each method at each of {len(tables)} points." if pooled else note_of(tables, n, rows)
@@ -128,16 +123,14 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
     return Main(groups=groups, note=note_of(tables, n, lowest=lowest), wide=wide)
 
 
-def _ran(tables: Sequence[ResultTable]) -> Rows:
+def _ran(trials: Trials) -> Rows:
     """Say of every method of a smoke run whether it ran, at all points together."""
     rows = []
-    for row in tables[0].rows:
-        found = [each for table in tables for each in table.rows if each.method == row.method]
-        failed, n = sum(each.n_failed for each in found), sum(each.n + each.n_failed for each in found)
-        word = "failed" if failed else "ran" if n else "not computed"
-        text = f"{failed} of {n} runs failed" if failed else f"{n} run{'s' * (n > 1)}"
-        css = "fails" if failed else "base"
-        rows.append(Row(row.method, label_behind(row.method, row.label), "", [Cell(f"v {css}", word, "", text)]))
+    for method, (failed, n) in ran_counts(trials).items():
+        word = "failed" if failed else "ran" if n else NOT_COMPUTED
+        text = f"{failed} of {n} runs failed" if failed else counted(n, "run")
+        cell = Cell(f"v {'fails' if failed else 'base'}", word, "", text)
+        rows.append(Row(method, label_behind(method, trials.labels.get(method, "")), "", [cell]))
     return Rows([Head("result", "v")], rows)
 
 
@@ -159,9 +152,3 @@ def _picture(files: Sequence[str]) -> tuple[str, bool]:
     """Return the file of a figure that Markdown can show, or another one to link."""
     shown = [file for ending in (".svg", ".png") for file in files if file.endswith(ending)]
     return (shown or list(files))[0], bool(shown)
-
-
-def _files(files: Sequence[str]) -> list[str]:
-    """Choose the files that the foot links, and the directories of the others."""
-    there = [name for name in FILES if name in files]
-    return [*there, *dict.fromkeys(f"{file.partition('/')[0]}/" for file in files if "/" in file)]

@@ -8,11 +8,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.driver_text import gist as drivers_gist
 from rmpc_bench.analysis.driver_text import per_cent
 from rmpc_bench.analysis.drivers import FAILED, REST
+from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.analysis.parameter_text import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
@@ -24,16 +26,7 @@ from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Ta
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import (
-    declared_lines,
-    failed_runs,
-    failed_sentences,
-    held_sentences,
-    message_of,
-    of_run,
-    show_command,
-    status_lines,
-)
+from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
 from rmpc_bench.report.run_tables import ensemble_rows, worst_runs, worst_runs_columns
 from rmpc_bench.report.tuning_table import EXPLANATION
 
@@ -52,7 +45,11 @@ def settings_fold(source: PageSource) -> Fold:
     if trials.points:
         parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
     if len(source.timings):
-        columns = {str(name): [_duration(each) for each in source.timings[name]] for name in source.timings.columns}
+
+        def text(value: Any) -> str:
+            return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+        columns = {str(name): [text(each) for each in source.timings[name]] for name in source.timings.columns}
         parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
     parts.append(Part(note="config.resolved.yaml has every key with its default."))
     n = len(trials.methods)
@@ -62,51 +59,37 @@ def settings_fold(source: PageSource) -> Fold:
     return Fold("Settings", gist, parts)
 
 
-def _duration(value: Any) -> str:
-    return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
 def limits_fold(source: PageSource) -> Fold:
     """Say what the comparison cannot show."""
-    items = [*_status_limits(source), *_comparison_limits(source)]
-    gist = "; ".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
-    more = len(items) - 1
-    return Fold(
-        "Limits of this comparison",
-        f"{gist} (and {more} more)" if more > 0 else gist,
-        [Part(items=items)] if items else [],
-    )
+    items = [*_limits(source)]
+    gist = "".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
+    gist += f" (and {len(items) - 1} more)" if len(items) > 1 else ""
+    return Fold("Limits of this comparison", gist, [Part(items=items)] if items else [])
 
 
-def _status_limits(source: PageSource) -> Iterator[str]:
-    """Say where these are not the results of the configuration as it stands, and where findings have changed."""
+def _limits(source: PageSource) -> Iterator[str]:
+    """Say where these are not the results of the configuration as it stands, then what is not compared."""
+    trials = source.trials
     if source.overrides:
         yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
     if source.incomplete:
         yield f"Runs are missing ({', '.join(source.incomplete)}); findings do not count."
     changed = sum(each.differs for each in source.verdicts)
-    if changed and source.trials.with_verdicts:
-        yield f"{changed} finding{'s' * (changed > 1)} changed since it was recorded."
-    if source.trials.n_failed_trials:
+    if changed and trials.with_verdicts:
+        yield f"{counted(changed, 'finding')} changed since it was recorded."
+    if trials.n_failed_trials:
         yield "Averages rest on the runs that both methods finished."
     yield from (f"A figure is missing: {text}." for text in source.left_out)
     if (source.manifest.get("git") or {}).get("dirty"):
         yield "The working tree had uncommitted changes when this was computed."
-
-
-def _comparison_limits(source: PageSource) -> Iterator[str]:
-    trials = source.trials
     if len(trials.methods) > 1:
         yield from _untuned(trials)
     yield from () if source.tuning is None else source.tuning.limitations
     yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
-    for name in sorted(trials.oracles):
-        yield f"{name} knows the true parameters; no real estimator can do that."
+    yield from (f"{name} knows the true parameters; no real estimator can do that." for name in sorted(trials.oracles))
     if source.confounded:
-        yield (
-            f"Both the estimator and the controller differ between {trials.baseline} and "
-            f"{', '.join(source.confounded)}; the effect of one alone is not known."
-        )
+        pair = f"{trials.baseline} and {', '.join(source.confounded)}"
+        yield f"Both the estimator and the controller differ between {pair}; the effect of one alone is not known."
     yield from LIMITATIONS if source.ranked is not None else ()
     for verdict in source.verdicts:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
@@ -125,14 +108,10 @@ def _untuned(trials: Trials) -> list[str]:
     return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]
 
 
-OVER_TIME = ("signals",)
-"""Kinds of figures that stand among the signals."""
-MOST_LISTED = 6
-"""Entries of a list."""
-MOST_NAMED = 3
-"""Metrics and limits that a title names."""
-MOST_POINTS = 12
-"""Points of a sweep whose tables a fold has; CSV files have all."""
+OVER_TIME = ("signals",)  # kinds of figures that stand among the signals
+MOST_LISTED = 6  # entries of a list
+MOST_NAMED = 3  # metrics and limits that a title names
+MOST_POINTS = 12  # points of a sweep whose tables a fold has; CSV files have all
 SHARES = (
     "Share of the variance of the change that a quantity explains; shares need not sum to 100 %. "
     "-: too uncertain to be shown."
@@ -150,7 +129,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
         _drivers(source),
         *_points(source, tables),
         _metrics(source),
-        _moments(source),
+        Fold("Error at the end", "bias, variance and reported covariance by component", _moments(source)),
         _requirements(source),
         _worst(source, tables),
         *_figures(source),
@@ -166,19 +145,21 @@ def _failures(source: PageSource) -> Fold:
     failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
     counts = Counter(message_of(*each) for each in failed)
     lines = [
-        f"{f'{short_title(table)}: ' if table.title else ''}{text.removeprefix('- ')}"
+        f"{f'{short_title(table)}: ' if table.title else ''}{text}"
         for table in trials.each[:MOST_POINTS]
-        for text in (*status_lines(table), *declared_lines(table))
+        for title in ("Failed runs", "Checks that are meant to fail")
+        for text in sections_of(table)[title]
     ]
     parts += [Part(items=lines)] if lines else []
     if failed:
         table, method, run = failed[0]
         parts.append(Part(text=f"First: {'; '.join(of_run(*each) for each in failed[:MOST_NAMED])}. See failures/."))
         parts.append(Part(command=show_command(table, source.place, method, run)))
-    steps = [f"Held: {text}" for table in trials.each for text in held_sentences(table)]
-    steps += [f"Steps: {text}" for table in trials.each for text in failed_sentences(table)]
-    warned = Counter(text for table in trials.each for notes in table.notes.values() for text in notes.warnings)
-    steps += [f"Warning of a component: {' '.join(text.split())}" for text in [*warned][:MOST_LISTED]]
+    sections = [sections_of(table) for table in trials.each]
+    steps = [f"Held: {text}" for each in sections for text in each["Held steps"]]
+    steps += [f"Steps: {text}" for each in sections for text in each["Failed steps"]]
+    warned = dict.fromkeys(text for table in trials.each for notes in table.notes.values() for text in notes.warnings)
+    steps += [f"Warning of a component: {' '.join(text.split())}" for text in warned]
     parts += [Part(items=steps[:MOST_LISTED])] if steps else []
     gist = steps[0].partition(";")[0] if steps else "checks that are meant to fail"
     if failed:
@@ -202,16 +183,19 @@ def _drivers(source: PageSource) -> Fold | None:
         rows = [row for row in rows if row["method"] != baseline] or rows
         every += rows if gist else []
         for method in dict.fromkeys(row["method"] for row in rows) if gist else ():
-            cells = {"method": method} | ({"point": short_title(trials)} if trials.title else {})
-            found.append(cells | {row["quantity"]: _share(row) for row in rows if row["method"] == method})
+            cells = {"method": method} | _point(trials)
+            of_method = [row for row in rows if row["method"] == method]
+            shares = [f"{per_cent(max(row['share'], 0.0))} %" if row["resolved"] else "-" for row in of_method]
+            found.append(cells | dict(zip((row["quantity"] for row in of_method), shares, strict=True)))
     if not found:
         return None
     by_method = Table(columns_from(found), by_method=True)
     return Fold("What drives the change", drivers_gist(every, baseline), [Part(table=by_method), Part(note=SHARES)])
 
 
-def _share(row: Mapping[Any, Any]) -> str:
-    return f"{per_cent(max(row['share'], 0.0))} %" if row["resolved"] else "-"
+def _point(trials: Trials) -> dict[str, str]:
+    """Name a point of a sweep in a column of its own."""
+    return {"point": short_title(trials)} if trials.title else {}
 
 
 def _points(source: PageSource, tables: Sequence[ResultTable]) -> Iterator[Fold]:
@@ -263,41 +247,33 @@ def _best_of(every: Sequence[Sequence[ResultTable]]) -> str:
     if len(every[0]) > 1:
         return ", ".join(tables[0].info.words for tables in every[:MOST_NAMED]) + more
     for (table,) in every[:MOST_NAMED]:
-        medians = {row.method: _distance(table, row.quantiles[2]) for row in table.rows if row.n and not row.is_oracle}
-        if medians and len(table.rows) > 1 and math.isfinite(min(medians.values())):
-            best = "highest" if table.info.direction == "higher" else "lowest"
-            words.append((best, f"{table.quantity}: {min(medians, key=lambda name: medians[name])}"))
+        direction = table.info.direction
+        sign = -1.0 if direction == "higher" else 1.0
+        rows = [row for row in table.rows if row.n and not row.is_oracle]
+        medians = sign * distance_from_best(np.array([row.quantiles[2] for row in rows]), direction)
+        if len(table.rows) > 1 and np.isfinite(medians.min(initial=math.inf)):
+            best = "highest" if direction == "higher" else "lowest"
+            words.append((best, f"{table.quantity}: {rows[int(medians.argmin())].method}"))
     said = [f"{best} {text}" if k == 0 or best != words[k - 1][0] else text for k, (best, text) in enumerate(words)]
     return ", ".join(said) + more if said else ", ".join(tables[0].info.words for tables in every[:MOST_NAMED])
-
-
-def _distance(table: ResultTable, median: float) -> float:
-    direction = table.info.direction
-    if direction == "one":
-        return max(median, 1 / median) if median > 0 else math.inf
-    return -median if direction == "higher" else abs(median) if direction == "zero" else median
 
 
 def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
     """Return bias and variance of the error at the end, where moments were evaluated; in short its mean square."""
     found: list[Mapping[str, str]] = []
     for table in trials.each:
-        heads, *rows = ensemble_rows(table) or [[]]
-        for row in rows:
-            cells = {
-                "method": row[0].removesuffix(" (oracle)"),
-                **({"point": short_title(table)} if table.title else {}),
-            }
-            named = {head or "basis": cell for head, cell in zip(heads[1:], row[1:], strict=True)}
-            found.append(cells | ({"mean square": named["mean square"]} if short else named))
+        for row in ensemble_rows(table):
+            name, *cells = row.values()
+            named = dict(zip([*row][1:-1] + ["basis"], cells, strict=True))
+            start = {"method": name.removesuffix(" (oracle)")} | _point(table)
+            found.append(start | ({"mean square": named["mean square"]} if short else named))
     return Table(columns_from(found)) if found else None
 
 
-def _moments(source: PageSource) -> Fold | None:
+def _moments(source: PageSource) -> list[Part]:
     table = moments_of(source.trials)
-    if table is None or (not len(source.trials.frame) and len(source.trials.each) == 1):
-        return None
-    return Fold("Error at the end", "bias, variance and reported covariance by component", [Part(table=table)])
+    stands_above = not len(source.trials.frame) and len(source.trials.each) == 1
+    return [] if table is None or stands_above else [Part(table=table)]
 
 
 def _requirements(source: PageSource) -> Fold | None:
@@ -345,11 +321,8 @@ def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
     where = f" at {short_title(trials)}" if len(points) > 1 else ""
     of = "every method" if len({(each[1], each[2].title) for each in found.values()}) == 1 < len(found) else method
     parts = [Part(table=Table(columns, by_method=True)), Part(command=show_command(trials, source.place, method, run))]
-    return Fold(
-        "Worst runs",
-        f"run {run}{where} is the worst of {of}",
-        [*parts, *([Part(note=TAILS)] if len(columns) > 4 else [])],
-    )
+    parts += [Part(note=TAILS)] if len(columns) > 4 else []
+    return Fold("Worst runs", f"run {run}{where} is the worst of {of}", parts)
 
 
 def _figures(source: PageSource) -> Iterator[Fold]:
@@ -362,15 +335,12 @@ def _figures(source: PageSource) -> Iterator[Fold]:
     others: dict[tuple[str, str], list[PageFigure]] = {}
     for figure in source.figures:
         if figure not in over_time and figure.kind != "tuning":
-            others.setdefault((figure.kind, _subject(figure.caption)), []).append(figure)
+            # What a caption says first.
+            subject = re.split(r"[:;]\s|\.\s", figure.caption, maxsplit=1)[0].rstrip(".")
+            others.setdefault((figure.kind, subject), []).append(figure)
     for (kind, subject), figures in others.items():
         title = f"{len(figures)} figures {kind}" if len(figures) > 1 else f"Figure {figures[0].name}"
         yield Fold(title, subject, [Part(figure=figure) for figure in figures])
-
-
-def _subject(caption: str) -> str:
-    """Return what a caption says first."""
-    return re.split(r"[:;]\s|\.\s", caption, maxsplit=1)[0].rstrip(".")
 
 
 def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:

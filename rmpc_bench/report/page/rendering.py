@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
-LONGEST = 24
-"""Characters of a name that is not broken."""
+LONGEST = 24  # characters of a name that is not broken
 _FORMULA = r"(?<!\\)\$(?:\\.|[^$\\])+\$"
 _INTERVAL = re.compile(r"(?:\S+ (?:% )?)?\[[^\[\]<>]{1,24}, [^\[\]<>]{1,24}\]")
 

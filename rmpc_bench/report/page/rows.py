@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
-from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio
+from rmpc_bench.analysis.rank_rows import Ranking
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
 from rmpc_bench.report.columns import columns_of, other_average, value_text
+from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column
 
@@ -21,10 +22,8 @@ class Line(NamedTuple):
     """A line of the grid."""
 
     left: str
-    css: str
-    """``zero`` where nothing changes."""
-    label: str
-    """Of the tick, with `odd` for one of those that are left out where the cell is narrow."""
+    css: str  # `zero` where nothing changes
+    label: str  # of the tick, with `odd` for one of those that are left out where the cell is narrow
     odd: bool
 
 
@@ -42,12 +41,9 @@ class Strip(NamedTuple):
     grid: Sequence[Line]
     band: Bar | None = None
     bars: Sequence[Bar] = ()
-    dot: str = ""
-    """Place of the estimate."""
-    middle: str = ""
-    """Place of the median."""
-    arrow: str = ""
-    """Side on which the estimate, or a quantile, lies beyond the axis."""
+    dot: str = ""  # place of the estimate
+    middle: str = ""  # place of the median
+    arrow: str = ""  # side on which the estimate, or a quantile, lies beyond the axis
 
 
 def per_cent(share: float) -> str:
@@ -57,17 +53,12 @@ def per_cent(share: float) -> str:
 
 def grid_of(axis: Axis, nothing: float | None = None) -> list[Line]:
     """Return the lines of an axis, of which one may stand for no change."""
-    ticks = axis.ticks
+    ticks, size = axis.ticks, axis.high - axis.low
     middle = min(range(len(ticks)), key=lambda k: abs(ticks[k].at - (nothing or 0.0)), default=0)
-    places = [(tick.at - axis.low) / (axis.high - axis.low) for tick in ticks]
+    zeros = [nothing is not None and abs(tick.at - nothing) < 1e-12 for tick in ticks]
     return [
-        Line(
-            per_cent(place),
-            "zero" if nothing is not None and abs(tick.at - nothing) < 1e-12 else "",
-            tick.label,
-            (k - middle) % 2 == 1,
-        )
-        for k, (place, tick) in enumerate(zip(places, ticks, strict=True))
+        Line(per_cent((tick.at - axis.low) / size), "zero" * zero, tick.label, (k - middle) % 2 == 1)
+        for k, (tick, zero) in enumerate(zip(ticks, zeros, strict=True))
     ]
 
 
@@ -119,31 +110,22 @@ def drawn_change(row: ResultRow, table: ResultTable) -> Estimate:
     return row.change if table.form == "difference" else Estimate(*(1 + each / 100 for each in row.change))
 
 
-class Runs:
-    """Cells of the quantiles of the runs, on one axis."""
-
-    def __init__(self, rows: Sequence[ResultRow]) -> None:
-        self.axis = value_axis([each for row in rows for each in row.quantiles])
-        self.grid = grid_of(self.axis)
-
-    def strip(self, row: ResultRow) -> Strip | None:
-        """Draw the quantiles of a row; None without a finished run."""
-        if not row.quantiles:
-            return None
-        first, low, middle, high, last = map(self.axis.place, row.quantiles)
-        bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)]
-        median = per_cent(middle) if math.isfinite(row.quantiles[2]) else ""
-        return Strip(self.grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
+def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None:
+    """Draw the quantiles of the runs of a row; None without a finished run."""
+    if not row.quantiles:
+        return None
+    first, low, middle, high, last = map(axis.place, row.quantiles)
+    bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)]
+    median = per_cent(middle) if math.isfinite(row.quantiles[2]) else ""
+    return Strip(grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
 
 
-MANY = 10
-"""Methods above which rows are low and labels are cut."""
+MANY = 10  # methods above which rows are low and labels are cut
 BETTER_IF = {"higher": "higher is better"}
 STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
 """Word of a verdict -> class of its cell, where it is not the word."""
 AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
-UNKNOWN = "Infinity"
-"""Sorts a cell without a number behind the others."""
+UNKNOWN = "Infinity"  # sorts a cell without a number behind the others
 
 
 class Cell(NamedTuple):
@@ -151,8 +133,7 @@ class Cell(NamedTuple):
 
     css: str
     text: str = ""
-    value: str = ""
-    """By which the script sorts."""
+    value: str = ""  # by which the script sorts
     remark: str = ""
     strip: Strip | None = None
     tip: str = ""
@@ -164,8 +145,7 @@ class Head(NamedTuple):
     text: str
     css: str
     sort: bool = False
-    strip: Strip | None = None
-    """Its ticks."""
+    strip: Strip | None = None  # its ticks
 
 
 class Row(NamedTuple):
@@ -182,8 +162,7 @@ class Rows(NamedTuple):
 
     heads: Sequence[Head]
     rows: Sequence[Row]
-    everything: bool = False
-    """Whether Markdown shows the columns on demand, too."""
+    everything: bool = False  # whether Markdown shows the columns on demand, too
 
     @property
     def css(self) -> str:
@@ -223,10 +202,13 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     shown = [*table.rows] if everything else table.ordered
     if not table.trials.with_verdicts:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
-    runs, changes = Runs(shown), Changes.of(table) if table.form != "alone" else None
+    axis = value_axis([each for row in shown for each in row.quantiles])
+    grid, changes = grid_of(axis), Changes.of(table) if table.form != "alone" else None
     more = _more(table, shown, everything=everything)
-    quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * runs.axis.log}"
-    heads = [_mean_head(table), Head(quantiles, "d0", strip=Strip(runs.grid))]
+    unit = f" [{table.info.unit}]" if table.info.unit else ""
+    mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {table.info.words}{unit}"
+    quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * axis.log}"
+    heads = [Head(mean, "n m", True), Head(quantiles, "d0", strip=Strip(grid))]
     if changes is not None:
         heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
         heads += [Head("verdict", "v")]
@@ -234,10 +216,12 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     for k, row in enumerate(shown):
         style = style_of(row.word) if not row.is_baseline else ""
         cells = [Cell("n m", table.mean_text(row), _number(row.mean.value))]
-        cells.append(Cell(f"d0 {style}", strip=runs.strip(row)))
+        cells.append(Cell(f"d0 {style}", strip=runs_strip(row, axis, grid)))
         if changes is not None:
             strip = changes.strip(drawn_change(row, table)) if row.n else None
-            cells += [Cell(f"s0 {style}", strip=strip), _change(table, row), _verdict(row, len(shown))]
+            place = -table.rank(row) if table.form == "share" else 0.0 if row.is_baseline else row.change.value
+            change = Cell("n c", table.change_text(row) if row.n else "", _number(place))
+            cells += [Cell(f"s0 {style}", strip=strip), change, _verdict(row, len(shown))]
         rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
     return Rows([*heads, *(Head(head, "n more") for head in more)], rows, everything)
 
@@ -251,12 +235,6 @@ def _number(value: float) -> str:
     return UNKNOWN if math.isnan(value) else f"{value:.6g}"
 
 
-def _mean_head(table: ResultTable) -> Head:
-    unit = f" [{table.info.unit}]" if table.info.unit else ""
-    words = "occurred; median " if table.may_not_occur else "mean "
-    return Head(f"{words}{table.info.words}{unit}", "n m", True)
-
-
 def _change_head(table: ResultTable, changes: Changes) -> Head:
     if table.form == "share":
         text = f"better than {table.baseline}, share of the runs"
@@ -265,12 +243,6 @@ def _change_head(table: ResultTable, changes: Changes) -> Head:
         what = "difference from" if table.form == "difference" else "change against"
         text = f"{what} {table.baseline}{unit}, {BETTER_IF.get(table.info.direction, 'lower is better')}"
     return Head(text, "s0", strip=Strip(changes.grid))
-
-
-def _change(table: ResultTable, row: ResultRow) -> Cell:
-    value = 0.0 if row.is_baseline else row.change.value
-    value = -table.rank(row) if table.form == "share" else value
-    return Cell("n c", table.change_text(row) if row.n else "", _number(value))
 
 
 def _verdict(row: ResultRow, n: int) -> Cell:
@@ -293,62 +265,41 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
         found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
     found["worst run"] = [value_text(row.worst, row) for row in shown]
     if any(row.word == INCONCLUSIVE for row in shown):
-        found["runs needed"] = [_needed(row) for row in shown]
+        needed = [row.compared.get("runs_for_direction") if row.word == INCONCLUSIVE else None for row in shown]
+        found["runs needed"] = ["" if n is None or math.isnan(n) else about(float(n)) for n in needed]
     times = step_times(table.trials, [row.method for row in shown])
     # A file that is kept does not change from machine to machine.
     found |= {"time per step": times} if times and not everything else {}
     found |= {"p": columns["p"]} if everything and "p" in columns else {}
-    found["runs"] = [f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}" for row in shown]
+    found["runs"] = [_runs(row.n, row.n_failed) for row in shown]
     return {head: texts for head, texts in found.items() if any(texts)}
-
-
-def _needed(row: ResultRow) -> str:
-    found = row.compared.get("runs_for_direction", math.nan)
-    return about(float(found)) if row.word == INCONCLUSIVE and found == found and found is not None else ""
 
 
 def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     """Lay out the ranks: a row per method with its ratio to the baseline over all points, and the rank as verdict."""
-    ratios = [_relative(row.ratio) for row in found.rows]
+    ends = [(row.ratio.ratio, row.ratio.low, row.ratio.high) for row in found.rows]
+    ratios = [Estimate(*(100 * (end - 1) for end in each)) for each in ends]
     axis = ratio_axis([each for each in ratios if not math.isnan(each.value)], trials.relevant)
     changes = Changes.on(axis, 0.0, math.log1p(trials.relevant))
     info = trials.primary_info
     what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
     heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
-    more = {row.method: _more_of_ranks(row, found, base=row.method == trials.baseline) for row in found.rows}
-    heads += [Head(text, "n more") for text in dict.fromkeys(head for cells in more.values() for head in cells)]
+    more = part_columns(found, trials.baseline) | {"runs": [_runs(row.n, row.n_failed) for row in found.rows]}
+    heads += [Head(text, "n more") for text in more]
     rows = []
-    for row, ratio in zip(found.rows, ratios, strict=True):
+    for k, (row, ratio) in enumerate(zip(found.rows, ratios, strict=True)):
         base = row.method == trials.baseline
         style = "" if base else BETTER if ratio.high < 0 else WORSE if ratio.low > 0 else INCONCLUSIVE
         text = "" if base else " ".join(filter(None, change_texts(ratio)))
-        drawn = Estimate() if base else Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high)
-        cells = [Cell(f"s0 {style}", strip=changes.strip(drawn))]
+        cells = [Cell(f"s0 {style}", strip=changes.strip(Estimate() if base else Estimate(*ends[k])))]
         cells.append(Cell("n c", text, _number(0.0 if base else ratio.value)))
         rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
-        cells += [Cell("n more", more[row.method].get(head.text, "")) for head in heads[3:]]
+        cells += [Cell("n more", texts[k]) for texts in more.values()]
         css = " ".join(["base"] * base + ["oracle"] * (row.method in trials.oracles))
         rows.append(Row(row.method, label_behind(row.method, trials.labels.get(row.method, "")), css, cells))
     return Rows(heads, rows)
 
 
-def _more_of_ranks(row: RankRow, found: Ranking, *, base: bool) -> dict[str, str]:
-    """Return head -> cell of the columns on demand: ratios of parts of the sweep, and runs."""
-    cells = {each.value: _factor(each) for each in row.by_value}
-    if found.n_values > 1 and not base:
-        ends = {"smallest": row.smallest, "largest": row.largest}
-        cells |= {head: "" if each is None else f"{_factor(each)} ({each.value})" for head, each in ends.items()}
-        cells["better/worse"] = f"{row.better}/{row.worse}"
-    return cells | {"runs": f"{row.n}{f', {row.n_failed} failed' if row.n_failed else ''}"}
-
-
-def _factor(ratio: Ratio) -> str:
-    """Write the ratio of a part of the sweep, with a mark where its interval contains 1."""
-    if math.isnan(ratio.ratio):
-        return ""
-    return f"\u00d7{short(ratio.ratio)}{'' if ratio.high < 1 or ratio.low > 1 else ' ?'}"
-
-
-def _relative(ratio: Ratio) -> Estimate:
-    return Estimate(*(100 * (each - 1) for each in (ratio.ratio, ratio.low, ratio.high)))
+def _runs(n: int, n_failed: int) -> str:
+    return f"{n}{f', {n_failed} failed' if n_failed else ''}"

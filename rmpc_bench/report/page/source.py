@@ -26,16 +26,11 @@ from rmpc_bench.types import MetricInfo
 class PageFigure(NamedTuple):
     """A figure of the page."""
 
-    name: str
-    """File name without ending, such as ``boxplot-2``."""
-    kind: str
-    """Such as ``boxplot``, or the reference to a user's figure."""
-    caption: str
-    """What it shows, with formulas as ``$..$``."""
-    svg: str
-    """The picture as an element of the page."""
-    files: Sequence[str]
-    """Its files, relative to the page."""
+    name: str  # file name without ending, such as `boxplot-2`
+    kind: str  # such as `boxplot`, or the reference to a user's figure
+    caption: str  # what it shows, with formulas as `$..$`
+    svg: str  # the picture as an element of the page
+    files: Sequence[str]  # its files, relative to the page
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +92,7 @@ class Table(NamedTuple):
 
     columns: Mapping[str, Sequence[str]]
     numeric: bool = True
-    by_method: bool = False
-    """Whether the first column has methods, which are names and no formulas."""
+    by_method: bool = False  # whether the first column has methods, which are names and no formulas
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
