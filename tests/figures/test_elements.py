@@ -161,7 +161,6 @@ def test_errors_show_the_choices(trials, given, parameter, message):
 
 
 def test_matrices_of_different_sizes(trials):
-    """They cannot share panels."""
     traces = trials.traces["tuned"]
     other = traces._replace(signals={**traces.signals, "Q_yw": np.ones((RUNS, N, 4))}, shapes={"Q_yw": (2, 2)})
     with pytest.raises(DesignError, match="Q_yw has different sizes in the methods: select some with `order`"):

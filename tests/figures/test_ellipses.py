@@ -231,7 +231,6 @@ def test_a_method_without_P(trials):
     ],
 )
 def test_errors_show_the_choices(trials, given, parameter, message):
-    """A figure that cannot be drawn is left out with a reason."""
     with pytest.raises(DesignError) as error:
         ellipses(trials, **({"x": "x0_end", "y": "x1_end"} | given))
     assert (str(error.value), error.value.parameter) == (message, parameter)

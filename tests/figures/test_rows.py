@@ -250,7 +250,6 @@ def test_ticks_have_room_in_a_narrow_column(trials_of):
     ],
 )
 def test_keys_that_do_not_fit(trials_of, keys, key, words):
-    """Every message names the key."""
     with pytest.raises(DesignError, match=words) as caught:
         Rows(**keys).draw(trials_of(["A", "B"]))
     assert caught.value.parameter == key

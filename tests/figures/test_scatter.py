@@ -240,14 +240,12 @@ def test_labels_cover_nothing(make_trials, n):
     ],
 )
 def test_errors_show_the_choices(trials, given, parameter, message):
-    """A figure that cannot be drawn is left out with a reason."""
     with pytest.raises(DesignError) as error:
         draw(trials, **given)
     assert (str(error.value), error.value.parameter) == (message, parameter)
 
 
 def test_no_dot_and_too_many(make_trials, trials, make_sweep):
-    """Nothing to draw, or too much to be distinguished."""
     failed = make_trials({"error": {"A": ["diverged"]}, "effort": {"A": ["diverged"]}}, infos=(ERROR, EFFORT))
     with pytest.raises(DesignError, match="no method has a value of both error and effort"):
         draw(failed)

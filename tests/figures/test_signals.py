@@ -320,7 +320,6 @@ def test_bursts_are_bands(trials):
     ],
 )
 def test_what_cannot_be_drawn(trials, keys, message, key):
-    """What is missing, and the choices."""
     with pytest.raises(DesignError) as error:
         Signals(**keys).draw(trials)
     assert str(error.value).startswith(message) and error.value.parameter == key

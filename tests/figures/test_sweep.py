@@ -262,7 +262,6 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
 
 
 def test_keys_that_do_not_fit(sweep_of):
-    """Every message names the key."""
     trials = sweep_of(["A", "B"], over([1, 2]))
     for keys, key, words in (
         ({"path": "plant.b"}, "path", "'plant.b' is not a known path"),

@@ -116,7 +116,6 @@ def test_values_with_a_name_together(make_trials, make_sweep, title, text):
     ],
 )
 def test_errors_show_the_choices(sweep, at, message):
-    """What is known, what there is."""
     with pytest.raises(DesignError) as error:
         boxplot(sweep, at=at)
     assert str(error.value).startswith(message) and error.value.parameter == "at"

@@ -48,7 +48,6 @@ def positions(file):
 
 
 def test_the_same_svg(tmp_path):
-    """Byte by byte."""
     figure = picture()
     expected = svg_of(figure)
     svg, _ = save(figure, tmp_path, "a", BOTH)
