@@ -11,7 +11,6 @@ from matplotlib.patches import Rectangle
 
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.statistics import summary
-from rmpc_bench.figures.files import save_as
 from rmpc_bench.figures.line_panels import apart, draw_lines
 from rmpc_bench.figures.palette import DIM, METHODS
 from rmpc_bench.figures.points import tables_of
