@@ -18,8 +18,8 @@ PLAIN = (-4, 6)
 """Exponents of the leading digit that are written without a power of ten: from the first to below the second."""
 AS_PER_CENT = (0.2, 2.0)
 """Ratios from the first to the second are written as a change in per cent, others as a factor."""
-_MOST_PLACES = 2
-"""Decimals of a change in per cent."""
+_MOST_PLACES, _FINEST = 2, 12
+"""Decimals of a change in per cent, and of any number where an end would print as 0."""
 _ASCII = {ord(MINUS): "-", ord(TIMES): "x", ord(THIN): " ", 0x2248: "=", 0x2032: "'"}
 
 
@@ -72,12 +72,12 @@ def short(x: float, digits: int = 3) -> str:
 
     Examples
     --------
-    >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7)
-    ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7')
+    >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7), short(-0.0)
+    ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7', '0')
     """
     if math.isnan(x):
         return "-"
-    text = f"{x:.{digits}g}"
+    text = f"{x + 0.0:.{digits}g}"
     start, _, power = text.partition("e")
     if power:
         text = f"{float(text):.0f}" if PLAIN[0] <= int(power) < PLAIN[1] else f"{start}e{int(power)}"
@@ -141,11 +141,12 @@ def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]
     if not is_per_cent(change):
         factor, *factors = (_factor(1 + each / 100) for each in change)
         return f"{TIMES}{factor}", "" if math.isnan(change.half) else f"[{', '.join(factors)}]"
-    d = _change_places(change)
+    unknown = math.isnan(change.half)
+    d = 1 if unknown else _with_both_ends(change, max(0, min(places(change.half), _MOST_PLACES)))
     value, low, high = _mirrored(change) if mirrored else change
     signed = not mirrored
     ends = f"[{number(low, d, sign=signed)}, {number(high, d, sign=signed)}]"
-    return f"{number(value, d, sign=signed)} %", "" if math.isnan(change.half) else ends
+    return f"{number(value, d, sign=signed)} %", "" if unknown else ends
 
 
 def _mirrored(change: Estimate) -> Estimate:
@@ -158,12 +159,9 @@ def is_per_cent(change: Estimate) -> bool:
     return low * (1 - NOISE) <= 1 + change.value / 100 <= high * (1 + NOISE)
 
 
-def _change_places(change: Estimate) -> int:
-    """Decimals of a change: 0 to 2 from its interval, one more where an end that excludes 0 would print as 0."""
-    if math.isnan(change.half):
-        return 1
-    d = max(0, min(places(change.half), _MOST_PLACES))
-    while d < _MOST_PLACES and change.low * change.high > 0 and 0 in (round(change.low, d), round(change.high, d)):
+def _with_both_ends(x: Estimate, d: int) -> int:
+    """Add decimals until no end of an interval that excludes 0 prints as 0."""
+    while d < _FINEST and x.low * x.high > 0 and 0 in (round(x.low, d), round(x.high, d)):
         d += 1
     return d
 
@@ -192,15 +190,20 @@ def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False
     --------
     >>> difference_texts(Estimate(0.00121, -0.0003, 0.0027), "rad")
     ('+0.0012 rad', '[\u22120.0003, +0.0027]')
+    >>> difference_texts(Estimate(-6.2e6, -8.4e6, -4.3e6), "m")
+    ('\u22126.2e6 m', '[\u22128.4e6, \u22124.3e6]')
     """
     if math.isnan(change.value):
         return "", ""
     value, low, high = _mirrored(change) if mirrored else change
-    d, signed = min(places(change.half), 12), not mirrored
     known = not math.isnan(change.half)
-    first = number(value, d, sign=signed) if known else short(value)
-    ends = f"[{number(low, d, sign=signed)}, {number(high, d, sign=signed)}]"
-    return f"{first} {unit}".strip(), ends if known else ""
+    d = _with_both_ends(change, min(places(change.half), _FINEST))
+    size = max((math.floor(math.log10(abs(end))) for end in change if end and math.isfinite(end)), default=0)
+    if known and PLAIN[0] <= size < PLAIN[1]:
+        texts = [number(each, d, sign=not mirrored) for each in (value, low, high)]
+    else:
+        texts = [f"{'+' * (each > 0 and not mirrored and known)}{short(each)}" for each in (value, low, high)]
+    return f"{texts[0]} {unit}".strip(), f"[{texts[1]}, {texts[2]}]" if known else ""
 
 
 def plain(text: str) -> str:

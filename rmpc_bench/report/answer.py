@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -22,6 +21,8 @@ from rmpc_bench.analysis.result_rows import (
 from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.figures.sweep_content import SweepAxis, axis_of
+from rmpc_bench.report.run_notes import counted
 
 MOST_WORDS = 45
 ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
@@ -59,7 +60,7 @@ def answer(
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
     if len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
-        text = f"{found} {_of_points(tables, n_blank, room - len(found.split()))}".strip()
+        text = f"{found} {_of_points(in_order(tables), n_blank, room - len(found.split()))}".strip()
     else:
         text = _first_fitting(claims, *_of_rows(tables[0]), room=room)
     if not unfinished:
@@ -125,7 +126,7 @@ def _alone(table: ResultTable) -> str:
         return f"{listed(parts)}."
     unit = f" {table.info.unit}" if table.info.unit else ""
     parts = [f"{mean_text(row.mean)}{unit} for {row.method}" for row in rows]
-    return f"The mean {table.quantity} is {listed(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
+    return f"The mean {table.info.words} is {listed(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
 
 
 def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
@@ -134,7 +135,7 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     for word, form in (*_FORMS.items(), (INCONCLUSIVE, INCONCLUSIVE), (NOT_COMPUTED, NOT_COMPUTED)):
         names = [row.method for row in rows if row.word == word]
         if names:
-            n = f" with {rows[0].n + rows[0].n_failed} runs" if word == INCONCLUSIVE and not parts else ""
+            n = f" with {counted(rows[0].n + rows[0].n_failed, 'run')}" if word == INCONCLUSIVE and not parts else ""
             are = "are" if len(names) > 1 else "is"
             parts.append(f"{listed(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
     text = "; ".join(parts)
@@ -151,8 +152,11 @@ def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
     lost = [(row, row.n - row.n_occurred) for row in (base, best)]
     if lost[0][1] == lost[1][1]:
         return f"{text}. {best.method} is better in {table.change_text(best)} of the runs."
-    parts = [f"{k or 'none'} of {row.n} runs of {row.method}" for row, k in lost]
-    return f"{text}: there is no {table.quantity} in {listed(parts)}."
+    (_, before), (_, after) = lost
+    return (
+        f"{text}: {base.method} has no {table.quantity} in {before} of {base.n} runs, "
+        f"{best.method} in {after} of {best.n}."
+    )
 
 
 def _with_size(table: ResultTable, best: ResultRow, text: str, alone: bool) -> str:
@@ -178,8 +182,9 @@ def _counted(table: ResultTable, rows: Sequence[ResultRow]) -> str:
     if not parts:
         return ""
     n, _, word = parts[0].partition(" ")
+    parts = [text.replace("fails", "fail") if text[:2] != "1 " else text for text in parts]
     if word == FAILS_MORE:
-        parts[0] = f"{n} fail{'s' * (n == '1')} more than {table.baseline}"
+        parts[0] = f"{parts[0]} than {table.baseline}"
     else:
         parts[0] = f"{n} {'is' if n == '1' else 'are'} {_FORMS.get(word, word).format(table.baseline)}"
     return f"Of {len(rows)} methods, {listed(parts)}."
@@ -189,7 +194,7 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     """Say which methods fail more, and in how many runs, in ever fewer words."""
     base, found = table.row_of(table.baseline), [row for row in rows if row.word == FAILS_MORE]
     if base is not None and base.n_failed and not base.n:
-        return [f"Every run of {base.method} failed."]
+        return [f"Every run{f' of {base.method}' if any(row.n for row in rows) else ''} failed."]
     if not found:
         return [""]
     lost = base.n_failed if base else 0
@@ -219,7 +224,9 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     if not any(computed):
         return "No run is finished."
     if not words:
-        return f"{first.baseline} has no other method to compare with."
+        means = [first.mean_text(row) for first in tables for row in first.rows if row.n]
+        ends = f" is {means[0]} at the first point, {means[-1]} at the last" if len(means) > 1 else " is in the table"
+        return f"The mean {first.info.words} of {first.baseline}{ends}; it has no other method to compare with."
     heads = {BETTER: f"Better than {first.baseline} in {first.quantity}:", WORSE: "Worse:", FAILS_MORE: "Fails more:"}
     kept = [(head, groups) for word, head in heads.items() if (groups := _groups(words, word, sweep, computed))]
     if not kept or kept[0][0] != heads[BETTER]:
@@ -237,17 +244,26 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     return " ".join(f"{part}." for part in parts)
 
 
+def in_order(tables: Sequence[ResultTable]) -> Sequence[ResultTable]:
+    """Sort the points of a sweep over numbers of one path by these."""
+    axis = _axis(tables)
+    if axis is None or axis.numbers is None:
+        return tables
+    return sorted(tables, key=lambda table: axis.place(table.trials.point[axis.path]))
+
+
 def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
     """Name the points of a sweep: by the value of the only path, or by all their values."""
-    trials = [table.trials for table in tables]
-    paths = {path for point in trials for path in point.point}
-    if len(paths) != 1:
+    axis, trials = _axis(tables), [table.trials for table in tables]
+    if axis is None:
         return Sweep([point.title for point in trials], ordered=False)
-    names = [str(next(iter(point.point.values()))) for point in trials]
-    try:
-        return Sweep(names, ordered=all(math.isfinite(float(name)) for name in names))
-    except ValueError:
-        return Sweep(names, ordered=False)
+    return Sweep([point.point[axis.path] for point in trials], ordered=axis.numbers is not None)
+
+
+def _axis(tables: Sequence[ResultTable]) -> SweepAxis | None:
+    points = [table.trials.point for table in tables]
+    paths = {path for point in points for path in point}
+    return axis_of(points, paths.pop()) if len(paths) == 1 else None
 
 
 class _Group(NamedTuple):

@@ -54,24 +54,24 @@ def _change(*ends: float) -> str:
     return " ".join(filter(None, change_texts(Estimate(*map(float, ends)))))
 
 
-def value_text(value: float, row: ResultRow) -> str:
-    """Write a value of the runs with the decimals of their mean."""
-    d = places(row.mean.half)
-    known = 0 <= d <= 6 and row.mean.half > 1e-12 * abs(row.mean.value) and abs(value) < 1e6
-    return "" if math.isnan(value) else number(value, d) if known else short(value, 4)
+def value_text(value: float, half: float) -> str:
+    """Write a value with the decimals that show half a width."""
+    known = half > 1e-12 * abs(value) and places(half) <= 6 and abs(value) < 1e6
+    return "" if math.isnan(value) else number(value, places(half)) if known else short(value, 4)
 
 
 def mean_alone(row: ResultRow) -> str:
     """Write a mean without its interval."""
-    return value_text(row.mean.value, row)
+    return value_text(row.mean.value, row.mean.half)
 
 
 def median_text(row: ResultRow) -> str:
-    """Write the median with the quartiles."""
+    """Write the median with the quartiles, with decimals that show how far these are apart."""
     if not row.quantiles:
         return ""
-    low, middle, high = (value_text(each, row) for each in row.quantiles[1:4])
-    return f"{middle} [{low}, {high}]"
+    low, middle, high = row.quantiles[1:4]
+    side = min((side for side in (middle - low, high - middle) if 0 < side < math.inf), default=0.0)
+    return "{1} ({0}, {2})".format(*(value_text(each, side / 2) for each in (low, middle, high)))
 
 
 def _superiority(row: ResultRow) -> str:

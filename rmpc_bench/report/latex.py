@@ -73,7 +73,7 @@ def head_of(table: ResultTable, column: Column) -> str:
         return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
     heads: dict[Column, list[str]] = {
         "lost": ["Lost", r"[\%]"],
-        "median": ["Median", f"[quartiles] {unit}".strip()],
+        "median": ["Median", f"(quartiles) {unit}".strip()],
         "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
         "counts": ["Won/lost/", "tied"],
         "superiority": ["Superiority"],

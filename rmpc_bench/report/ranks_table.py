@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
@@ -180,7 +181,11 @@ def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:
     parts: dict[tuple[str, str], dict[str, Ratio]] = {}
     for each in (ratio for row in found.rows for ratio in row.by_value):
         parts.setdefault((each.axis, each.value), {})[each.method] = each
-    columns = {value: [_factor(of.get(row.method)) for row in found.rows] for (_, value), of in parts.items()}
+    seen = Counter(value for _, value in parts)
+    # Two paths may have the same value.
+    heads = [value if seen[value] == 1 else f"{axis.rpartition('.')[2]}={value}" for axis, value in parts]
+    cells = [[_factor(of.get(row.method)) for row in found.rows] for of in parts.values()]
+    columns = dict(zip(heads, cells, strict=True))
     if found.n_values < 2:
         return columns
     others = [None if row.method == baseline else row for row in found.rows]

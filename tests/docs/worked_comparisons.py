@@ -233,7 +233,7 @@ def row_of_runs(table: ResultTable) -> dict[str, str]:
     names = [row.method for row in table.rows]
     return {
         "metric": f"{table.info.name} [{table.info.unit}]",
-        **{f"median of {name} [quartiles]": cell for name, cell in zip(names, found["median"], strict=True)},
+        **{f"median of {name} (quartiles)": cell for name, cell in zip(names, found["median"], strict=True)},
         **{f"n/n_failed of {name}": cell for name, cell in zip(names, found["n"], strict=True)},
         "pairs": found.get("pairs", ["", ""])[1],
     }

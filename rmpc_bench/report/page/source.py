@@ -10,7 +10,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.rank_rows import Ranking
-from rmpc_bench.analysis.result_rows import ResultTable, result_table
+from rmpc_bench.analysis.result_rows import ResultTable, in_one_form, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
@@ -79,7 +79,9 @@ def info_of(summary: Summary) -> MetricInfo | None:
 
 def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
     """Return the rows of a metric at every point with runs."""
-    return [] if info is None else [result_table(*each, info) for each in summary.points if len(each.trials.frame)]
+    if info is None:
+        return []
+    return in_one_form([result_table(*each, info) for each in summary.points if len(each.trials.frame)])
 
 
 def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
