@@ -12,7 +12,7 @@ from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORS
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
-from rmpc_bench.report.columns import columns_of, other_average, value_text
+from rmpc_bench.report.point_tables import columns_of, other_average, value_text
 from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column
