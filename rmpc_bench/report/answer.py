@@ -21,6 +21,7 @@ from rmpc_bench.analysis.result_rows import (
 from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.figures.captions import joined
 from rmpc_bench.figures.sweep_content import SweepAxis, axis_of
 from rmpc_bench.report.run_notes import counted
 
@@ -29,8 +30,7 @@ ENOUGH = 25  # words for the points of a sweep, below which the findings are cou
 MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
-_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")
-"""Words in front of which the answer does not begin with the name of a method."""
+_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")  # no names of methods
 _FORMS = {BETTER: "better than {}", WORSE: "worse than {}", EQUIVALENT: "equivalent to {}"}
 _FINDINGS = {
     Finding.CONFIRMED_SMALLER: "confirmed with a smaller effect",
@@ -39,8 +39,7 @@ _FINDINGS = {
     Finding.EQUAL: "equal to the printed digits",
     Finding.CLOSE: "close to the printed number",
     Finding.DIFFERENT: "different from the printed number",
-}
-"""Words behind a form of ``be``, where those of the finding itself do not fit."""
+}  # behind a form of `be`, where the words of the finding itself do not fit
 
 
 class Sweep(NamedTuple):
@@ -62,15 +61,16 @@ def answer(
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
         text = f"{found} {_of_points(in_order(tables), n_blank, room - len(found.split()))}".strip()
     else:
-        text = _first_fitting(claims, *_of_rows(tables[0]), room=room)
+        # One wording of each part, the first ones that fit together; the first part is the first to be shortened.
+        choices = sorted(
+            product(*map(enumerate, (claims, *_of_rows(tables[0])))),
+            key=lambda chosen: (sum(k for k, _ in chosen), -chosen[0][0]),
+        )
+        texts = [" ".join(text for _, text in chosen if text) for chosen in choices]
+        text = next((text for text in texts if len(text.split()) <= room), texts[-1])
     if not unfinished:
         return text
     return f"So far {text[0].lower()}{text[1:]}" if text.startswith(_BEGINNINGS) else f"So far {text}"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas and a final ``and``."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
@@ -96,13 +96,6 @@ def finding_words(finding: Finding) -> str:
     return _FINDINGS.get(finding, finding.sentence)
 
 
-def _first_fitting(*parts: Sequence[str], room: int) -> str:
-    """Join one wording of each part, the first ones that fit together; the first part is the first to be shortened."""
-    choices = sorted(product(*map(enumerate, parts)), key=lambda chosen: (sum(k for k, _ in chosen), -chosen[0][0]))
-    texts = [" ".join(text for _, text in chosen if text) for chosen in choices]
-    return next((text for text in texts if len(text.split()) <= room), texts[-1])
-
-
 def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
     """Return the answer for one point and what is said of failures, each in ever fewer words."""
     rows = table.compared
@@ -123,10 +116,10 @@ def _alone(table: ResultTable) -> str:
         return "Every run failed." if any(row.n_failed for row in table.rows) else "No run is finished."
     if table.may_not_occur:
         parts = [f"{row.n_occurred} of {row.n} runs of {row.method} have a {table.quantity}" for row in rows]
-        return f"{listed(parts)}."
+        return f"{joined(parts)}."
     unit = f" {table.info.unit}" if table.info.unit else ""
     parts = [f"{mean_text(row.mean)}{unit} for {row.method}" for row in rows]
-    return f"The mean {table.info.words} is {listed(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
+    return f"The mean {table.info.words} is {joined(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
 
 
 def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
@@ -137,26 +130,21 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
         if names:
             n = f" with {counted(rows[0].n + rows[0].n_failed, 'run')}" if word == INCONCLUSIVE and not parts else ""
             are = "are" if len(names) > 1 else "is"
-            parts.append(f"{listed(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
+            parts.append(f"{joined(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
     text = "; ".join(parts)
     best = table.best
     if best is None or best.word != BETTER:
         return [f"{text}." if text else ""]
-    sized = _occurrence(table, best, text) if table.form == "share" else _with_size(table, best, text, len(rows) == 1)
-    return [sized, f"{text}."]
-
-
-def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
-    """Compare how often the event did not occur; where that is the same, in how many runs the best is better."""
+    if table.form != "share":
+        return [_with_size(table, best, text, len(rows) == 1), f"{text}."]
+    # How often the event did not occur; where that is the same, in how many runs the best is better.
     base = next(row for row in table.rows if row.is_baseline)
     lost = [(row, row.n - row.n_occurred) for row in (base, best)]
     if lost[0][1] == lost[1][1]:
-        return f"{text}. {best.method} is better in {table.change_text(best)} of the runs."
+        return [f"{text}. {best.method} is better in {table.change_text(best)} of the runs.", f"{text}."]
     (_, before), (_, after) = lost
-    return (
-        f"{text}: {base.method} has no {table.quantity} in {before} of {base.n} runs, "
-        f"{best.method} in {after} of {best.n}."
-    )
+    counts = f"{before} of {base.n} runs, {best.method} in {after} of {best.n}"
+    return [f"{text}: {base.method} has no {table.quantity} in {counts}.", f"{text}."]
 
 
 def _with_size(table: ResultTable, best: ResultRow, text: str, alone: bool) -> str:
@@ -187,7 +175,7 @@ def _counted(table: ResultTable, rows: Sequence[ResultRow]) -> str:
         parts[0] = f"{parts[0]} than {table.baseline}"
     else:
         parts[0] = f"{n} {'is' if n == '1' else 'are'} {_FORMS.get(word, word).format(table.baseline)}"
-    return f"Of {len(rows)} methods, {listed(parts)}."
+    return f"Of {len(rows)} methods, {joined(parts)}."
 
 
 def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
@@ -211,8 +199,8 @@ def _few(names: Sequence[str], n: int) -> str:
     """Name up to n methods and count the others."""
     left = len(names) - n
     if left <= 0:
-        return listed(names)
-    return listed([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
+        return joined(names)
+    return joined([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
 
 
 def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
@@ -311,14 +299,7 @@ def _fitting(groups: Sequence[_Group], room: int) -> str:
 
 
 def ranges(points: Sequence[str], chosen: Sequence[bool]) -> str:
-    """Say at which points of a sweep something holds; of three ranges or more the points are counted.
-
-    Examples
-    --------
-    >>> points = ["0", "0.1", "0.2", "0.3"]
-    >>> ranges(points, [False, True, True, True]), ranges(points, [True, False, False, True])
-    ('from 0.1', 'at 0 and at 0.3')
-    """
+    """Say at which points something holds, such as ``at 0 and from 0.3``; of three ranges or more count the points."""
     found: list[tuple[int, int]] = []
     for k, yes in enumerate(chosen):
         if yes and found and found[-1][1] == k - 1:

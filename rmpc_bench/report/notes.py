@@ -17,13 +17,12 @@ from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed
 from rmpc_bench.report import latex
-from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.latex import WIDTH, capitalised, paper_table
 from rmpc_bench.report.page.rows import Rows
-from rmpc_bench.report.point_tables import Points
-from rmpc_bench.report.requirements_table import latex_requirements
+from rmpc_bench.report.point_tables import Points, other_average
 from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.run_tables import latex_requirements
 from rmpc_bench.types.report_choices import Column
 
 LONGEST = 285  # characters of two lines

@@ -20,9 +20,8 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
 from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import MOST_NAMED, RequirementsTable
 from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, show_command
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped

@@ -25,9 +25,14 @@ from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, m
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
-from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
-from rmpc_bench.report.run_tables import ensemble_rows, worst_runs, worst_runs_columns
+from rmpc_bench.report.run_tables import (
+    REQUIREMENTS_NOTE,
+    ensemble_rows,
+    requirement_columns,
+    worst_runs,
+    worst_runs_columns,
+)
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 

@@ -14,7 +14,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, Tick, difference_axis, ratio_axis, scaled_axis, share_axis, spaced
 from rmpc_bench.figures.points import shown_change
-from rmpc_bench.report.columns import columns_of, other_average
+from rmpc_bench.report.point_tables import columns_of, other_average
 from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column

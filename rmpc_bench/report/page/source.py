@@ -16,8 +16,7 @@ from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.page.matrix import Group
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import RequirementsTable
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
