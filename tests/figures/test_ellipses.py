@@ -1,6 +1,7 @@
 """Covariance ellipses among the runs, read back from the artists."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rmpc_bench.types.result_layout import NO_MOMENTS, NO_P
 
 
 def ellipses(trials, **keys):
-    return Ellipses(**keys).draw(trials)
+    return Ellipses(**{"x": "x0_end", "y": "x1_end"} | keys).draw(trials)
 
 
 INFOS = (MetricInfo("x0_end", "m", "zero"), MetricInfo("x1_end", "m/s^2", "zero"))
@@ -29,8 +30,7 @@ def x_hat(method, k):
 
 @pytest.fixture
 def runs():
-    """Values of two metrics."""
-    return np.random.default_rng(3).normal(size=(2, 30))
+    return np.random.default_rng(3).normal(size=(2, 30))  # values of two metrics
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def distances(points, centre, P):
 @pytest.mark.parametrize("k", [None, 0, 7])
 def test_points_satisfy_the_equation(trials, k):
     """(z - c)' P^-1 (z - c) = s^2, all around; the last sample by default; exact centres count."""
-    figure = ellipses(trials, x="x0_end", y="x1_end", k=k)
+    figure = ellipses(trials, k=k)
     at = N if k is None else k
     for color, method in zip(METHODS, ("classic", "robust"), strict=False):
         P = CLASSIC * (1 + at) if method == "classic" else ROBUST
@@ -96,7 +96,7 @@ def test_points_satisfy_the_equation(trials, k):
 
 def test_dots_axes_and_legend(trials, runs):
     """The values of the runs, once, as they are the same for both; names with units; the radii by their lines."""
-    figure = ellipses(trials, x="x0_end", y="x1_end")
+    figure = ellipses(trials)
     assert list(dots(figure)) == [DIM] and np.array_equal(dots(figure)[DIM], runs)
     assert figure.axes[0].get_xlabel() == "x0 end [m]" and figure.axes[0].get_ylabel() == "x1 end [m/s$^{2}$]"
     assert sorted(legend(figure)) == [r"$1\sigma$", r"$3\sigma$", "30 runs", "classic", "robust"]
@@ -114,9 +114,8 @@ def test_radii_and_components(trials):
     figure = ellipses(trials, x="x1_end", y="x0_end", sigmas=(0.5, 1, 2, 2.5), components=(1, 0), order=["robust"])
     found = rings(figure, METHODS[1])
     for radius, points in zip((0.5, 1, 2, 2.5), found, strict=True):
-        np.testing.assert_allclose(
-            distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1]), radius**2, rtol=1e-9
-        )
+        away = distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1])
+        np.testing.assert_allclose(away, radius**2, rtol=1e-9)
     assert rings(figure, METHODS[0]) == [] and r"$2.5\sigma$" in legend(figure) and "classic" not in legend(figure)
 
 
@@ -127,7 +126,7 @@ def test_values_that_depend_on_the_method(trials, runs):
     frame.loc[robust, "x0_end"] += 1
     frame.loc[robust & (frame["run"] < 2), "status"] = "diverged"
     frame.loc[robust & (frame["run"] == 2), "x1_end"] = np.inf
-    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    figure = ellipses(replace(trials, frame=frame))
     assert set(dots(figure)) == {paler(color, 0.35) for color in METHODS[:2]}
     assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
@@ -138,7 +137,7 @@ def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, 
     """What both methods finished is compared."""
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
-    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    figure = ellipses(replace(trials, frame=frame))
     assert np.array_equal(dots(figure)[DIM], np.delete(runs, 4, axis=1))
     assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
 
@@ -187,11 +186,10 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
     assert Ellipse(np.zeros(2), np.array(P)).shape == shape
     assert (outline(Ellipse(np.zeros(2), np.array(P)), 1.0) is None) == (shape == "none")
     series = trials.series.copy()
-    for i in (0, 1):
-        for j in (0, 1):
-            its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
-            series.loc[its, "value"] = P[i][j]
-    figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
+    for i, j in product((0, 1), repeat=2):
+        its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
+        series.loc[its, "value"] = P[i][j]
+    figure = ellipses(replace(trials, series=series))
     mine = [line for line in figure.axes[0].lines if line.get_color() == METHODS[1]]
     broad = [line for line in mine if line.get_linewidth() > 2.0 and line.get_linestyle() != "None"]
     crosses = [line for line in mine if line.get_marker() == "x" and line.get_markersize() >= 8]
@@ -205,47 +203,41 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
 def test_centres_from_runs_where_there_are_no_exact_ones(trials):
     """The mean over the runs."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
-    assert np.array_equal(centre(ellipses(sampled, x="x0_end", y="x1_end"), METHODS[0]), x_hat("classic", N) + 9)
+    assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
 
 
 def test_a_method_without_P(trials):
-    """It has no ellipse, and is not shown unless asked for."""
+    """It has no ellipse, and is not shown unless asked for.  Without any the message has the way out."""
     lacking = (trials.series["quantity"] == "P") & (trials.series["method"] == "classic")
     table = replace(trials, series=trials.series[~lacking])
-    assert "classic" not in legend(ellipses(table, x="x0_end", y="x1_end"))
-    with pytest.raises(DesignError) as error:
-        ellipses(table, x="x0_end", y="x1_end", order=["classic"])
-    assert str(error.value) == "'classic' has no P (those that have: robust)" and error.value.parameter == "order"
+    assert "classic" not in legend(ellipses(table))
+    for series, keys, message in (
+        (table.series, {"order": ["classic"]}, "'classic' has no P (those that have: robust)"),
+        (trials.series[trials.series["quantity"] == "P"], {}, NO_MOMENTS),
+        (trials.series[trials.series["quantity"] == "mean(x_hat)"], {}, NO_P),
+    ):
+        with pytest.raises(DesignError) as error:
+            ellipses(replace(trials, series=series), **keys)
+        assert str(error.value) == message and error.value.parameter == ("order" if keys else "")
 
 
 @pytest.mark.parametrize(
-    ("given", "parameter", "message"),
+    ("given", "message"),
     [
-        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
-        ({"k": 21}, "k", "there is no sample 21 (the samples are 0 to 20)"),
-        ({"components": (0, 2)}, "components", "there is no state 2 (they count from 0 to 1)"),
-        ({"sigmas": ()}, "sigmas", "must be 1 to 4 positive numbers"),
-        ({"sigmas": (1, -1)}, "sigmas", "must be 1 to 4 positive numbers"),
-        ({"order": ["D"]}, "order", "'D' is not a known method; known: classic, robust"),
-        ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
+        ({"x": "mse"}, "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
+        ({"k": 21}, "there is no sample 21 (the samples are 0 to 20)"),
+        ({"sigmas": ()}, "must be 1 to 4 positive numbers"),
+        ({"sigmas": (1, -1)}, "must be 1 to 4 positive numbers"),
+        ({"height": 0.5}, "must be at least 1 inch (got 0.5)"),
     ],
 )
-def test_errors_show_the_choices(trials, given, parameter, message):
+def test_errors_show_the_choices(trials, given, message):
     with pytest.raises(DesignError) as error:
-        ellipses(trials, **({"x": "x0_end", "y": "x1_end"} | given))
-    assert (str(error.value), error.value.parameter) == (message, parameter)
-
-
-def test_without_moments_or_P(trials):
-    """The way out is a key of the configuration."""
-    for quantity, message in (("P", NO_MOMENTS), ("mean(x_hat)", NO_P)):
-        table = replace(trials, series=trials.series[trials.series["quantity"] == quantity])
-        with pytest.raises(DesignError) as error:
-            ellipses(table, x="x0_end", y="x1_end")
-        assert str(error.value) == message
+        ellipses(trials, **given)
+    assert (str(error.value), error.value.parameter) == (message, *given)
 
 
 def test_a_point_of_a_sweep(trials, make_sweep):
     """Named above the sample."""
     sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
-    assert ellipses(sweep, x="x0_end", y="x1_end", at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
+    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.line_panels import apart, draw_lines
-from rmpc_bench.figures.palette import DIM, METHODS
+from rmpc_bench.figures.palette import DIM, METHODS, line_styles
 from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
@@ -97,13 +97,17 @@ def test_lines_are_the_records_and_all_points_lie_within_the_axes(sweep_of, n_me
 
 
 def test_seven_methods_have_colours_and_more_are_thin_and_grey(sweep_of):
-    """The place of a method among all methods gives its colour, which it has in every figure."""
+    """The place of a method among all methods gives its colour, dashes and marker, which it has in every figure."""
     names = [f"M{k}" for k in range(9)]
     (axes,) = Sweep(show="value").draw(sweep_of(names, over([1, 2, 3]))).axes
     looks = [(line.get_color(), line.get_marker()) for line in axes.lines]
     assert [color for color, _ in looks] == [*METHODS, DIM, DIM]
     assert len({marker for _, marker in looks[:7]}) == 7 and looks[7][1] == "None"
     assert len({str(line.get_linestyle()) + str(line._dash_pattern) for line in axes.lines[:7]}) == 7
+    assert all(line.get_linewidth() < axes.lines[0].get_linewidth() for line in axes.lines[7:])
+    few, many = (line_styles(names, shown) for shown in (["M7", "M3", "M0"], names))
+    same = [(each[name].color, each[name].marker, each[name].linestyle) for each in (few, many) for name in few]
+    assert same[:3] == same[3:]
 
 
 def test_names_stand_at_the_ends_of_lines_and_not_on_each_other(sweep_of):
@@ -279,7 +283,5 @@ def test_one_method_shows_its_values(sweep_of):
     """Nothing is compared; the caption is a sentence."""
     trials = sweep_of(["A"], over([1, 2, 3]))
     assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
-    assert (
-        Sweep().caption(trials)
-        == "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
-    )
+    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
+    assert Sweep().caption(trials) == words
