@@ -231,14 +231,6 @@ def test_ticks_have_room_in_a_narrow_column(trials_of):
         assert len(boxes) > 1 and all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
 
 
-def test_keys_that_do_not_fit(trials_of):
-    shows = {(): "at least one column", ("values", "values"): "each one once", ("rank", "values"): "over all points"}
-    for show, words in shows.items():
-        with pytest.raises(DesignError, match=words) as caught:
-            Rows(show=[*show]).draw(trials_of(["A", "B"]))
-        assert caught.value.parameter == "show"
-
-
 def test_captions_are_one_sentence(trials_of):
     """They define the marks and count the runs."""
     trials = trials_of(["A", "B"])

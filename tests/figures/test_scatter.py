@@ -161,6 +161,8 @@ def test_failed_and_infinite(make_trials):
     assert figure.axes[0].get_title() == "medians, bars: interquartile range; left out: C"
     assert [bar for bar in bars(figure) if max(bar[0]) > 1e99] == [[[1.0, FAR], [2.5, 2.5]]]
     assert METHODS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
+    with pytest.raises(DesignError, match="no method has a value of both error and effort"):
+        draw(make_trials({"error": {"A": [nan]}, "effort": {"A": [nan]}}, infos=(ERROR, EFFORT)))
 
 
 @pytest.fixture
@@ -221,23 +223,6 @@ def test_labels_cover_nothing(make_trials, n):
     with rendered(Rendering(labels=True)):
         figure = draw(replace(table, labels=long))
     assert (texts(figure) == []) == (n == 8) and (long["M0"] in legend(figure)) == (n == 8)
-
-
-@pytest.mark.parametrize(
-    ("given", "parameter", "message"),
-    [
-        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: error, effort"),
-        ({"at": [{"kp": 1}]}, "at", "nothing is swept in this configuration"),
-        ({"x": "y.0"}, "x", "'y.0' is not a known metric of this configuration; known: error, effort"),
-    ],
-)
-def test_errors_show_the_choices(trials, make_trials, given, parameter, message):
-    with pytest.raises(DesignError) as error:
-        draw(trials, **given)
-    assert (str(error.value), error.value.parameter) == (message, parameter)
-    failed = make_trials({"error": {"A": ["diverged"]}, "effort": {"A": ["diverged"]}}, infos=(ERROR, EFFORT))
-    with pytest.raises(DesignError, match="no method has a value of both error and effort"):
-        draw(failed)
 
 
 @pytest.fixture

@@ -301,21 +301,15 @@ def test_bursts_are_bands(trials):
         assert [(p.get_x(), p.get_x() + p.get_width()) for p in bands] == expected
 
 
-@pytest.mark.parametrize(
-    ("keys", "message", "key"),
-    [
-        ({"signals": ["P.2,0"]}, "'P.2,0' is not a component (they count from P.0,0 to P.1,1)", "signals"),
-        ({"signals": ["nis"]}, "'nis' needs recorded e and S", "signals"),
-        ({"signals": ["nees"], "order": ["C"]}, "'C' has none of nees (those that have: A, B)", "order"),
-        ({"width": 0.5}, "must be at least 1 inch", "width"),
-    ],
-)
-def test_what_cannot_be_drawn(trials, keys, message, key):
-    with pytest.raises(DesignError) as error:
-        Signals(**keys).draw(trials)
-    assert str(error.value).startswith(message) and error.value.parameter == key
-    with pytest.raises(DesignError, match="no run is recorded; record some with"):
-        Signals().draw(replace(trials, traces={}))
+def test_what_cannot_be_drawn(trials):
+    for table, keys, message in (
+        (trials, {"signals": ["nis"]}, "'nis' needs recorded e and S"),
+        (trials, {"order": ["C"], "signals": ["nees"]}, r"'C' has none of nees \(those that have: A, B\)"),
+        (replace(trials, traces={}), {}, "no run is recorded; record some with"),
+    ):
+        with pytest.raises(DesignError, match=message) as error:
+            Signals(**keys).draw(table)
+        assert error.value.parameter == next(iter(keys), "")
 
 
 def test_files_are_small(trials):

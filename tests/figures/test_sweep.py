@@ -17,7 +17,7 @@ from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
 from rmpc_bench.figures.sweep_content import APART, content_of, main_paths
-from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.types import MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")
 TIME = MetricInfo("time", "s", "lower", may_not_occur=True)
@@ -262,21 +262,6 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
         renderer = figure._get_renderer()
         boxes = [text.get_window_extent(renderer) for text in figure.axes[0].get_xticklabels()]
     assert len(boxes) > 1 and all(b.x0 - a.x1 > 0.5 * APART for a, b in zip(boxes, boxes[1:], strict=False))
-
-
-def test_keys_that_do_not_fit(sweep_of):
-    trials = sweep_of(["A", "B"], over([1, 2]))
-    for keys, key, words in (
-        ({"path": "plant.b"}, "path", "'plant.b' is not a known path"),
-        ({"path": ["plant.a", "plant.a"]}, "path", "two different"),
-        ({"log": True}, "log", "is for values"),
-        ({"order": ["A"]}, "order", "besides the baseline"),
-    ):
-        with pytest.raises(DesignError, match=words) as caught:
-            Sweep(**keys).draw(trials)
-        assert caught.value.parameter == key
-    with pytest.raises(DesignError, match="nothing is swept in this configuration"):
-        Sweep().draw(replace(trials.each[0], point={}))
 
 
 def test_one_method_shows_its_values(sweep_of):
