@@ -26,7 +26,6 @@ def mistakes(tmp_path, **keys):
 
 NO_RUN = "no run is recorded; record some with `record: {runs: 1}`"
 NEEDS = ("", "needs ensemble moments: evaluate: [runs, moments]")
-NO_P = ("", "no method reports a covariance P")
 STATES = "{runs: 2, signals: [y, u, x, x_hat]}"
 SHOWN = "'median' is not known; known: values, change, mean, share, rank"
 
@@ -67,7 +66,6 @@ def test_what_is_asked_in_vain(tmp_path, figure, record, key, message):
 @pytest.mark.parametrize("figures", ["[sweep]", "[boxplot]", "[rows]", "[]"])
 @pytest.mark.parametrize("n_points", [1, 7, 12])
 def test_no_number_of_points_is_refused(tmp_path, figures, n_points):
-    """Whatever the figures ask for."""
     sweep = f"{{grid: {{controller.Hp: {[*range(4, 4 + n_points)]}}}}}"
     load_config(write(tmp_path, sweep=sweep, figures=figures))
 
@@ -85,156 +83,122 @@ def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
 
 MOMENTS = {"mean(x)": (2,), "mean(x_hat)": (2,), "mean(e)": (2,), "cov(x)": (2, 2), "cov(e)": (2, 2)}
 P = {"P": (2, 2)}
-BOTH = MOMENTS | P
+SETS = {"KF": {"P": (1, 2, 2)}, "MIX": {"P": (101, 2, 2), "M": (101, 2, 2)}, "LP": {"L": (1, 2, 1)}}
+OTHER = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
+NO_TUBE = "'tube' needs recorded x and x_hat of a method that reports a set M or a covariance P: "
+NO_TUBE += "record: {runs: 1, signals: [x, x_hat]}"
 NO_STATE = "there is no state 2 (they count from 0 to 1)"
 EMPTY = "fewer than two samples lie between `from` and `to` (there are 0 to 10)"
+NINE_ROWS = "9 rows of panels do not fit into one figure (at most 8): choose components such as x.0"
+TOO_CLOSE = "more than 50 time marks overlap: choose a longer time between two marks"
+TOO_MANY = "64 points of methods do not fit into one figure (at most 60): choose some points of the sweep, "
+TOO_MANY += "or fewer methods"
+COMMON = {"y": (3,), "bursts": (1,)}
+RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
+
+
+def ensemble(series):
+    """Layout of a method with series of an ensemble."""
+    return {"series": series, "arrays": {"A": {name: (101, *shape) for name, shape in series.items()}}}
+
+
+def tubes(arrays, signals=("y", "x", "x_hat")):
+    """Layout of methods with the same signals, of a plant with two states."""
+    shapes = {"y": (1,), "u": (1,), "x": (2,), "x_hat": None}
+    kept = {name: {signal: shapes[signal] for signal in signals} for name in arrays}
+    series = {name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()}
+    return {"arrays": arrays, "signals": kept, "series": series, "recorded": range(2)}
+
+
+BOTH, BARE, SWEPT = ensemble(MOMENTS | P), {}, {"points": tuple({"k": str(number)} for number in range(16))}
+KEPT, MORE = ({"signals": RECORDED, "recorded": range(n)} for n in (2, 9))
+NO_Y, UNKNOWN = ({"signals": {"A": each}, "recorded": range(1)} for each in ({"u": (1,)}, {"x_hat": None}))
 
 
 def read(kind, text):
-    """Keys of a figure and the mistakes in them."""
     problems = []
     return validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems), problems
 
 
-def issues(kind, text, **layout):
+def issues(kind, text, layout):
     """What a figure finds in a layout."""
     keys, problems = read(kind, text)
     assert not problems
     figure = registry.get("figures", kind)(**{name: getattr(keys, name) for name in type(keys).model_fields})
     known = {"metrics": ("a", "b"), "points": ({},), "end": 10.0, "Ts": 0.1}
-    return list(figure.check(ResultLayout(**known | {"methods": tuple(layout.get("arrays", ()))} | layout)))
+    methods = tuple(layout.get("arrays", layout.get("signals", "ABCD")))
+    return list(figure.check(ResultLayout(**known | {"methods": methods} | layout)))
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "series", "found"),
+    ("kind", "layout", "text", "key", "message"),
     [
-        ("signals", "{signals: [variance.1, mean], log: true}", BOTH, []),
-        ("signals", "{signals: [variance]}", P, [("signals", f"'variance' {NEEDS[1]}")]),
-        ("signals", "{signals: [variance]}", MOMENTS, []),
-        ("ellipses", "{x: a, y: b}", BOTH, []),
-        ("ellipses", "{x: a, y: b}", P, [NEEDS]),
-        ("ellipses", "{x: a, y: b}", MOMENTS, [NO_P]),
-        ("ellipses", "{x: a, y: b, components: [0, 2]}", BOTH, [("components", NO_STATE)]),
-        ("ellipses", "{x: a, y: b, components: [1, 1]}", BOTH, [("components", "must be two different states")]),
-    ],
-)
-def test_what_figures_of_an_ensemble_require(kind, text, series, found):
-    """Moments, for a bound or an ellipse also P, and a state that exists."""
-    arrays = {"A": {name: (101, *shape) for name, shape in series.items()}}
-    assert issues(kind, text, series=series, arrays=arrays) == found
-
-
-SETS = {"KF": {"P": (1, 2, 2)}, "MIX": {"P": (101, 2, 2), "M": (101, 2, 2)}, "LP": {"L": (1, 2, 1)}}
-NO_TUBE = "'tube' needs recorded x and x_hat of a method that reports a set M or a covariance P: "
-NO_TUBE += "record: {runs: 1, signals: [x, x_hat]}"
-
-
-def of_tubes(text, arrays, signals=("y", "x", "x_hat")):
-    """What tubes find in a layout whose methods have the same signals, of a plant with two states."""
-    shapes = {"y": (1,), "u": (1,), "x": (2,), "x_hat": None}
-    kept = {name: {signal: shapes[signal] for signal in signals} for name in arrays}
-    series = {name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()}
-    return issues("signals", text, arrays=arrays, signals=kept, series=series, recorded=range(2))
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("{signals: [tube]}", []),
-        ("{signals: [tube.1], run: 1, order: [MIX], level: 99%}", []),
-        ("{signals: [tube], run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
-        ("{signals: [tube], order: [LP, MIX]}", [("order", "'LP' has none of tube (those that have: KF, MIX)")]),
-        ("{signals: [tube.2]}", [("signals", "'tube.2' is not a component (they count from tube.0 to tube.1)")]),
-    ],
-)
-def test_what_tubes_require(text, found):
-    """A recorded run, methods that report a set, states that exist."""
-    assert of_tubes(text, SETS) == found
-
-
-@pytest.mark.parametrize("signals", [("y", "u"), ("x",), ("x_hat",)])
-def test_tubes_need_states_and_estimates(signals):
-    """Both, and a set of the plant's states; the way out is in the message."""
-    assert of_tubes("{signals: [tube]}", SETS, signals=signals) == [("signals", NO_TUBE)]
-    assert of_tubes("{signals: [tube]}", {"LP": {}}) == [("signals", NO_TUBE)]
-    other = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
-    assert [key for key, _ in of_tubes("{signals: [tube], order: [S]}", other)] == ["order"]
-    assert of_tubes("{signals: [tube], order: [KF]}", other) == []
-
-
-NINE_ROWS = "9 rows of panels do not fit into one figure (at most 8): choose components such as x.0"
-TOO_CLOSE = "more than 50 time marks overlap: choose a longer time between two marks"
-TOO_MANY = "64 points of methods do not fit into one figure (at most 60): choose some points of the sweep, "
-TOO_MANY += "or fewer methods"
-SWEPT = {"points": tuple({"k": str(number)} for number in range(16))}
-COMMON = {"y": (3,), "bursts": (1,)}
-RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
-LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
-MORE, NO_Y = LAYOUT | {"recorded": range(9)}, {"signals": {"A": {"u": (1,)}}}
-
-
-@pytest.mark.parametrize(
-    ("kind", "text", "key", "message"),
-    [
-        ("signals", "{signals: [e, Q_yw.8, r.0, bursts]}", "", ""),
-        ("signals", "{signals: [e.3]}", "signals", "'e.3' is not a component (they count from e.0 to e.2)"),
-        ("signals", "{signals: [Q_yw.9]}", "signals", "'Q_yw.9' is not a component (they count from Q_yw.0 to Q_yw.8)"),
-        ("signals", "{signals: [e, r, u]}", "signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)"),
-        ("signals", "{signals: [Q_yw]}", "signals", NINE_ROWS),
-        ("signals", "{signals: []}", "signals", "must name at least one signal"),
-        ("elements", "{signal: Q_yw, run: 1, order: [B]}", "", ""),
-        ("elements", "{signal: S}", "signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)"),
-        ("elements", "{signal: r}", "signal", "r is not a square matrix (3): show it with signals"),
-        ("elements", "{signal: y}", "signal", "y is not a square matrix (3): show it with signals"),
-        ("elements", "{signal: Q_yw, run: 2}", "run", "run 2 is not recorded (recorded: 0, 1)"),
-        ("elements", "{signal: Q_yw, order: [A, C]}", "order", "'C' does not report Q_yw"),
-        ("elements", "{signal: Q_yw, width: 3}", "width", "3 columns need a width of 3.2 inches (got 3)"),
-        ("elements", "{signal: Q_yw, to: 0}", "to", EMPTY),
-        ("scatter", "{x: y.0, y: y.1}", "", ""),
-        ("scatter", "{x: y.2, y: y.0, run: 1, marks: 1, magnify: 20}", "", ""),
-        ("scatter", "{x: y.0, y: y.1, run: 5}", "run", "run 5 is not recorded (recorded: 0, 1)"),
-        ("scatter", "{x: y.0, y: y.3}", "y", "'y.3' is not a component (they count from y.0 to y.2)"),
-        ("scatter", "{x: y.1, y: y.1}", "y", "must be another metric or signal than x"),
-        ("scatter", "{x: y.0, y: y}", "y", "must be one component of a recorded signal, such as y.0"),
-        ("scatter", "{x: y.0, y: y.1, marks: 0.1}", "marks", TOO_CLOSE),
-        ("scatter", "{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", "", ""),
-        ("scatter", "{x: y.0, y: y.1, from: 5, to: 2}", "from", EMPTY),
-    ],
-)
-def test_what_figures_of_recorded_signals_require(kind, text, key, message):
-    """Recorded runs, components that exist (of a matrix row by row), marks that do not overlap; e is there with y."""
-    assert issues(kind, text, **LAYOUT) == ([(key, message)] if message else [])
-
-
-@pytest.mark.parametrize(
-    ("kind", "text", "layout", "found"),
-    [
-        ("elements", "{signal: Q_yw}", {}, ("", NO_RUN)),
-        ("scatter", "{x: y.0, y: y.1}", {}, ("", NO_RUN)),
-        ("scatter", "{x: y.0, y: y.1, run: 9}", MORE, ("run", "run 9 is not recorded (recorded: 0 to 8)")),
-        ("signals", "{signals: [e]}", NO_Y, ("signals", "'e' is not recorded (recorded: u)")),
+        # Moments, for a bound or an ellipse also P, and a state that exists.
+        ("signals", BOTH, "{signals: [variance.1, mean], log: true}", "", ""),
+        ("signals", ensemble(P), "{signals: [variance]}", "signals", f"'variance' {NEEDS[1]}"),
+        ("signals", ensemble(MOMENTS), "{signals: [variance]}", "", ""),
+        ("ellipses", BOTH, "{x: a, y: b}", "", ""),
+        ("ellipses", ensemble(P), "{x: a, y: b}", *NEEDS),
+        ("ellipses", ensemble(MOMENTS), "{x: a, y: b}", "", "no method reports a covariance P"),
+        ("ellipses", BOTH, "{x: a, y: b, components: [0, 2]}", "components", NO_STATE),
+        ("ellipses", BOTH, "{x: a, y: b, components: [1, 1]}", "components", "must be two different states"),
+        # Tubes: a recorded run with states and estimates, methods that report a set of the plant's states.
+        ("signals", tubes(SETS), "{signals: [tube]}", "", ""),
+        ("signals", tubes(SETS), "{signals: [tube.1], run: 1, order: [MIX], level: 99%}", "", ""),
+        ("signals", tubes(SETS), "{signals: [tube], run: 2}", "run", "run 2 is not recorded (recorded: 0, 1)"),
+        ("signals", tubes(SETS), "{signals: [tube], order: [LP]}", "order", "(those that have: KF, MIX)"),
+        ("signals", tubes(SETS), "{signals: [tube.2]}", "signals", "(they count from tube.0 to tube.1)"),
+        *(("signals", tubes(SETS, each), "{signals: [tube]}", "signals", NO_TUBE) for each in ("yu", ["x"], ["x_hat"])),
+        ("signals", tubes({"LP": {}}), "{signals: [tube]}", "signals", NO_TUBE),
+        ("signals", tubes(OTHER), "{signals: [tube], order: [S]}", "order", "'S' has none of tube"),
+        ("signals", tubes(OTHER), "{signals: [tube], order: [KF]}", "", ""),
+        # Recorded signals: components that exist (of a matrix row by row); e is there with y.
+        ("signals", KEPT, "{signals: [e, Q_yw.8, r.0, bursts]}", "", ""),
+        ("signals", KEPT, "{signals: [e.3]}", "signals", "'e.3' is not a component (they count from e.0 to e.2)"),
+        ("signals", KEPT, "{signals: [Q_yw.9]}", "signals", "(they count from Q_yw.0 to Q_yw.8)"),
+        ("signals", KEPT, "{signals: [e, r, u]}", "signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)"),
+        ("signals", KEPT, "{signals: [Q_yw]}", "signals", NINE_ROWS),
+        ("signals", KEPT, "{signals: []}", "signals", "must name at least one signal"),
+        ("signals", NO_Y, "{signals: [e]}", "signals", "'e' is not recorded (recorded: u)"),
         # Any component of a signal of unknown size may exist, and it takes one panel.
-        ("signals", "{signals: [x_hat, x_hat.7]}", {"signals": {"A": {"x_hat": None}}}, None),
-        ("scatter", "{x: a, y: b}", {}, None),
-        ("scatter", "{x: a, y: a}", {}, ("y", "must be another metric or signal than x")),
-        ("scatter", "{x: a, y: b}", SWEPT, ("at", TOO_MANY)),
-        ("scatter", "{x: a, y: b, order: [A]}", SWEPT, None),
-        ("scatter", "{x: a, y: b, at: [{k: 1}]}", SWEPT, None),
-        ("scatter", "{x: y.0, y: b}", {}, ("x", "'y.0' is not a known metric of this configuration; known: a, b")),
-        ("rows", "{show: []}", {}, ("show", "at least one column")),
-        ("rows", "{show: [values, values]}", {}, ("show", "each one once")),
-        ("rows", "{show: [rank, values]}", {}, ("show", "over all points")),
-        ("sweep", "{path: b}", SWEPT, ("path", "'b' is not a known path")),
-        ("sweep", "{path: [k, k]}", SWEPT, ("path", "two different")),
-        ("sweep", "{log: true}", SWEPT, ("log", "is for values")),
-        ("sweep", "{order: [A]}", SWEPT, ("order", "besides the baseline")),
+        ("signals", UNKNOWN, "{signals: [x_hat, x_hat.7]}", "", ""),
+        ("elements", KEPT, "{signal: Q_yw, run: 1, order: [B]}", "", ""),
+        ("elements", KEPT, "{signal: S}", "signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)"),
+        ("elements", KEPT, "{signal: r}", "signal", "r is not a square matrix (3): show it with signals"),
+        ("elements", KEPT, "{signal: Q_yw, run: 2}", "run", "run 2 is not recorded (recorded: 0, 1)"),
+        ("elements", KEPT, "{signal: Q_yw, order: [A, C]}", "order", "'C' does not report Q_yw"),
+        ("elements", KEPT, "{signal: Q_yw, width: 3}", "width", "3 columns need a width of 3.2 inches (got 3)"),
+        ("elements", KEPT, "{signal: Q_yw, to: 0}", "to", EMPTY),
+        ("elements", BARE, "{signal: Q_yw}", "", NO_RUN),
+        ("scatter", KEPT, "{x: y.0, y: y.1}", "", ""),
+        ("scatter", KEPT, "{x: y.2, y: y.0, run: 1, marks: 1, magnify: 20}", "", ""),
+        ("scatter", KEPT, "{x: y.0, y: y.1, run: 5}", "run", "run 5 is not recorded (recorded: 0, 1)"),
+        ("scatter", MORE, "{x: y.0, y: y.1, run: 9}", "run", "run 9 is not recorded (recorded: 0 to 8)"),
+        ("scatter", KEPT, "{x: y.0, y: y.3}", "y", "'y.3' is not a component (they count from y.0 to y.2)"),
+        ("scatter", KEPT, "{x: y.1, y: y.1}", "y", "must be another metric or signal than x"),
+        ("scatter", KEPT, "{x: y.0, y: y}", "y", "must be one component of a recorded signal, such as y.0"),
+        ("scatter", KEPT, "{x: y.0, y: y.1, marks: 0.1}", "marks", TOO_CLOSE),
+        ("scatter", KEPT, "{x: y.0, y: y.1, marks: 0.1, from: 2, to: 4}", "", ""),
+        ("scatter", KEPT, "{x: y.0, y: y.1, from: 5, to: 2}", "from", EMPTY),
+        ("scatter", BARE, "{x: y.0, y: y.1}", "", NO_RUN),
+        ("scatter", BARE, "{x: y.0, y: b}", "x", "'y.0' is not a known metric of this configuration; known: a, b"),
+        # Metrics: no more points than can be distinguished.
+        ("scatter", BARE, "{x: a, y: b}", "", ""),
+        ("scatter", BARE, "{x: a, y: a}", "y", "must be another metric or signal than x"),
+        ("scatter", SWEPT, "{x: a, y: b}", "at", TOO_MANY),
+        ("scatter", SWEPT, "{x: a, y: b, order: [A]}", "", ""),
+        ("scatter", SWEPT, "{x: a, y: b, at: [{k: 1}]}", "", ""),
+        ("rows", BARE, "{show: []}", "show", "at least one column"),
+        ("rows", BARE, "{show: [values, values]}", "show", "each one once"),
+        ("rows", BARE, "{show: [rank, values]}", "show", "over all points"),
+        ("sweep", SWEPT, "{path: b}", "path", "'b' is not a known path"),
+        ("sweep", SWEPT, "{path: [k, k]}", "path", "two different"),
+        ("sweep", SWEPT, "{log: true}", "log", "is for values"),
     ],
 )
-def test_what_depends_on_the_layout(kind, text, layout, found):
-    """Recorded runs, and no more points than can be distinguished."""
-    given = {"methods": tuple("ABCD"), "recorded": range(1) if "signals" in layout else ()} | layout
-    issue = next(iter(issues(kind, text, **given)), None)
-    assert issue is found is None or (issue.key == found[0] and found[1] in issue.message)
+def test_what_figures_require_of_the_layout(kind, layout, text, key, message):
+    found = issues(kind, text, layout)
+    assert bool(found) == bool(message) and all(each.key == key and message in each.message for each in found[:1])
 
 
 @pytest.mark.parametrize("kind", registry.names("figures"))
@@ -310,5 +274,4 @@ def test_keys_are_read_as_a_configuration_writes_them(kind, text, expected):
     ],
 )
 def test_keys_that_are_no_values_of_a_figure(kind, text, found):
-    """Each with its place."""
     assert sorted(str(problem).split(": ", 1)[1] for problem in read(kind, text)[1]) == found

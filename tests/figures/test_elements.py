@@ -97,7 +97,6 @@ def test_samples_of_the_legend_look_as_the_lines(make_trials, trials, rough):
 
 
 def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
-    """And nothing is cut off."""
     figure = elements(trials)
     for group in ([each for each in ALL if each[0] == each[1]], [each for each in ALL if each[0] != each[1]]):
         ((low, high),) = {panel(figure, *each).get_ylim() for each in group}
@@ -108,7 +107,6 @@ def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
 
 
 def test_bursts_and_window(trials):
-    """In every panel, cut to the window."""
     figure = elements(trials, from_=1.5, to=4.0)
     for axes in figure.axes:
         (band,) = [each for each in axes.patches if isinstance(each, Rectangle)]
@@ -129,7 +127,6 @@ def test_a_signal_of_the_estimator_and_a_single_entry(trials):
 
 
 def test_a_method_that_failed_does_not_shrink_the_others(trials):
-    """It is named above the legend."""
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "constant") & (frame["run"] == 0), "status"] = "diverged"
     wild = trials.traces["constant"]

@@ -62,7 +62,6 @@ def centre(figure, color):
 
 
 def dots(figure):
-    """Colour -> values of the dots."""
     lines = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
     return {line.get_color(): np.array(line.get_xydata()).T for line in lines}
 
@@ -134,28 +133,11 @@ def test_values_that_depend_on_the_method(trials, runs):
 
 
 def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, runs):
-    """What both methods finished is compared."""
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
     figure = ellipses(replace(trials, frame=frame))
     assert np.array_equal(dots(figure)[DIM], np.delete(runs, 4, axis=1))
     assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
-
-
-@pytest.mark.parametrize(
-    ("P", "ends"),
-    [
-        ([[4.0, -6.0], [-6.0, 9.0]], [[2, -3], [-2, 3]]),
-        ([[3.6, -0.6], [-0.6, 0.1]], [[3.6**0.5, -(0.1**0.5)], [-(3.6**0.5), 0.1**0.5]]),
-        ([[4.0, 0.0], [0.0, 0.0]], [[2, 0], [-2, 0]]),
-        ([[0.0, 0.0], [0.0, 9.0]], [[0, 3], [0, -3]]),
-        ([[0.0, 0.0], [0.0, 0.0]], [[0, 0], [0, 0]]),
-    ],
-)
-def test_a_singular_matrix_is_a_segment(P, ends):
-    """Along its only direction, to the radius, drawn once so that dashes stay dashes."""
-    points = outline(Ellipse(np.array([1.0, -1.0]), np.array(P)), 2.0)
-    np.testing.assert_allclose(points, [1.0, -1.0] + 2.0 * np.array(ends), atol=1e-12)  # the centre's rounding
 
 
 def test_very_different_scales_are_no_segment():
@@ -168,23 +150,31 @@ def test_very_different_scales_are_no_segment():
 
 
 @pytest.mark.parametrize(
-    ("P", "shape"),
+    ("P", "shape", "ends"),
     [
-        ([[4.0, 1.0], [1.0, 9.0]], "ellipse"),
-        ([[4.0, -6.0], [-6.0, 9.0]], "segment"),
+        ([[4.0, 1.0], [1.0, 9.0]], "ellipse", None),
+        ([[4.0, -6.0], [-6.0, 9.0]], "segment", [[2, -3], [-2, 3]]),
+        ([[3.6, -0.6], [-0.6, 0.1]], "segment", [[3.6**0.5, -(0.1**0.5)], [-(3.6**0.5), 0.1**0.5]]),
         # The sides of this ellipse are 0.01 standard deviations from its axis.
-        ([[1.0, 0.99995], [0.99995, 1.0]], "segment"),
-        ([[4.0, 0.0], [0.0, 0.0]], "segment"),
-        ([[0.0, 0.0], [0.0, 0.0]], "point"),
-        ([[1.0, 2.0], [2.0, 1.0]], "none"),
-        ([[-1.0, 0.0], [0.0, 1.0]], "none"),
-        ([[np.nan, 0.0], [0.0, 1.0]], "none"),
+        ([[1.0, 0.99995], [0.99995, 1.0]], "segment", None),
+        ([[4.0, 0.0], [0.0, 0.0]], "segment", [[2, 0], [-2, 0]]),
+        ([[0.0, 0.0], [0.0, 9.0]], "segment", [[0, 3], [0, -3]]),
+        ([[0.0, 0.0], [0.0, 0.0]], "point", [[0, 0], [0, 0]]),
+        ([[1.0, 2.0], [2.0, 1.0]], "none", None),
+        ([[-1.0, 0.0], [0.0, 1.0]], "none", None),
+        ([[np.nan, 0.0], [0.0, 1.0]], "none", None),
     ],
 )
-def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
-    """A broad line with marks at its ends, a large cross, or none; the legend says so, and the others are drawn."""
-    assert Ellipse(np.zeros(2), np.array(P)).shape == shape
-    assert (outline(Ellipse(np.zeros(2), np.array(P)), 1.0) is None) == (shape == "none")
+def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends):
+    """A broad line with marks at its ends, a large cross, or none; the legend says so, and the others are drawn.
+
+    A segment lies along the only direction, to the radius, drawn once so that dashes stay dashes.
+    """
+    ellipse = Ellipse(np.array([1.0, -1.0]), np.array(P))
+    points = outline(ellipse, 2.0)
+    assert ellipse.shape == shape and (points is None) == (shape == "none")
+    if ends:
+        np.testing.assert_allclose(points, [1.0, -1.0] + 2.0 * np.array(ends), atol=1e-12)  # the centre's rounding
     series = trials.series.copy()
     for i, j in product((0, 1), repeat=2):
         its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
@@ -201,7 +191,6 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
 
 
 def test_centres_from_runs_where_there_are_no_exact_ones(trials):
-    """The mean over the runs."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
     assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
 
@@ -225,6 +214,5 @@ def test_a_method_without_P(trials):
 
 
 def test_a_point_of_a_sweep(trials, make_sweep):
-    """Named above the sample."""
     sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
     assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"

@@ -113,7 +113,6 @@ def test_the_same_bytes_twice(make_trials, tmp_path, ending):
 
 
 def test_pgf_without_latex(make_trials, tmp_path, monkeypatch):
-    """The error says what is missing."""
     monkeypatch.setattr(shutil, "which", lambda name: None)
     picture, _ = drawn(make_trials)
     with pytest.raises(FileNotFoundError, match="pgf needs a LaTeX"):

@@ -105,7 +105,6 @@ def test_what_a_check_finds_is_an_error_of_drawing(point, sweep, name):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["rows", "boxplot", "lines", "cells"])
 def test_any_name_of_a_method_can_be_drawn(tmp_path, make_trials, make_sweep, kind, name):
-    """In rows, columns, lines and cells, as SVG and PDF."""
     table = make_trials({"length": {"A": [1.0, 2.0, 3.0], name: [1.1, 2.5, 2.9]}}, FLAT[:1])
     path, texts = ("plant.a", "12") if kind == "lines" else ("name", "pq")
     trials = make_sweep(*[({path: text}, table) for text in texts]) if kind in ("lines", "cells") else table

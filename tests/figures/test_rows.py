@@ -153,7 +153,6 @@ def test_shares_are_counted_with_wilson_intervals(make_trials):
 
 
 def test_means_are_those_of_the_summary(trials_of):
-    """With their intervals."""
     trials = trials_of(["A", "B", "C"])
     (axes,) = Rows(show="mean").draw(trials).axes
     rows = summary(trials).set_index("method")
@@ -179,7 +178,6 @@ def test_ranks_are_over_all_points(trials_of, make_sweep):
 
 
 def test_a_metric_that_is_best_at_0_has_differences_in_its_unit(make_trials):
-    """On a linear axis with the unit in its label."""
     rng = np.random.default_rng(0)
     trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
     axes = Rows().draw(trials).axes[1]
@@ -210,7 +208,6 @@ def test_the_label_of_all_panels_is_not_cut(trials_of, make_sweep):
 
 
 def test_of_more_than_six_points_the_first_six_are_drawn(trials_of, make_sweep):
-    """One below the other on common axes; the caption says so."""
     points = [({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1 + k, 1.2 + k])) for k in range(7)]
     trials = make_sweep(*points)
     for keys, columns in ((Rows(), 2), (Boxplot(), 1)):
@@ -232,7 +229,6 @@ def test_ticks_have_room_in_a_narrow_column(trials_of):
 
 
 def test_captions_are_one_sentence(trials_of):
-    """They define the marks and count the runs."""
     trials = trials_of(["A", "B"])
     assert Boxplot().caption(trials) == (
         "Boxes of length [m]: median, quartiles, whiskers from 5 to 95 % of the runs, and the runs beyond them; "

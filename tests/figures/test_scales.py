@@ -52,7 +52,6 @@ def test_ticks_leave_room_and_lie_on_the_axis():
 
 
 def test_a_row_without_an_interval_and_one_that_is_zero():
-    """They neither move the ends to infinity nor fail."""
     axis = ratio_axis([Estimate(-10.0), Estimate(-100.0, -100.0, -100.0), Estimate(5.0, 1.0, 9.0)], 0.01)
     assert math.isfinite(axis.low) and axis.place(0.0) < 0 < axis.place(1.05) < 1
 

@@ -55,7 +55,6 @@ def dots(figure):
 
 
 def steps(figure):
-    """Corners of the step line."""
     (line,) = [line for line in figure.axes[0].lines if line.get_color() == DIM]
     return [tuple(corner) for corner in np.array(line.get_xydata()).tolist()]
 
@@ -279,7 +278,6 @@ def test_a_failed_run_does_not_change_the_axes(runs):
 
 
 def test_limits_of_states_that_are_near(runs):
-    """Of any method; states have no reference."""
     figure = scatter(runs, x="x.0", y="x.1")
     lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
     assert [line.get_ydata()[0] for line in lines] == [1.2] and legend(figure) == ["A", "B", "limit"]

@@ -61,7 +61,6 @@ def lines(axes, kind, color=INK):
 
 
 def split(line):
-    """Pieces of a line with gaps."""
     return [piece[~np.isnan(piece[:, 1])] for piece in np.split(line, np.flatnonzero(np.isnan(line[:, 1])) + 1)][:-1]
 
 

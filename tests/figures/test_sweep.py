@@ -17,7 +17,7 @@ from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
 from rmpc_bench.figures.sweep_content import APART, content_of, main_paths
-from rmpc_bench.types import MetricInfo
+from rmpc_bench.types import DesignError, MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")
 TIME = MetricInfo("time", "s", "lower", may_not_occur=True)
@@ -133,7 +133,6 @@ def test_names_are_moved_as_little_as_possible():
 
 
 def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make_sweep):
-    """A method 1000 times worse does not squeeze the others."""
     rng = np.random.default_rng(0)
     base = np.exp(0.3 * rng.normal(size=30))
     noise = [np.exp(0.02 * rng.normal(size=30)) for _ in range(2)]
@@ -217,6 +216,8 @@ def test_names_are_a_matrix_whose_longer_side_goes_down(sweep_of):
     n_coloured = sum("?" not in text and "%" in text and "≈" not in text for text in found.values())
     assert len([each for each in axes.patches if isinstance(each, Rectangle)]) == n_coloured
     assert len(Sweep(order=["B"]).draw(trials).axes[0].get_xticklabels()) == 2
+    with pytest.raises(DesignError, match="besides the baseline"):
+        Sweep(order=["A"]).draw(trials)
 
 
 def test_two_paths_are_a_table_per_method(sweep_of):
@@ -265,7 +266,6 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
 
 
 def test_one_method_shows_its_values(sweep_of):
-    """Nothing is compared; the caption is a sentence."""
     trials = sweep_of(["A"], over([1, 2, 3]))
     assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
     words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."

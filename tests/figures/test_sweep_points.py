@@ -55,7 +55,6 @@ def test_one_point_says_which_it_is(sweep, at, place, title):
 
 
 def test_without_a_sweep(make_trials):
-    """The table itself, without a title."""
     table = make_trials(TABLE)
     assert points_at(table, None) == (table,) and point_at(table, None) == (table, "")
 

@@ -29,7 +29,6 @@ def better(method, *change, **others):
 
 
 def table(*rows, form="ratio", direction="lower", unit="", name="estimation_mse", may_not_occur=False, **others):
-    """Return a table with these rows."""
     keys = {"metric": name, "unit": unit, "direction": direction}
     oracles = frozenset(each.method for each in rows if each.is_oracle)
     trials = trials_of({each.method: [] for each in rows}, oracles=oracles, **keys, **others)

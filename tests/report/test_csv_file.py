@@ -68,7 +68,6 @@ def test_floats_of_every_size_are_in_their_shortest_form(tmp_path):
 
 
 def test_csv_of_the_derived_tables(make_trials, tmp_path):
-    """Their columns, and no index."""
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}})
     write_csv(summary(trials), tmp_path / "summary.csv")
     write_csv(comparisons(trials), tmp_path / "comparisons.csv")

@@ -51,7 +51,6 @@ def test_a_bias_that_is_rounding_is_zero(make_trials, with_series):
 
 
 def test_oracles_are_marked_and_errors_beyond_all_bounds_shown(make_trials, with_series):
-    """As in the other tables; without a warning."""
     trials = with_series(make_trials(TWO), *moments("A", [0.0], [np.inf], 0), *moments("B", [0.0], [np.nan], 0))
     rows = ensemble_rows(replace(trials, oracles=frozenset({"B"})))
     assert [row["error at the end"] for row in rows] == ["A", "B (oracle)"]

@@ -16,7 +16,6 @@ from rmpc_bench.types.requirement import Limit, Requirement
 
 
 def rows_in(text: str) -> list[list[str]]:
-    """Cells of every row between the rules."""
     body = text[text.index(r"\midrule") + 9 : text.index(r"\bottomrule")]
     return [[cell.strip() for cell in line.removesuffix(r"\\").split(" & ")] for line in body.strip().split("\n")]
 
@@ -60,7 +59,6 @@ def test_head_of_the_file(summary):
 
 
 def test_order_and_metrics(summary):
-    """Methods and metrics that are chosen, in that order."""
     tables = latex_tables(summary.shown(["Q", "R"], ["input_cost"]))
     assert list(tables) == ["input_cost"]
     assert [row[0] for row in rows_in(tables["input_cost"].body)] == ["Q", "R, $c=10^{-1}$"]

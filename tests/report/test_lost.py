@@ -24,7 +24,6 @@ def trials():
 
 
 def test_the_markdown_has_the_share_beside_the_mean(trials):
-    """Without the key nothing is said of it."""
     page = summarise(trials).to_markdown()
     assert "| lost |" in page and f"| {SHARE} |" in page
     without = replace(trials, lost=None)
@@ -51,7 +50,6 @@ def test_the_table_for_a_paper_defines_the_column(trials):
 
 
 def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):
-    """Also the one table that the page has of many points."""
     points = [({"s": text}, replace(trials, title=f"s={text}", lost=lost)) for text, lost in (("1", 10.0), ("2", 60.0))]
     found = lost_table(make_sweep(*points))[["s", "method", "n_lost"]].to_numpy().tolist()
     assert found == [["1", "KF", 0], ["1", "X", 1], ["2", "KF", 0], ["2", "X", 0]]

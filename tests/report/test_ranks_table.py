@@ -74,7 +74,6 @@ def test_numbers(sweep):
 
 
 def test_a_rank_is_never_a_number_alone(sweep):
-    """In the table, on the screen and in sentences."""
     table = ranks_table(sweep())
     assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
@@ -154,7 +153,6 @@ def test_files_and_page(tmp_path):
 
 
 def test_a_metric_without_ratios_is_refused(tmp_path):
-    """A message at the key, with a way out."""
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)

@@ -106,7 +106,6 @@ WORSE = "failed or 10 times worse than the partner"
 )
 @pytest.mark.parametrize("word", ["equivalent", "better-size-uncertain", "worse", "inconclusive"])
 def test_beside_a_verdict_stands_how_many_runs_are_far_worse_at_most(trials, k, direction, text, word):
-    """Better and equivalent hold in these runs."""
     row = ROW | {"far_worse_runs": k, "far_worse_upper": largest_share(k, 200), "verdict": word}
     found = sentence(row, MSE._replace(direction=direction), trials)
     assert text in found

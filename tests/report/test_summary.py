@@ -52,7 +52,6 @@ def test_sweep_columns_come_first(sweep):
 
 
 def test_without_a_sweep_nothing_is_added(make_trials):
-    """The tables are those of the statistics."""
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}})
     summary, described, compared = summarise(trials), statistics.summary(trials), comparisons(trials)
     pd.testing.assert_frame_equal(summary.described, described)
@@ -88,7 +87,6 @@ def test_many_points_are_shown_together(sweep):
 
 
 def test_the_table_of_trials(sweep, tmp_path):
-    """Sweep columns first, floats as they are."""
     trials_csv(sweep(2), tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines[0] == "c,d,method,run,status,mse" and len(lines) == 13

@@ -36,7 +36,6 @@ def test_the_note_says_where_parameters_come_from(make_trials, word):
 
 
 def test_an_event_that_does_not_occur_has_a_count_and_a_median_but_no_mean(make_trials):
-    """Also for a method that has a mean."""
     values = {"A": [1.0, 2.0, 3.0, 4.0], "B": [1.0, INF, INF, INF], "C": ["diverged"] * 4}
     text = page(make_trials({"settling_time": values}, [SETTLING]))
     assert "| method | occurred; median settling time [s] |" in text and cells(text, "A")[1] == "4 of 4; 2.5"
@@ -57,7 +56,6 @@ def test_an_event_that_does_not_occur_has_a_count_and_a_median_but_no_mean(make_
     ],
 )
 def test_digits_of_the_median(make_trials, values, shown):
-    """Those of the mean, which its interval supports."""
     assert cells(page(make_trials({"mse": {"A": values}})), "A")[2] == shown
 
 

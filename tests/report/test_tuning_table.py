@@ -61,7 +61,6 @@ def test_a_search_that_found_nothing_says_so_on_the_screen_and_in_tables(trials)
 
 
 def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
-    """Also of the method that is not tuned, with the word."""
     text = made.to_markdown()
     assert "| method | parameter | range | default | tuned | best on test | tuning: tuned |" in text
     tuned = "| A | estimator.radius | 0.01 to 10 | 0.1 | 10 (end of range) | 10 | 1 | 9 | 1 | 1 | 0 % | 0 % | 0 % |"
@@ -157,7 +156,6 @@ def test_percent_has_two_digits():
 
 @pytest.mark.parametrize("tiny", [1e-5, 1.23e-9, 0.3])
 def test_a_value_close_to_its_offset_keeps_its_digits(trials, tiny):
-    """In cells and ranges, and in the file."""
     keys = {"parameters": (TunedParameter("estimator.alpha", 1e-10, 1.0, offset=1.0),), "default": 1.01}
     found = search("A", constant([1, 2]), constant([1, 2, 3]), values=[1 + tiny, 2.0], **keys)
     table = TuningTable(trials, tuning(found))

@@ -26,7 +26,6 @@ FOLDS = ["Other metrics", "Worst runs", "Signals", "Figure boxplot", "Settings",
 
 
 def page_of(source):
-    """Read the page of a source."""
     return Page(render_html("page.html", page_context(source)))
 
 
