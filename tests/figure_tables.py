@@ -15,7 +15,7 @@ from rmpc_bench.types import MetricInfo
 MSE = MetricInfo("mse", "rad^2", "lower")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_trials():
     """Return a function that makes Trials from ``{metric: {method: values}}``; a text in a value is a failed status."""
 
@@ -45,7 +45,7 @@ def make_trials():
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_sweep():
     """Return a function that makes a sweep from ``[(point, table)]``."""
 
@@ -56,7 +56,7 @@ def make_sweep():
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def record():
     """Return a function that adds recorded runs to a table, from ``{method: number of runs}``, and the reference."""
 
@@ -73,7 +73,7 @@ def record():
     return add
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def with_series():
     """Return a function that adds series to a table, each as (method, quantity, component, values over k, n)."""
 

@@ -19,7 +19,7 @@ SVG = '<svg class="boxplot" aria-hidden="true" viewBox="0 0 9 9"><g data-method=
 INFOS = (MetricInfo("mse", "rad^2", "lower"), MetricInfo("power", "V^2", "lower"))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_source(make_trials):
     """Return a function that makes the source of a page from labels and other fields of `PageSource`."""
 
@@ -85,13 +85,13 @@ def make_source(make_trials):
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def html(make_source):
     """Return the page with hostile labels."""
     return render_html("page.html", page_context(make_source(labels={"B": HOSTILE})))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def markdown(make_source):
     """Return the same as Markdown."""
     return render_markdown("page.md", page_context(make_source(labels={"B": HOSTILE})))

@@ -187,6 +187,16 @@ def stacked_panels(figure: MplFigure, n: int, *, sharex: bool = True) -> list[Ax
     return rows
 
 
+def dress_small(axes: Axes, **keys: Any) -> None:
+    """Give one of many panels its grid and few round ticks."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.grid(color=LINE, linewidth=0.4, **keys)
+    axes.set_axisbelow(True)
+    axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+
+
 def few_ticks(axes: Axes) -> None:
     """Give the vertical axis round ticks."""
     from matplotlib.ticker import MaxNLocator

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
 from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import LINEAR, literal, metric_label, metric_of, name_of, names_of_columns, wrapped
+from rmpc_bench.figures.labels import LINEAR, literal, metric_label, name_of, names_of_columns, wrapped
 from rmpc_bench.figures.palette import DIM
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, fix_layout, new_figure, style
@@ -60,7 +59,7 @@ class Boxplot(SweepFigure):
 
     def caption(self, results: Trials) -> str:
         """Define the boxes and count the runs; see `Figure.caption`."""
-        tables, words = self._tables(results)
+        tables, words = first_tables(self, results)
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
         boxes = "median, quartiles, whiskers from 5 to 95 % of the runs, and the runs beyond them"
         return sentence(f"Boxes of {quantity(tables[0].info)}{words}: {boxes}", runs)
@@ -69,7 +68,7 @@ class Boxplot(SweepFigure):
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
         from rmpc_bench.figures.row_columns import draw_box
 
-        tables, _ = self._tables(results)
+        tables, _ = first_tables(self, results)
         first = tables[0]
         rows = [shown_rows(table, first, self.order) for table in tables]
         values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
@@ -86,9 +85,8 @@ class Boxplot(SweepFigure):
                     draw_box(axes, row, place, axis, upright=True)
                     _draw_beyond(axes, column, row.quantiles, place, f"method-{row.method}", len(shown))
                 if len(tables) > 1 or table.trials.point:
-                    axes.set_title(
-                        "\n".join(wrapped(literal(short_title(table.trials)), 0.8 * size[0] * POINTS_PER_INCH))
-                    )
+                    title = wrapped(literal(short_title(table.trials)), 0.8 * size[0] * POINTS_PER_INCH)
+                    axes.set_title("\n".join(title))
             panels[-1].set_xlim(-0.6, len(names) - 0.4)
             panels[-1].set_xticks(range(len(names)), names, **how)
             for axes in panels:
@@ -100,10 +98,6 @@ class Boxplot(SweepFigure):
             (panels[0].set_ylabel if len(panels) == 1 else figure.supylabel)(text, fontsize=FONT_SIZE)
             fix_layout(figure)
         return figure
-
-    def _tables(self, results: Trials) -> tuple[list[ResultTable], str]:
-        self.require(layout_of(results))
-        return first_tables(results, self.at, metric_of(results, self.metric))
 
 
 def _values(table: ResultTable, method: str) -> Array:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import STEPS, drawable
+from rmpc_bench.figures.axes import dress_small
 from rmpc_bench.figures.captions import at_point, joined, sentence
 from rmpc_bench.figures.labels import name_of, symbol
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.palette import LINE, are_rough, line_styles, sample
+from rmpc_bench.figures.palette import are_rough, line_styles, sample
 from rmpc_bench.figures.points import point_at
-from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, spans, window_of
+from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, shown_part, spans, window_of
 from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
 from rmpc_bench.types import Array, NonNegative
 from rmpc_bench.types.figure import Index, OnePointFigure
@@ -125,7 +125,7 @@ class Elements(OnePointFigure):
         methods = self.order or [name for name, signals in layout.signals.items() if self.signal in signals]
         window = window_of(point, len(point.traces[methods[0]].r) - 1, self.from_, self.to)
         rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
-        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
+        matrices = {name: matrix_of(point, name, self.signal, self.run, window) for name in methods}
         return Content(point, title, matrices, window, spans(bursts_of(point, rows), window))
 
 
@@ -133,7 +133,7 @@ class RecordedMatrix(NamedTuple):
     """A matrix of one method over one run."""
 
     values: Array
-    """(samples, n, n); NaN before the first one is reported."""
+    """(shown samples, n, n); NaN before the first one is reported."""
     held: bool
     """Whether it is constant over a sample."""
     failure: str
@@ -155,27 +155,21 @@ class Content(NamedTuple):
         return [f"{name_of(self.point, name)} {each.failure}" for name, each in self.matrices.items() if each.failure]
 
 
-def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix:
+def matrix_of(point: Trials, name: str, signal: str, run: int, window: TimeWindow) -> RecordedMatrix:
     """Read the matrix that a method reports in a run."""
     traces = point.traces[name]
     row, failure = find_run(point, name, run)
-    values = traces.signals[signal][row].reshape(-1, *traces.shapes[signal])
-    # The last value of a held signal is continued to the last sample.
-    missing = len(traces.r) - len(values)
-    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), failure)
+    every = traces.signals[signal][[row]]
+    values = shown_part(every, traces, window).reshape(-1, *traces.shapes[signal])
+    return RecordedMatrix(values, every.shape[1] < len(traces.r), failure)
 
 
 def _grid(figure: MplFigure, n: int) -> Any:
     """Make panels on one horizontal axis; those of the diagonal share a vertical axis, and so do all others."""
-    from matplotlib.ticker import MaxNLocator
-
     grid: Any = figure.subplots(n, n, sharex=True, squeeze=False)
     for index in np.ndindex(n, n):
         axes, first = grid[index], grid[0, int(index[0] != index[1])]
-        axes.grid(color=LINE, linewidth=0.4)
-        axes.set_axisbelow(True)
-        axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
-        axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+        dress_small(axes)
         axes.tick_params(pad=2.0, length=2.5)
         if axes is not first:
             axes.sharey(first)
@@ -188,7 +182,7 @@ def _draw_elements(grid: Any, made: Content) -> list[Handle]:
     An entry looks as the lines do: it has no marker, and no dashes where no panel has them.
     """
     styles = line_styles(made.point.all_methods, list(made.matrices))
-    values = {name: drawable(each.values[made.window.slice]) for name, each in made.matrices.items()}
+    values = {name: each.values for name, each in made.matrices.items()}
     first = [name for name, each in made.matrices.items() if not each.failure] or list(values)
     rough = {(i, j): are_rough([values[name][:, i, j] for name in first]) for i, j in np.ndindex(grid.shape)}
     for names in (first, [name for name in values if name not in first]):

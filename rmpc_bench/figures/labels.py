@@ -57,16 +57,11 @@ def name_of(trials: Trials, method: str) -> str:
 
 def typeset(text: str) -> str:
     """Keep `$...$` where matplotlib can set it, else make the text literal."""
-    return text if all(map(_can_be_set, text.split("\n"))) else literal(text)
-
-
-def is_formula(text: str) -> bool:
-    """Whether matplotlib can set a text as a formula, written without the dollar signs around it."""
-    return _can_be_set(f"${text}$")
+    return text if all(map(can_be_set, text.split("\n"))) else literal(text)
 
 
 @lru_cache(maxsize=1000)
-def _can_be_set(line: str) -> bool:
+def can_be_set(line: str) -> bool:
     """Whether matplotlib can set a line with formulas; 10 to 40 ms each, and a label stands in many tables."""
     # Without a dollar sign there is no formula in it, and nothing to read.
     if "$" not in line:

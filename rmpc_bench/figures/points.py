@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
+from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.captions import short_title
+from rmpc_bench.figures.labels import metric_of
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import PointValues
 from rmpc_bench.types.result_layout import texts_of
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.result_rows import Form, ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.figures.boxplot import Boxplot
+    from rmpc_bench.figures.rows import Rows
     from rmpc_bench.types import MetricInfo
 
 
@@ -85,12 +89,13 @@ def shown_change(row: ResultRow, form: Form) -> Estimate:
     return Estimate(*(1 + each / 100 for each in row.change)) if form == "ratio" else row.change
 
 
-def first_tables(results: Trials, at: Sequence[PointValues] | None, info: MetricInfo) -> tuple[list[ResultTable], str]:
+def first_tables(figure: Boxplot | Rows, results: Trials) -> tuple[list[ResultTable], str]:
     """Collect the rows of as many points as stand below each other in a figure, and say where there are more."""
-    points = points_at(results, at)
+    figure.require(layout_of(results))
+    points = points_at(results, figure.at)
     more = len(points) > MOST_POINTS
     words = f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
-    return tables_of(results, points[:MOST_POINTS], info), words
+    return tables_of(results, points[:MOST_POINTS], metric_of(results, figure.metric)), words
 
 
 def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:

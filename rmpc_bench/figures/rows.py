@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import Log
 from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import literal, metric_of, name_of, on_two_lines, shortened
+from rmpc_bench.figures.labels import literal, name_of, on_two_lines, shortened
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types.figure import Inches, SweepFigure
@@ -98,7 +97,7 @@ class Rows(SweepFigure):
 
     def caption(self, results: Trials) -> str:
         """Say what the columns are, and count the runs; see `Figure.caption`."""
-        tables, words = self._tables(results)
+        tables, words = first_tables(self, results)
         level = f"{100 * results.confidence:g} %"
         shown = [CAPTIONS[name].format(baseline=results.baseline, level=level) for name in self._columns(tables)]
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
@@ -108,7 +107,7 @@ class Rows(SweepFigure):
         """Draw the rows of the points from top to bottom; see `Figure.draw`."""
         from rmpc_bench.figures.row_columns import Options, column_of
 
-        tables, _ = self._tables(results)
+        tables, _ = first_tables(self, results)
         shown = self._columns(tables)
         if "rank" in shown:
             tables = tables[:1]
@@ -142,10 +141,6 @@ class Rows(SweepFigure):
         alone = all(table.form == "alone" for table in tables) and "rank" not in self.columns
         kept = tuple(name for name in self.columns if name != "change" or not alone)
         return kept or self.columns
-
-    def _tables(self, results: Trials) -> tuple[list[ResultTable], str]:
-        self.require(layout_of(results))
-        return first_tables(results, self.at, metric_of(results, self.metric))
 
 
 def _name_rows(panels: Sequence[Axes], table: ResultTable, rows: Sequence[ResultRow], limit: float) -> None:

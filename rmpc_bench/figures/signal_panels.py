@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.figures.axes import STEPS, make_logarithmic
+from rmpc_bench.figures.axes import dress_small, make_logarithmic
 from rmpc_bench.figures.curves import Area, Cell
 from rmpc_bench.figures.labels import LINEAR, literal, name_of, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.palette import DIM, INK, LINE, LineStyle, grouped, line_styles, paler, sample
+from rmpc_bench.figures.palette import DIM, INK, LineStyle, grouped, line_styles, paler, sample
 from rmpc_bench.figures.recorded_runs import bursts_of, shade, spans
 from rmpc_bench.figures.signal_content import EDGES, QUIET, WORDS, Content, needed_points, reach_of, thinned
 from rmpc_bench.figures.style import POINTS_PER_INCH, new_figure, style
@@ -49,7 +49,8 @@ def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> Mpl
                     continue
                 with grouped(axes, styles[methods[place]].gid):
                     _draw_cell(axes, cell, thin, styles[methods[place]], heights[row])
-                _dress(axes)
+                dress_small(axes, clip_on=False)
+                axes.tick_params(bottom=False, left=False, labelbottom=False, labelleft=False)
             if place < len(methods):
                 panels = [grid[block * n + row, column] for row in range(n)]
                 top = next((axes for axes in panels if axes.get_visible()), panels[0])
@@ -60,8 +61,11 @@ def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> Mpl
         _label_edges(made, grid, n)
         grid[0, 0].set_xlim(*made.window.limits)
         keys = _keys(made)
-        bursts = _bursts(made, [axes for axes in grid.flat if axes.get_visible()])
-        finish(figure, [*keys, *bursts], literal(made.title), columns=True)
+        rows = {name: each.rows for name, each in made.selections.items() if name in made.cells}
+        if rows:
+            panels = [axes for axes in grid.flat if axes.get_visible()]
+            keys += shade(panels, spans(bursts_of(made.point, rows), made.window))
+        finish(figure, keys, literal(made.title), columns=True)
     return figure
 
 
@@ -104,17 +108,6 @@ def _fill(axes: Axes, area: Area, height: float, **how: Any) -> None:
 
 def _coloured(how: Mapping[str, Any], look: LineStyle) -> dict[str, Any]:
     return {**how, "color": how["color"] or look.color}
-
-
-def _dress(axes: Axes) -> None:
-    """Give a panel its grid and few ticks."""
-    from matplotlib.ticker import MaxNLocator
-
-    axes.grid(color=LINE, linewidth=0.4, clip_on=False)
-    axes.set_axisbelow(True)
-    axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
-    axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
-    axes.tick_params(bottom=False, left=False, labelbottom=False, labelleft=False)
 
 
 def _label_edges(made: Content, grid: Any, n: int) -> None:
@@ -194,9 +187,3 @@ def _keys(made: Content) -> list[Handle]:
         else:
             found.append((made.words(kind), sample(color=colour, **how)))
     return found
-
-
-def _bursts(made: Content, panels: Sequence[Axes]) -> list[Handle]:
-    """Shade the bursts of the noise that all shown runs share."""
-    rows = {name: each.rows for name, each in made.selections.items() if name in made.cells}
-    return shade(panels, spans(bursts_of(made.point, rows), made.window)) if rows else []

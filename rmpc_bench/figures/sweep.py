@@ -70,7 +70,7 @@ class Sweep(SweepFigure):
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
         """Add to the common checks: swept paths, and another method for changes."""
         yield from super().check(layout)
-        changes = self._shows(layout.methods) == "change"
+        changes = (self.show or ("change" if len(layout.methods) > 1 else "value")) == "change"
         if changes and len(layout.methods) < 2:
             yield Issue("show", "compares methods with the baseline: needs at least two methods, or `show: value`")
         if changes and self.log != "auto":
@@ -102,15 +102,12 @@ class Sweep(SweepFigure):
         """Say what lines or cells are; see `Figure.caption`."""
         return sentence(self._content(results).sentence())
 
-    def _shows(self, methods: Sequence[str]) -> Show:
-        return self.show or ("change" if len(methods) > 1 else "value")
-
     def _content(self, results: Trials) -> SweepContent:
         self.require(layout_of(results))
         points, info = points_at(results, self.at), metric_of(results, self.metric)
         found = content_of(tables_of(results, points, info), self.path)
         methods = self.order or results.methods
-        show = self._shows(results.methods)
+        show: Show = self.show or ("change" if len(results.methods) > 1 else "value")
         if show == "change":
             methods = [name for name in methods if name != results.baseline]
             if not methods:

@@ -10,7 +10,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-from rmpc_bench.figures.labels import is_formula
+from rmpc_bench.figures.labels import can_be_set
 
 _WITH_ARGUMENT = r"\\(?:hat|bar|tilde|breve|dot|ddot|vec|check|mathrm|mathit|mathbf|mathcal|mathsf|sqrt)\{[^{}]*\}"
 _DOLLAR = re.compile(r"(?<!\\)\$")
@@ -111,7 +111,7 @@ def _formula(part: str) -> str:
     # LaTeX reads ^^ as the code of a character, and refuses a second exponent, or a prime behind an exponent.
     part = re.sub(rf"([\^_])\s*({_WITH_ARGUMENT})", r"\1{\2}", part)
     refused = re.search(r"\^\s*\^|_\s*_|\^.*'|[\^_]\s*(?:$|\\(?![A-Za-z])|\\(?:frac|hat|sqrt))", part)
-    if not part.strip() or refused or not known or not is_formula(part):
+    if not part.strip() or refused or not known or not can_be_set(f"${part}$"):
         return _plain(f"${part}$")
     written = "".join(f"{{{_SYMBOLS[each]}}}" if each in _SYMBOLS else each for each in part)
     return "$" + re.sub(r"(?<!\\)([%#&])", r"\\\1", written) + "$"

@@ -1,10 +1,8 @@
 """Pictures of a part, read back from the artists."""
 
 import numpy as np
-import pytest
 
 from rmpc_bench.figures.component_plot import draw_component
-from rmpc_bench.figures.files import FORMATS, latex_program, save_as
 from rmpc_bench.types import Line, Panel
 
 PANELS = (
@@ -56,16 +54,3 @@ def test_a_label_has_one_colour_in_all_panels():
     first = Panel("one", "x", "y", (PLAN.lines[1], PLAN.lines[0]))
     one, other = draw_component((first, PLAN)).axes
     assert [line.get_color() for line in one.lines] == [line.get_color() for line in reversed(other.lines)]
-
-
-@pytest.mark.parametrize("ending", FORMATS)
-def test_same_bytes_in_every_format(tmp_path, ending):
-    """No date, no version; the ending may be in capitals."""
-    if ending == ".pgf" and latex_program() is None:
-        pytest.skip("no LaTeX is installed, and it measures the texts of PGF")
-    files = [tmp_path / f"one{ending}", tmp_path / f"other{ending.upper()}"]
-    for file in files:
-        save_as(draw_component(PANELS), file)
-    one, other = (file.read_bytes() for file in files)
-    assert one == other
-    assert not any(word in one for word in (b"matplotlib.org", b"Matplotlib v", b"CreationDate", b"dc:date"))

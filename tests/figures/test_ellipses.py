@@ -1,6 +1,7 @@
 """Covariance ellipses among the runs, read back from the artists."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rmpc_bench.types.result_layout import NO_MOMENTS, NO_P
 
 
 def ellipses(trials, **keys):
-    return Ellipses(**keys).draw(trials)
+    return Ellipses(**{"x": "x0_end", "y": "x1_end"} | keys).draw(trials)
 
 
 INFOS = (MetricInfo("x0_end", "m", "zero"), MetricInfo("x1_end", "m/s^2", "zero"))
@@ -29,8 +30,7 @@ def x_hat(method, k):
 
 @pytest.fixture
 def runs():
-    """Values of two metrics."""
-    return np.random.default_rng(3).normal(size=(2, 30))
+    return np.random.default_rng(3).normal(size=(2, 30))  # values of two metrics
 
 
 @pytest.fixture
@@ -62,7 +62,6 @@ def centre(figure, color):
 
 
 def dots(figure):
-    """Colour -> values of the dots."""
     lines = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
     return {line.get_color(): np.array(line.get_xydata()).T for line in lines}
 
@@ -79,7 +78,7 @@ def distances(points, centre, P):
 @pytest.mark.parametrize("k", [None, 0, 7])
 def test_points_satisfy_the_equation(trials, k):
     """(z - c)' P^-1 (z - c) = s^2, all around; the last sample by default; exact centres count."""
-    figure = ellipses(trials, x="x0_end", y="x1_end", k=k)
+    figure = ellipses(trials, k=k)
     at = N if k is None else k
     for color, method in zip(METHODS, ("classic", "robust"), strict=False):
         P = CLASSIC * (1 + at) if method == "classic" else ROBUST
@@ -96,7 +95,7 @@ def test_points_satisfy_the_equation(trials, k):
 
 def test_dots_axes_and_legend(trials, runs):
     """The values of the runs, once, as they are the same for both; names with units; the radii by their lines."""
-    figure = ellipses(trials, x="x0_end", y="x1_end")
+    figure = ellipses(trials)
     assert list(dots(figure)) == [DIM] and np.array_equal(dots(figure)[DIM], runs)
     assert figure.axes[0].get_xlabel() == "x0 end [m]" and figure.axes[0].get_ylabel() == "x1 end [m/s$^{2}$]"
     assert sorted(legend(figure)) == [r"$1\sigma$", r"$3\sigma$", "30 runs", "classic", "robust"]
@@ -114,9 +113,8 @@ def test_radii_and_components(trials):
     figure = ellipses(trials, x="x1_end", y="x0_end", sigmas=(0.5, 1, 2, 2.5), components=(1, 0), order=["robust"])
     found = rings(figure, METHODS[1])
     for radius, points in zip((0.5, 1, 2, 2.5), found, strict=True):
-        np.testing.assert_allclose(
-            distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1]), radius**2, rtol=1e-9
-        )
+        away = distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1])
+        np.testing.assert_allclose(away, radius**2, rtol=1e-9)
     assert rings(figure, METHODS[0]) == [] and r"$2.5\sigma$" in legend(figure) and "classic" not in legend(figure)
 
 
@@ -127,7 +125,7 @@ def test_values_that_depend_on_the_method(trials, runs):
     frame.loc[robust, "x0_end"] += 1
     frame.loc[robust & (frame["run"] < 2), "status"] = "diverged"
     frame.loc[robust & (frame["run"] == 2), "x1_end"] = np.inf
-    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    figure = ellipses(replace(trials, frame=frame))
     assert set(dots(figure)) == {paler(color, 0.35) for color in METHODS[:2]}
     assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
@@ -135,28 +133,11 @@ def test_values_that_depend_on_the_method(trials, runs):
 
 
 def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, runs):
-    """What both methods finished is compared."""
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
-    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    figure = ellipses(replace(trials, frame=frame))
     assert np.array_equal(dots(figure)[DIM], np.delete(runs, 4, axis=1))
     assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
-
-
-@pytest.mark.parametrize(
-    ("P", "ends"),
-    [
-        ([[4.0, -6.0], [-6.0, 9.0]], [[2, -3], [-2, 3]]),
-        ([[3.6, -0.6], [-0.6, 0.1]], [[3.6**0.5, -(0.1**0.5)], [-(3.6**0.5), 0.1**0.5]]),
-        ([[4.0, 0.0], [0.0, 0.0]], [[2, 0], [-2, 0]]),
-        ([[0.0, 0.0], [0.0, 9.0]], [[0, 3], [0, -3]]),
-        ([[0.0, 0.0], [0.0, 0.0]], [[0, 0], [0, 0]]),
-    ],
-)
-def test_a_singular_matrix_is_a_segment(P, ends):
-    """Along its only direction, to the radius, drawn once so that dashes stay dashes."""
-    points = outline(Ellipse(np.array([1.0, -1.0]), np.array(P)), 2.0)
-    np.testing.assert_allclose(points, [1.0, -1.0] + 2.0 * np.array(ends), atol=1e-12)  # the centre's rounding
 
 
 def test_very_different_scales_are_no_segment():
@@ -169,29 +150,36 @@ def test_very_different_scales_are_no_segment():
 
 
 @pytest.mark.parametrize(
-    ("P", "shape"),
+    ("P", "shape", "ends"),
     [
-        ([[4.0, 1.0], [1.0, 9.0]], "ellipse"),
-        ([[4.0, -6.0], [-6.0, 9.0]], "segment"),
+        ([[4.0, 1.0], [1.0, 9.0]], "ellipse", None),
+        ([[4.0, -6.0], [-6.0, 9.0]], "segment", [[2, -3], [-2, 3]]),
+        ([[3.6, -0.6], [-0.6, 0.1]], "segment", [[3.6**0.5, -(0.1**0.5)], [-(3.6**0.5), 0.1**0.5]]),
         # The sides of this ellipse are 0.01 standard deviations from its axis.
-        ([[1.0, 0.99995], [0.99995, 1.0]], "segment"),
-        ([[4.0, 0.0], [0.0, 0.0]], "segment"),
-        ([[0.0, 0.0], [0.0, 0.0]], "point"),
-        ([[1.0, 2.0], [2.0, 1.0]], "none"),
-        ([[-1.0, 0.0], [0.0, 1.0]], "none"),
-        ([[np.nan, 0.0], [0.0, 1.0]], "none"),
+        ([[1.0, 0.99995], [0.99995, 1.0]], "segment", None),
+        ([[4.0, 0.0], [0.0, 0.0]], "segment", [[2, 0], [-2, 0]]),
+        ([[0.0, 0.0], [0.0, 9.0]], "segment", [[0, 3], [0, -3]]),
+        ([[0.0, 0.0], [0.0, 0.0]], "point", [[0, 0], [0, 0]]),
+        ([[1.0, 2.0], [2.0, 1.0]], "none", None),
+        ([[-1.0, 0.0], [0.0, 1.0]], "none", None),
+        ([[np.nan, 0.0], [0.0, 1.0]], "none", None),
     ],
 )
-def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
-    """A broad line with marks at its ends, a large cross, or none; the legend says so, and the others are drawn."""
-    assert Ellipse(np.zeros(2), np.array(P)).shape == shape
-    assert (outline(Ellipse(np.zeros(2), np.array(P)), 1.0) is None) == (shape == "none")
+def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends):
+    """A broad line with marks at its ends, a large cross, or none; the legend says so, and the others are drawn.
+
+    A segment lies along the only direction, to the radius, drawn once so that dashes stay dashes.
+    """
+    ellipse = Ellipse(np.array([1.0, -1.0]), np.array(P))
+    points = outline(ellipse, 2.0)
+    assert ellipse.shape == shape and (points is None) == (shape == "none")
+    if ends:
+        np.testing.assert_allclose(points, [1.0, -1.0] + 2.0 * np.array(ends), atol=1e-12)  # the centre's rounding
     series = trials.series.copy()
-    for i in (0, 1):
-        for j in (0, 1):
-            its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
-            series.loc[its, "value"] = P[i][j]
-    figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
+    for i, j in product((0, 1), repeat=2):
+        its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
+        series.loc[its, "value"] = P[i][j]
+    figure = ellipses(replace(trials, series=series))
     mine = [line for line in figure.axes[0].lines if line.get_color() == METHODS[1]]
     broad = [line for line in mine if line.get_linewidth() > 2.0 and line.get_linestyle() != "None"]
     crosses = [line for line in mine if line.get_marker() == "x" and line.get_markersize() >= 8]
@@ -203,49 +191,28 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
 
 
 def test_centres_from_runs_where_there_are_no_exact_ones(trials):
-    """The mean over the runs."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
-    assert np.array_equal(centre(ellipses(sampled, x="x0_end", y="x1_end"), METHODS[0]), x_hat("classic", N) + 9)
+    assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
 
 
 def test_a_method_without_P(trials):
-    """It has no ellipse, and is not shown unless asked for."""
-    lacking = (trials.series["quantity"] == "P") & (trials.series["method"] == "classic")
-    table = replace(trials, series=trials.series[~lacking])
-    assert "classic" not in legend(ellipses(table, x="x0_end", y="x1_end"))
-    with pytest.raises(DesignError) as error:
-        ellipses(table, x="x0_end", y="x1_end", order=["classic"])
-    assert str(error.value) == "'classic' has no P (those that have: robust)" and error.value.parameter == "order"
-
-
-@pytest.mark.parametrize(
-    ("given", "parameter", "message"),
-    [
-        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
-        ({"k": 21}, "k", "there is no sample 21 (the samples are 0 to 20)"),
-        ({"components": (0, 2)}, "components", "there is no state 2 (they count from 0 to 1)"),
-        ({"sigmas": ()}, "sigmas", "must be 1 to 4 positive numbers"),
-        ({"sigmas": (1, -1)}, "sigmas", "must be 1 to 4 positive numbers"),
-        ({"order": ["D"]}, "order", "'D' is not a known method; known: classic, robust"),
-        ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
-    ],
-)
-def test_errors_show_the_choices(trials, given, parameter, message):
-    with pytest.raises(DesignError) as error:
-        ellipses(trials, **({"x": "x0_end", "y": "x1_end"} | given))
-    assert (str(error.value), error.value.parameter) == (message, parameter)
-
-
-def test_without_moments_or_P(trials):
-    """The way out is a key of the configuration."""
-    for quantity, message in (("P", NO_MOMENTS), ("mean(x_hat)", NO_P)):
-        table = replace(trials, series=trials.series[trials.series["quantity"] == quantity])
+    """It has no ellipse, and is not shown unless asked for.  Errors have the way out."""
+    P, method = trials.series["quantity"] == "P", trials.series["method"]
+    lacking = trials.series[~(P & (method == "classic"))]
+    assert "classic" not in legend(ellipses(replace(trials, series=lacking)))
+    for series, keys, message in (
+        (lacking, {"order": ["classic"]}, "'classic' has no P (those that have: robust)"),
+        (trials.series[P], {}, NO_MOMENTS),
+        (trials.series[trials.series["quantity"] == "mean(x_hat)"], {}, NO_P),
+        (trials.series, {"k": 21}, "there is no sample 21 (the samples are 0 to 20)"),
+        (trials.series, {"sigmas": ()}, "must be 1 to 4 positive numbers"),
+        (trials.series, {"sigmas": (1, -1)}, "must be 1 to 4 positive numbers"),
+    ):
         with pytest.raises(DesignError) as error:
-            ellipses(table, x="x0_end", y="x1_end")
-        assert str(error.value) == message
+            ellipses(replace(trials, series=series), **keys)
+        assert str(error.value) == message and error.value.parameter == next(iter(keys), "")
 
 
 def test_a_point_of_a_sweep(trials, make_sweep):
-    """Named above the sample."""
     sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
-    assert ellipses(sweep, x="x0_end", y="x1_end", at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
+    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import product
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,7 +17,7 @@ from rmpc_bench.figures.rows import Rows
 from rmpc_bench.figures.scatter import Scatter
 from rmpc_bench.figures.signals import Signals
 from rmpc_bench.figures.sweep import Sweep
-from rmpc_bench.types import MetricInfo
+from rmpc_bench.types import DesignError, MetricInfo
 
 METHODS = ("A", "B")
 N, RUNS = 8, 20
@@ -31,12 +32,9 @@ def point(make_trials, with_series):
     columns = {"A": list(base), "B": list(0.5 * base * np.exp(0.1 * rng.normal(size=RUNS)))}
     table = make_trials({"length": columns, "power": {"A": columns["B"], "B": columns["A"]}}, FLAT)
     entries = []
-    for name in METHODS:
-        for i in (0, 1):
-            for moment in ("mean(x)", "mean(x_hat)"):
-                entries.append((name, moment, f"{i}", rng.normal(size=N + 1), 0))
-            for j in (0, 1):
-                entries.append((name, "P", f"{i},{j}", [1.0 if i == j else 0.2], 0))
+    for name, i in product(METHODS, (0, 1)):
+        entries += [(name, f"mean({signal})", f"{i}", rng.normal(size=N + 1), 0) for signal in ("x", "x_hat")]
+        entries += [(name, "P", f"{i},{j}", [1.0 if i == j else 0.2], 0) for j in (0, 1)]
     x = rng.normal(size=(RUNS, N + 1, 2)).cumsum(axis=1)
     signals = {name: {"x": x, "x_hat": x + rng.normal(size=x.shape), "S": x[:, :, [0, 1, 1, 0]]} for name in METHODS}
     shapes = {"S": (2, 2)}
@@ -75,30 +73,38 @@ def without_method(file, name):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
-    """Neither its colour nor its name in a legend or beside an axis; the other method stays."""
-    figure = FIGURES[name].draw(sweep if "sweep" in name else point)
-    save_as(figure, tmp_path / "figure.svg")
-    left = without_method(tmp_path / "figure.svg", "B")
+    """Neither its colour nor its name in a legend or beside an axis; the other method stays.
+
+    Drawn twice, a figure has the same bytes.
+    """
+    for number in (1, 2):
+        figure = FIGURES[name].draw(sweep if "sweep" in name else point)
+        for ending in ("svg", "pdf"):
+            save_as(figure, tmp_path / f"{number}.{ending}")
+    for ending in ("svg", "pdf"):
+        assert (tmp_path / f"1.{ending}").read_bytes() == (tmp_path / f"2.{ending}").read_bytes()
+    left = without_method(tmp_path / "1.svg", "B")
     assert "var(--m2)" not in left
-    if name not in ("rows", "boxplot", "changes of a sweep"):
-        assert "var(--m1)" in left
+    assert "var(--m1)" in left or name in ("rows", "boxplot", "changes of a sweep")
     texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
     assert not [text for text in texts if text.strip() in ("B", "B (exact)")]
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_the_same_bytes_when_drawn_twice(tmp_path, point, sweep, name):
-    files = [tmp_path / f"{number}.{ending}" for ending in ("svg", "pdf") for number in (1, 2)]
-    for file in files:
-        save_as(FIGURES[name].draw(sweep if "sweep" in name else point), file)
-    one, two, three, four = (file.read_bytes() for file in files)
-    assert one == two and three == four
+def test_what_a_check_finds_is_an_error_of_drawing(point, sweep, name):
+    """`test_checks` has what each kind of figure requires."""
+    for key, value, words in (
+        ("order", ["D"], "'D' is not a known method"),
+        ("height", 0.5, "must be at least 1 inch"),
+    ):
+        with pytest.raises(DesignError, match=words) as error:
+            replace(FIGURES[name], **{key: value}).draw(sweep if "sweep" in name else point)
+        assert error.value.parameter == key
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["rows", "boxplot", "lines", "cells"])
 def test_any_name_of_a_method_can_be_drawn(tmp_path, make_trials, make_sweep, kind, name):
-    """In rows, columns, lines and cells, as SVG and PDF."""
     table = make_trials({"length": {"A": [1.0, 2.0, 3.0], name: [1.1, 2.5, 2.9]}}, FLAT[:1])
     path, texts = ("plant.a", "12") if kind == "lines" else ("name", "pq")
     trials = make_sweep(*[({path: text}, table) for text in texts]) if kind in ("lines", "cells") else table

@@ -8,6 +8,8 @@ import pytest
 from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.axes import APART, difference_axis, ratio_axis, share_axis, value_axis
 
+FOUR = [(0.9, 0.85, 0.95), (1.1, 1, 1.2), (1.05, 1, 1.1), (50, 40, 60)]
+
 
 def changes(*rows):
     """Changes in per cent from ratios with their ends."""
@@ -15,24 +17,19 @@ def changes(*rows):
 
 
 @pytest.mark.parametrize(
-    ("rows", "low", "high", "beyond"),
+    ("rows", "low", "high", "beyond", "ticks"),
     [
-        ([(0.9, 0.85, 0.95), (1.1, 1, 1.2), (1.05, 1, 1.1), (50, 40, 60)], 0.8355, 1.2209, [3]),
-        ([(0.9, 0.85, 0.95), (50, 40, 60)], 0.8423, 1.0293, [1]),
-        ([(1, 0.999, 1.001)], math.exp(-0.02178), math.exp(0.02178), []),
+        (FOUR, 0.8355, 1.2209, [3], ["−10 %", "0", "+10 %", "+20 %"]),
+        ([(0.9, 0.85, 0.95), (50, 40, 60)], 0.8423, 1.0293, [1], None),
+        ([(1, 0.999, 1.001)], math.exp(-0.02178), math.exp(0.02178), [], None),
     ],
 )
-def test_ends_of_an_axis_of_ratios(rows, low, high, beyond):
+def test_ends_of_an_axis_of_ratios(rows, low, high, beyond, ticks):
     """A row that reaches 8 times as far as the middle one lies beyond the end; the margin is 1 %."""
     axis = ratio_axis(changes(*rows), 0.01)
     assert [round(math.exp(axis.low), 4), round(math.exp(axis.high), 4)] == [round(low, 4), round(high, 4)]
     assert [k for k, row in enumerate(rows) if not 0 <= axis.place(row[0]) <= 1] == beyond
-
-
-def test_ticks_of_the_first_case():
-    """Four of them, in per cent."""
-    axis = ratio_axis(changes((0.9, 0.85, 0.95), (1.1, 1, 1.2), (1.05, 1, 1.1), (50, 40, 60)), 0.01)
-    assert [tick.label for tick in axis.ticks] == ["−10 %", "0", "+10 %", "+20 %"]
+    assert ticks is None or [tick.label for tick in axis.ticks] == ticks
 
 
 def test_ticks_leave_room_and_lie_on_the_axis():
@@ -55,7 +52,6 @@ def test_ticks_leave_room_and_lie_on_the_axis():
 
 
 def test_a_row_without_an_interval_and_one_that_is_zero():
-    """They neither move the ends to infinity nor fail."""
     axis = ratio_axis([Estimate(-10.0), Estimate(-100.0, -100.0, -100.0), Estimate(5.0, 1.0, 9.0)], 0.01)
     assert math.isfinite(axis.low) and axis.place(0.0) < 0 < axis.place(1.05) < 1
 

@@ -29,8 +29,7 @@ INF = math.inf
 @pytest.fixture
 def columns():
     """Nine runs of four methods; the medians of A to D are 1, 2, 3, 4 times those of another column."""
-    rng = np.random.default_rng(7)
-    base = np.exp(0.1 * rng.normal(size=9))
+    base = np.exp(0.1 * np.random.default_rng(7).normal(size=9))
     return {name: list(number * base) for number, name in enumerate("ABCD", start=1)}
 
 
@@ -56,7 +55,6 @@ def dots(figure):
 
 
 def steps(figure):
-    """Corners of the step line."""
     (line,) = [line for line in figure.axes[0].lines if line.get_color() == DIM]
     return [tuple(corner) for corner in np.array(line.get_xydata()).tolist()]
 
@@ -126,19 +124,12 @@ def test_the_front_against_brute_force(trials, make_trials):
         assert [dot.at for dot in found] == sorted(brute_force(points))
 
 
-def test_larger_may_be_better(make_trials):
-    """Steps then go the other way; the corner lies on the side of what is worse."""
-    table = make_trials(
-        {"score": {"A": [5.0], "B": [3.0], "C": [2.0]}, "effort": {"A": [4.0], "B": [1.0], "C": [2.0]}}, (SCORE, EFFORT)
-    )
-    figure = scatter(table, x="score", y="effort")
+def test_larger_may_be_better(trials, make_trials):
+    """Steps then go the other way; the corner lies on the side of what is worse.  Without a front all are filled."""
+    score, effort = {"A": [5.0], "B": [3.0], "C": [2.0]}, {"A": [4.0], "B": [1.0], "C": [2.0]}
+    figure = scatter(make_trials({"score": score, "effort": effort}, (SCORE, EFFORT)), x="score", y="effort")
     assert [dots(figure)[color][0][2] for color in METHODS[:3]] == [True, True, False]
-    assert steps(figure) == [(5.0, 4.0), (3.0, 4.0), (3.0, 1.0)]
-    assert figure.axes[0].get_title() == "1 run"
-
-
-def test_without_a_front(trials):
-    """All dots are filled and nothing joins them."""
+    assert steps(figure) == [(5.0, 4.0), (3.0, 4.0), (3.0, 1.0)] and figure.axes[0].get_title() == "1 run"
     figure = draw(trials, front=False)
     assert all(each[2] for found in dots(figure).values() for each in found) and not figure.legends
     assert DIM not in [line.get_color() for line in figure.axes[0].lines]
@@ -169,6 +160,8 @@ def test_failed_and_infinite(make_trials):
     assert figure.axes[0].get_title() == "medians, bars: interquartile range; left out: C"
     assert [bar for bar in bars(figure) if max(bar[0]) > 1e99] == [[[1.0, FAR], [2.5, 2.5]]]
     assert METHODS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
+    with pytest.raises(DesignError, match="no method has a value of both error and effort"):
+        draw(make_trials({"error": {"A": [nan]}, "effort": {"A": [nan]}}, infos=(ERROR, EFFORT)))
 
 
 @pytest.fixture
@@ -231,31 +224,6 @@ def test_labels_cover_nothing(make_trials, n):
     assert (texts(figure) == []) == (n == 8) and (long["M0"] in legend(figure)) == (n == 8)
 
 
-@pytest.mark.parametrize(
-    ("given", "parameter", "message"),
-    [
-        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: error, effort"),
-        ({"y": "error"}, "y", "must be another metric or signal than x"),
-        ({"at": [{"kp": 1}]}, "at", "nothing is swept in this configuration"),
-    ],
-)
-def test_errors_show_the_choices(trials, given, parameter, message):
-    with pytest.raises(DesignError) as error:
-        draw(trials, **given)
-    assert (str(error.value), error.value.parameter) == (message, parameter)
-
-
-def test_no_dot_and_too_many(make_trials, trials, make_sweep):
-    failed = make_trials({"error": {"A": ["diverged"]}, "effort": {"A": ["diverged"]}}, infos=(ERROR, EFFORT))
-    with pytest.raises(DesignError, match="no method has a value of both error and effort"):
-        draw(failed)
-    points = [({"kp": str(n)}, replace(trials, keys={name: f"{name}{n}" for name in "ABCD"})) for n in range(16)]
-    with pytest.raises(
-        DesignError, match="64 points of methods do not fit .* .at most 60.: choose some points of the sweep"
-    ):
-        draw(make_sweep(*points))
-
-
 @pytest.fixture
 def runs(make_trials):
     """Two runs of two methods with two outputs of one unit, which lag behind a circle; run 1 of B failed."""
@@ -310,20 +278,6 @@ def test_a_failed_run_does_not_change_the_axes(runs):
 
 
 def test_limits_of_states_that_are_near(runs):
-    """Of any method; states have no reference."""
     figure = scatter(runs, x="x.0", y="x.1")
     lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
     assert [line.get_ydata()[0] for line in lines] == [1.2] and legend(figure) == ["A", "B", "limit"]
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"x": "y.0", "y": "x"}, "must be one component of a recorded signal, such as x.0"),
-        ({"x": "y.0", "y": "error"}, "'y.0' is not a known metric"),
-        ({"x": "y.0", "y": "y.1", "marks": 0.1}, "more than 50 time marks overlap"),
-    ],
-)
-def test_paths_that_cannot_be_drawn(runs, keys, message):
-    with pytest.raises(DesignError, match=message):
-        scatter(runs, **keys)

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import rmpc_bench.report
 from rmpc_bench.figures.files import page_svg, svg_of
@@ -19,8 +20,6 @@ LABELS = ("$Q'Q$", "$x_{k|k}'$", r"$\delta_v^2$", 'a "b" <b> & c', "x" * 60)
 
 def picture(text="$Q'Q$", gid="method-A"):
     """A line of a method over a pale area, with a title."""
-    from matplotlib.figure import Figure
-
     with style():
         figure = Figure(figsize=(3, 2))
         axes = figure.subplots()
@@ -80,11 +79,8 @@ def test_by_hand():
 
 def test_every_printed_colour_stands_for_one_variable():
     assert len(set(PRINT.values())) == len(PRINT) and set(LIGHT) == set(DARK) == set(PRINT)
-    assert (
-        in_css(PRINT["fg"]) == "currentColor"
-        and in_css(PRINT["band"]) == "var(--band)"
-        and in_css("#123456") == "#123456"
-    )
+    found = [in_css(colour) for colour in (PRINT["fg"], PRINT["band"], "#123456")]
+    assert found == ["currentColor", "var(--band)", "#123456"]
 
 
 def test_the_style_sheet_of_pages_has_these_colours():
@@ -114,8 +110,6 @@ def test_every_text_can_be_read(ground):
 
 def loglog(noise):
     """SVG of a picture with lines, markers, text and clipping, as matplotlib writes it."""
-    from matplotlib.figure import Figure
-
     x = np.linspace(0.1, 1.0, 50)
     with style():
         picture = Figure(figsize=(3.5 * (1 + noise), 2.4))
@@ -129,36 +123,22 @@ def loglog(noise):
 
 def test_rounding_errors_change_nothing():
     """Neither coordinates nor the names that matplotlib makes of unrounded numbers."""
-    assert loglog(0.0) != loglog(3e-13)
-    assert stable_svg(loglog(0.0)) == stable_svg(loglog(3e-13)) == stable_svg(loglog(-3e-13))
+    before, after = loglog(0.0), stable_svg(loglog(0.0))
+    assert before != loglog(3e-13) and after == stable_svg(loglog(3e-13)) == stable_svg(loglog(-3e-13))
 
 
 def test_no_coordinate_moves_by_more_than_half_a_tenth():
     """Every number stays in its place; factors and comments keep all their digits."""
-    before, after = loglog(0.0), stable_svg(loglog(0.0))
     number = re.compile(r"-?\d+\.\d+|-?\d+")
     names = re.compile(r'(?<=["#])[a-z][0-9a-f]{10}(?=["\)])|(?<=["#])[a-z]\d+(?=["\)])')
-    before, after = names.sub("", before), names.sub("", after)
-    assert number.sub("#", before) == number.sub("#", after)
+    before, after = (names.sub("", text) for text in (loglog(0.0), stable_svg(loglog(0.0))))
+    assert number.sub("#", before) == number.sub("#", after) and "0.1234567" in after
     numbers = [np.array([float(text) for text in number.findall(svg)]) for svg in (before, after)]
     assert np.abs(numbers[0] - numbers[1]).max() <= 5e-2 + 1e-9
-    assert "0.1234567" in after
-
-
-def test_names_are_used_where_they_are_defined():
-    """Every reference has its definition."""
-    text = stable_svg(loglog(0.0))
-    defined = set(re.findall(r'id="([^"]+)"', text))
-    used = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
-    assert used and used <= defined
-    assert not re.search(r'"#?[a-z][0-9a-f]{10}"', text)
 
 
 def test_rounded_by_hand():
     """Halves go to the even digit, zeros lose their sign, and short numbers stay."""
-    text = (
-        '<path d="M 1.005000 -0.0010 L 2.25 3.123456"/><use x="7.2000" transform="translate(1.23456 5) scale(0.0156)"/>'
-    )
-    assert stable_svg(text) == (
-        '<path d="M 1 0 L 2.25 3.12"/><use x="7.2" transform="translate(1.23 5) scale(0.0156)"/>'
-    )
+    use = '<use x="7.20{}" transform="translate(1.23{} 5) scale(0.0156)"/>'
+    text = '<path d="M 1.005000 -0.0010 L 2.25 3.123456"/>' + use.format("00", "456")
+    assert stable_svg(text) == '<path d="M 1 0 L 2.25 3.12"/>' + use.format("", "").replace("7.20", "7.2")

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.line_panels import apart, draw_lines
-from rmpc_bench.figures.palette import DIM, METHODS
+from rmpc_bench.figures.palette import DIM, METHODS, line_styles
 from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
@@ -97,13 +97,17 @@ def test_lines_are_the_records_and_all_points_lie_within_the_axes(sweep_of, n_me
 
 
 def test_seven_methods_have_colours_and_more_are_thin_and_grey(sweep_of):
-    """The place of a method among all methods gives its colour, which it has in every figure."""
+    """The place of a method among all methods gives its colour, dashes and marker, which it has in every figure."""
     names = [f"M{k}" for k in range(9)]
     (axes,) = Sweep(show="value").draw(sweep_of(names, over([1, 2, 3]))).axes
     looks = [(line.get_color(), line.get_marker()) for line in axes.lines]
     assert [color for color, _ in looks] == [*METHODS, DIM, DIM]
     assert len({marker for _, marker in looks[:7]}) == 7 and looks[7][1] == "None"
     assert len({str(line.get_linestyle()) + str(line._dash_pattern) for line in axes.lines[:7]}) == 7
+    assert all(line.get_linewidth() < axes.lines[0].get_linewidth() for line in axes.lines[7:])
+    few, many = (line_styles(names, shown) for shown in (["M7", "M3", "M0"], names))
+    same = [(each[name].color, each[name].marker, each[name].linestyle) for each in (few, many) for name in few]
+    assert same[:3] == same[3:]
 
 
 def test_names_stand_at_the_ends_of_lines_and_not_on_each_other(sweep_of):
@@ -129,7 +133,6 @@ def test_names_are_moved_as_little_as_possible():
 
 
 def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make_sweep):
-    """A method 1000 times worse does not squeeze the others."""
     rng = np.random.default_rng(0)
     base = np.exp(0.3 * rng.normal(size=30))
     noise = [np.exp(0.02 * rng.normal(size=30)) for _ in range(2)]
@@ -213,6 +216,8 @@ def test_names_are_a_matrix_whose_longer_side_goes_down(sweep_of):
     n_coloured = sum("?" not in text and "%" in text and "≈" not in text for text in found.values())
     assert len([each for each in axes.patches if isinstance(each, Rectangle)]) == n_coloured
     assert len(Sweep(order=["B"]).draw(trials).axes[0].get_xticklabels()) == 2
+    with pytest.raises(DesignError, match="besides the baseline"):
+        Sweep(order=["A"]).draw(trials)
 
 
 def test_two_paths_are_a_table_per_method(sweep_of):
@@ -260,26 +265,8 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
     assert len(boxes) > 1 and all(b.x0 - a.x1 > 0.5 * APART for a, b in zip(boxes, boxes[1:], strict=False))
 
 
-def test_keys_that_do_not_fit(sweep_of):
-    trials = sweep_of(["A", "B"], over([1, 2]))
-    for keys, key, words in (
-        ({"path": "plant.b"}, "path", "'plant.b' is not a known path"),
-        ({"path": ["plant.a", "plant.a"]}, "path", "two different"),
-        ({"log": True}, "log", "is for values"),
-        ({"order": ["A"]}, "order", "besides the baseline"),
-    ):
-        with pytest.raises(DesignError, match=words) as caught:
-            Sweep(**keys).draw(trials)
-        assert caught.value.parameter == key
-    with pytest.raises(DesignError, match="nothing is swept in this configuration"):
-        Sweep().draw(replace(trials.each[0], point={}))
-
-
 def test_one_method_shows_its_values(sweep_of):
-    """Nothing is compared; the caption is a sentence."""
     trials = sweep_of(["A"], over([1, 2, 3]))
     assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
-    assert (
-        Sweep().caption(trials)
-        == "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
-    )
+    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
+    assert Sweep().caption(trials) == words

@@ -11,16 +11,13 @@ from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.tuning import TuningOverParameter
 from rmpc_bench.types import DesignError, ResultLayout
 
-VALUES = [1.0, 0.01, 0.1]
-
 
 @pytest.fixture
 def trials(make_trials):
     """Return three methods, of which A and B are tuned; the values of A are not in order, and one loses all runs."""
-    made = make_trials({"mse": {"A": [1.0] * 3, "B": [1.0] * 3, "C": [1.0] * 3}})
-    first = search("A", constant([4, 3, math.nan]), constant([5, 2, 7, 6]), values=VALUES, default=0.5)
-    second = search("B", constant([1, 20]), default=None)
-    return made.with_tuning(tuning(first, second))
+    made = make_trials({"mse": dict.fromkeys("ABC", [1.0] * 3)})
+    first = search("A", constant([4, 3, math.nan]), constant([5, 2, 7, 6]), values=[1.0, 0.01, 0.1], default=0.5)
+    return made.with_tuning(tuning(first, search("B", constant([1, 20]), default=None)))
 
 
 def lines(axes):
@@ -37,6 +34,9 @@ def test_marks_are_the_objectives_in_the_order_of_the_values(trials):
     assert first.get_xscale() == "log" and first.get_xlabel() == "A: estimator.radius"
     verticals = [float(line.get_xdata()[0]) for line in first.lines if line not in (on_tuning, on_test)]
     assert verticals == [0.01, 0.5]
+    text = TuningOverParameter(order=["A"]).caption(trials)
+    assert "circles on the 3 tuning runs, squares on the 3 runs of the experiment" in text
+    assert text.endswith("default.") and text.count(". ") == 0
     # Without runs of the experiment and without a number as default: one line, one vertical line, a wide range.
     assert len(lines(second)) == 1 and len(second.lines) == 2 and second.get_yscale() == "log"
 
@@ -60,19 +60,12 @@ def test_a_method_with_two_parameters_has_two_panels_without_lines(trials):
     assert all(line.get_linestyle() == "None" for each in axes for line in lines(each))
 
 
-def test_the_caption_says_what_the_marks_are(trials):
-    text = TuningOverParameter(order=["A"]).caption(trials)
-    assert "circles on the 3 tuning runs, squares on the 3 runs of the experiment" in text
-    assert text.endswith("default.") and text.count(". ") == 0
-
-
 def test_what_cannot_be_drawn_is_refused_before_the_run(trials):
     layout = layout_of(trials)
     assert layout.tuned == ("A", "B") and not list(TuningOverParameter().check(layout))
     (issue,) = TuningOverParameter(order=["C"]).check(layout)
     assert issue.key == "order" and "tuned: A, B" in issue.message
-    none = ResultLayout(methods=("A",), metrics=("mse",), points=({},))
-    (issue,) = TuningOverParameter().check(none)
+    (issue,) = TuningOverParameter().check(ResultLayout(methods=("A",), metrics=("mse",), points=({},)))
     assert "give one a range with `tune`" in issue.message
     with pytest.raises(DesignError, match="no search"):
         TuningOverParameter().draw(replace(trials, methods=("C",)))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from rmpc_bench.report.run_tables import ensemble_markdown, ensemble_rows
 
@@ -20,16 +19,21 @@ def moments(method, mean, variance, n):
 
 def believed(method, values):
     """Diagonal P over k."""
-    return [(method, "P", f"{i},{j}", [99.0, value if i == j else 0.0], 0) for i, value in enumerate(values)
-            for j in range(len(values))]  # fmt: skip
+    P = np.diag(values)
+    return [(method, "P", f"{i},{j}", [99.0, P[i, j]], 0) for i in range(len(P)) for j in range(len(P))]
 
 
 def test_numbers_of_the_last_sample(make_trials, with_series):
     """The mean square is the trace of the covariance and the square of the bias: 4 + 9 + 1 + 0.25."""
     entries = moments("A", [1.0, -0.5], [4.0, 9.0], 500) + believed("A", [5.0, 6.0])
-    [row] = ensemble_rows(with_series(make_trials(TWO), *entries))
+    trials = with_series(make_trials(TWO), *entries)
+    [row] = ensemble_rows(trials)
     assert [*row] == ["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]
     assert [*row.values()] == ["A", "1 -0.5", "4 9", "14.25", "5 6", "from 500 runs"]
+    page = ensemble_markdown(replace(trials, title="both signs")).splitlines()
+    assert page[0] == "## Ensemble of the error at the end: both signs"
+    heads, rule, cells = (line.strip("| ").split(" | ") for line in page[2:5])
+    assert heads[:5] == [*row][:5] and set(rule) == {"---"} and cells == [*row.values()]
 
 
 def test_exact_ones_win(make_trials, with_series):
@@ -46,36 +50,16 @@ def test_a_bias_that_is_rounding_is_zero(make_trials, with_series):
     assert [row["bias x - x_hat"] for row in rows] == ["0 1e-05", "1e-17"]
 
 
-def test_oracles_are_marked(make_trials, with_series):
-    """As in the other tables."""
-    trials = with_series(make_trials(TWO), *moments("A", [0.0], [1.0], 0), *moments("B", [0.0], [1.0], 0))
+def test_oracles_are_marked_and_errors_beyond_all_bounds_shown(make_trials, with_series):
+    trials = with_series(make_trials(TWO), *moments("A", [0.0], [np.inf], 0), *moments("B", [0.0], [np.nan], 0))
     rows = ensemble_rows(replace(trials, oracles=frozenset({"B"})))
     assert [row["error at the end"] for row in rows] == ["A", "B (oracle)"]
+    assert [(row["variance"], row["mean square"]) for row in rows] == [("inf", "inf"), ("nan", "nan")]
 
 
 def test_nothing_without_moments(make_trials, with_series):
     """Neither a headline nor an empty table; a method without them has no row."""
     for trials in (make_trials(TWO), with_series(make_trials(TWO), *believed("A", [1.0]))):
-        assert ensemble_rows(trials) == []
-        assert ensemble_markdown(trials) == ""
-    rows = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))
-    assert [row["error at the end"] for row in rows] == ["B"]
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_an_error_beyond_all_bounds(make_trials, with_series, value):
-    """It is shown as it is, without a warning."""
-    [row] = ensemble_rows(with_series(make_trials(TWO), *moments("A", [0.0], [value], 0)))
-    assert row["variance"] == row["mean square"] == str(value)
-
-
-def test_a_page_of_a_point(make_trials, with_series):
-    """Markdown with the name of the point."""
-    trials = with_series(make_trials(TWO), *moments("A", [1.0], [4.0], 500))
-    page = ensemble_markdown(replace(trials, title="both signs")).splitlines()
-    assert page[0] == "## Ensemble of the error at the end: both signs"
-    assert page[2:5] == [
-        "| error at the end | bias x - x_hat | variance | mean square | reported covariance |  |",
-        "| --- | --- | --- | --- | --- | --- |",
-        "| A | 1 | 4 | 5 | - | from 500 runs |",
-    ]
+        assert ensemble_rows(trials) == [] and ensemble_markdown(trials) == ""
+    [row] = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))
+    assert row["error at the end"] == "B"

@@ -49,10 +49,7 @@ def test_markdown(files):
         assert "alert(1)" in text
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]", text), page
         assert not re.search(r"(?<!\\)\]\(javascript", text), page
-
-
-def test_code_in_claims(files):
-    """A closed pair of backticks stays code; a single one would take the next expression for text."""
+    # A closed pair of backticks stays code; a single one would take the next expression for text.
     text = (files / "claims.md").read_text(encoding="utf-8")
     assert '- quote: "`&lt;script>' in text and "  - a &#96;&lt;script>" in text
 
@@ -60,12 +57,11 @@ def test_code_in_claims(files):
 class Elements(HTMLParser):
     """Collects the elements of a page and their attributes."""
 
-    def __init__(self):
-        super().__init__()
+    def reset(self):
+        super().reset()
         self.found = []
 
     def handle_starttag(self, tag, attributes):
-        """Collect an element."""
         self.found.append((tag, dict(attributes)))
 
 
@@ -81,26 +77,18 @@ def test_pages_and_figures(files):
             assert not element.tag.endswith("}script") and not [key for key in element.attrib if key.startswith("on")]
 
 
-def test_latex(files):
-    """Commands of a label are printed as text."""
-    tables = sorted((files / "tables").glob("*.tex"))
-    assert tables
-    for table in tables:
-        assert not re.search(r"^[^%].*\\(input|write|href)\b", table.read_text(encoding="utf-8"), re.MULTILINE)
-
-
-def test_csv_is_as_given(files):
-    """A spreadsheet may take `=1+1` for a formula: docs/security.md says so."""
+def test_latex_and_csv(files):
+    """Commands of a label are text.  A spreadsheet may take `=1+1` for a formula: docs/security.md says so."""
+    tables = [table.read_text(encoding="utf-8") for table in (files / "tables").glob("*.tex")]
+    assert tables and not any(re.search(r"^[^%].*\\(input|write|href)\b", text, re.MULTILINE) for text in tables)
     assert "\n=1+1,mse," in (files / "summary.csv").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("text", ["a < b, $x<1$", "| a | [0.1, 0.2] (n) |", "- a [1, 2]; b: c", "`a` **b**"])
 def test_honest_markdown_stays(text):
-    """Comparisons, intervals, tables and marks."""
     assert inert_markdown(text) == text
 
 
 @pytest.mark.parametrize("text", ["<b>", "</b>", "<!-- x", "<?x", "[a](b)", "![a](b)", "[a]: b", "- [a]: b"])
 def test_marks_that_are_no_text(text):
-    """Tags, links, images, and definitions of links."""
     assert inert_markdown(text) != text

@@ -10,13 +10,12 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, name_lines, stacked
 from rmpc_bench.report.latex_text import width_of
 from rmpc_bench.report.notes import latex_tables
-from rmpc_bench.report.summary import Summary, summarise
+from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.requirement import Limit, Requirement
 
 
 def rows_in(text: str) -> list[list[str]]:
-    """Cells of every row between the rules."""
     body = text[text.index(r"\midrule") + 9 : text.index(r"\bottomrule")]
     return [[cell.strip() for cell in line.removesuffix(r"\\").split(" & ")] for line in body.strip().split("\n")]
 
@@ -32,16 +31,19 @@ def table(make_trials, factor: float = 1.0) -> Trials:
     return make_trials({"mse": mse, "input_cost": cost}, infos, labels={"R": "R, $c=10^{-1}$"})
 
 
-def summary_of(make_trials) -> tuple[Trials, Summary]:
-    """The trials and their statistics."""
-    trials = table(make_trials)
-    return trials, summarise(trials)
+@pytest.fixture(scope="module")
+def trials(make_trials):
+    return table(make_trials)
 
 
-def test_numbers_are_those_of_the_markdown_table(make_trials):
+@pytest.fixture(scope="module")
+def summary(trials):
+    return summarise(trials)
+
+
+def test_numbers_are_those_of_the_markdown_table(trials, summary):
     """Every digit of mean, change and counts, in the same order."""
-    trials, summary = summary_of(make_trials)
-    text = latex_tables(summary, columns=["mean", "change", "counts"])[trials.metrics[0].name].body
+    text = latex_tables(summary, columns=["mean", "change", "counts"])["mse"].body
     markdown = summary.to_markdown()
     for row, method in zip(rows_in(text), trials.methods, strict=True):
         line = next(line for line in markdown.split("\n") if line.startswith(f"| {method} |")).replace("\u2212", "-")
@@ -49,65 +51,44 @@ def test_numbers_are_those_of_the_markdown_table(make_trials):
             assert cell == "--" or "".join(re.findall(r"[-+.\d]", cell)) in "".join(re.findall(r"[-+.\d|]", line))
 
 
-def test_head_of_the_file(make_trials):
+def test_head_of_the_file(summary):
     """Comments come first, each on one line, and a hostile one stays a comment."""
-    _, summary = summary_of(make_trials)
     text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).body.split("\n")
     assert text[0] == "% version 1" and text[1] == r"% run \input{x}" and text[2].startswith("% needs")
     assert text[3].startswith(r"\begin{tabular}{@{}l") and text[4] == r"\toprule"
 
 
-def test_order_and_metrics(make_trials):
-    """Methods and metrics that are chosen, in that order."""
-    trials, summary = summary_of(make_trials)
-    order, metric = [*reversed(trials.methods)][:2], trials.metrics[-1].name
-    tables = latex_tables(summary.shown(order, [metric]))
-    assert list(tables) == [metric]
-    assert [row[0] for row in rows_in(tables[metric].body)] == ["Q", "R, $c=10^{-1}$"]
+def test_order_and_metrics(summary):
+    tables = latex_tables(summary.shown(["Q", "R"], ["input_cost"]))
+    assert list(tables) == ["input_cost"]
+    assert [row[0] for row in rows_in(tables["input_cost"].body)] == ["Q", "R, $c=10^{-1}$"]
 
 
-def test_every_table_has_a_caption_and_a_note(make_trials):
+def test_every_table_has_a_caption_and_a_note(summary):
     """With the baseline, the pairing, the failures and every column that is shown."""
-    trials, summary = summary_of(make_trials)
     tables = latex_tables(summary)
     # Classes of documents set captions in capitals: one line without units.
     assert tables["mse"].caption == "MSE of 3 methods in 30 runs per method%\n"
-    assert tables["input_cost"].caption.startswith("Input cost of")
+    assert tables["input_cost"].caption.startswith("Input cost of") and ALL_METRICS in tables
     shown = ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"]
-    caption = latex_tables(summary, columns=shown)[trials.metrics[0].name].note
-    for word in (
-        "Mean:",
-        "Median:",
-        "paired",
-        "Won/lost/tied:",
-        "Superiority:",
-        "Wilcoxon",
-        "Failed runs: Q 1",
-        r"S\_1",
-    ):
-        assert word in caption, word
-    assert (ALL_METRICS in tables) == (len(trials.metrics) > 1)
+    note = latex_tables(summary, columns=shown)["mse"].note
+    words = ("Mean:", "Median:", "paired", "Won/lost/tied:", "Superiority:", "Wilcoxon", "Failed runs: Q 1", r"S\_1")
+    assert [word for word in words if word not in note] == []
 
 
 def test_a_sweep_has_groups_of_rows_or_a_row_per_point(make_trials, make_sweep):
     """A single column is laid out with the methods as columns."""
-    points = [({"plant.a": str(n)}, table(make_trials, n)) for n in (1.0, 2.0, 3.0)]
-    trials = make_sweep(*points)
-    summary = summarise(trials)
-    name, n = trials.metrics[0].name, len(trials.points)
-    groups = latex_tables(summary, columns=["mean", "n"])[name].body
-    assert groups.count(r"\multicolumn") == n and groups.count(r"\addlinespace") == n - 1
-    rows = rows_in(latex_tables(summary, columns=["mean"])[name].body)
-    assert len(rows) == n and len(rows[0]) == 1 + len(trials.points[0].methods)
+    summary = summarise(make_sweep(*[({"plant.a": str(n)}, table(make_trials, n)) for n in (1.0, 2.0, 3.0)]))
+    groups = latex_tables(summary, columns=["mean", "n"])["mse"].body
+    assert groups.count(r"\multicolumn") == 3 and groups.count(r"\addlinespace") == 2
+    rows = rows_in(latex_tables(summary, columns=["mean"])["mse"].body)
+    assert [len(row) for row in rows] == [4, 4, 4]
 
 
-@pytest.mark.parametrize("width", [120.0, 252.0, 1000.0])
-def test_the_usual_columns_depend_on_the_width(make_trials, width):
+def test_the_usual_columns_depend_on_the_width(summary):
     """More columns where there is room, never fewer than two numbers."""
-    trials, summary = summary_of(make_trials)
-    name = trials.metrics[0].name
-    n = len(rows_in(latex_tables(summary, width=width)[name].body)[0])
-    assert 3 <= n <= len(rows_in(latex_tables(summary, width=1000.0)[name].body)[0])
+    widths = [len(rows_in(latex_tables(summary, width=width)["mse"].body)[0]) for width in (120.0, 252.0, 1000.0)]
+    assert widths == sorted(widths) and 3 <= widths[0] < widths[-1]
 
 
 def test_long_names_and_heads():
@@ -124,9 +105,8 @@ def test_estimated_widths():
         assert 0.85 * points <= width_of(cell) <= 1.25 * points, (cell, width_of(cell))
 
 
-def test_python_gives_the_tables_of_the_files(make_trials):
+def test_python_gives_the_tables_of_the_files(summary):
     """The primary metric by default; a wrong name and a wrong width say what is possible."""
-    _, summary = summary_of(make_trials)
     tables = latex_tables(summary)
     for name in ("input_cost", ALL_METRICS):
         assert summary.to_latex(name) == tables[name].body
@@ -147,22 +127,12 @@ def passing(make_trials, requirements=(FAST,)):
     return summarise(replace(make_trials(columns, (TIME,)), requirements=requirements))
 
 
-def test_rows_are_those_of_the_pass_rates(make_trials):
-    text = latex_tables(passing(make_trials), ["version 1"])["requirements"].body
+def test_the_table_of_requirements(make_trials):
+    """Rows are those of the pass rates, the caption defines the columns; without requirements there is none."""
+    made = latex_tables(passing(make_trials), ["version 1"])["requirements"]
+    text, words = made.body, "".join(made)
     assert text.startswith("% version 1") and r"settling\_time $<$ 20 s" in text
     assert "A & $1/4$ & " in text and "B & $3/4$ & " in text and "$+50" in text and r"\toprule" in text
-
-
-def test_the_caption_defines_the_columns(make_trials):
-    text = "".join(latex_tables(passing(make_trials))["requirements"])
-    for words in (
-        r"settling\_time $<$ 20 s; 4 runs per method",
-        "Wilson",
-        "percentage points",
-        "B 1; they do not pass",
-    ):
-        assert words in text
-
-
-def test_without_requirements_there_is_no_passing(make_trials):
+    assert r"settling\_time $<$ 20 s; 4 runs per method" in words and "B 1; they do not pass" in words
+    assert "Wilson" in words and "percentage points" in words
     assert "requirements" not in latex_tables(passing(make_trials, ()))

@@ -35,7 +35,6 @@ TOKEN = re.compile(r"\\(?P<command>[A-Za-z]+|.)|(?P<special>[{}$&%#_^~])|(?P<oth
     ],
 )
 def test_by_hand(text, expected):
-    """Names and labels with every special character of LaTeX."""
     assert to_latex(text) == expected
 
 
@@ -63,7 +62,6 @@ def test_nothing_of_a_text_is_active(text):
 
 @given(st.text(max_size=40))
 def test_one_line(text):
-    """No character ends a line, for TeX or for Python."""
     assert len(one_line(text).splitlines()) <= 1 and len(one_line(text)) == len(text)
 
 
@@ -84,17 +82,14 @@ def test_one_line(text):
     ],
 )
 def test_numbers(cell, expected):
-    """Cells of the Markdown table."""
     assert number_latex(cell) == expected
 
 
 @given(st.floats(-1e9, 1e9), st.integers(0, 6))
 def test_digits_stay(value, places):
-    """Digits, sign and point are those of the cell."""
     cell = f"{value:+.{places}f} % [{value - 1:.{places}f}, {value + 1:.{places}f}]"
     assert re.sub(r"[^-+0-9.]", "", number_latex(cell)) == re.sub(r"[^-+0-9.]", "", cell)
 
 
 def test_units():
-    """Exponents are raised."""
     assert unit_latex("rad^2/s^-1") == "rad$^{2}$/s$^{-1}$" and unit_latex("%") == r"\%"

@@ -26,13 +26,9 @@ def trials():
 def test_the_markdown_has_the_share_beside_the_mean(trials):
     page = summarise(trials).to_markdown()
     assert "| lost |" in page and f"| {SHARE} |" in page
-
-
-def test_without_the_key_nothing_is_said_of_it(trials):
-    made = summarise(replace(trials, lost=None))
-    assert "| lost |" not in made.to_markdown()
-    assert not any("Lost" in text for text in latex_tables(made)["m"])
-    assert lost_table(replace(trials, lost=None)).empty
+    without = replace(trials, lost=None)
+    assert "| lost |" not in summarise(without).to_markdown() and lost_table(without).empty
+    assert not any("Lost" in text for text in latex_tables(summarise(without))["m"])
 
 
 def test_only_the_table_of_the_primary_metric_has_it(make_trials):
@@ -50,19 +46,13 @@ def test_the_table_for_a_paper_defines_the_column(trials):
     assert r"Lost\\{}[\%]" in text and r"$25\ [5, 70]$" in text and "Change" in text and "Won/lost" not in text
     note = latex_tables(made)["m"].note
     assert r"Lost: share of the runs that failed or whose m exceeds 10 times that of KF in the same run" in note
-    alone = made.shown(["X"])
-    assert r"$25\ [5, 70]$" in latex_tables(alone, columns=["lost"])["m"].body
+    assert r"$25\ [5, 70]$" in latex_tables(made.shown(["X"]), columns=["lost"])["m"].body
 
 
 def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):
-    """Also the one table that the page has of many points."""
-    other = replace(trials, lost=60.0)
-    sweep = make_sweep(({"s": "1"}, replace(trials, title="s=1")), ({"s": "2"}, replace(other, title="s=2")))
-    found = lost_table(sweep)
-    assert found[["s", "method", "n_lost"]].to_numpy().tolist() == [
-        *(["1", "KF", 0], ["1", "X", 1]),
-        *(["2", "KF", 0], ["2", "X", 0]),
-    ]
+    points = [({"s": text}, replace(trials, title=f"s={text}", lost=lost)) for text, lost in (("1", 10.0), ("2", 60.0))]
+    found = lost_table(make_sweep(*points))[["s", "method", "n_lost"]].to_numpy().tolist()
+    assert found == [["1", "KF", 0], ["1", "X", 1], ["2", "KF", 0], ["2", "X", 0]]
 
 
 def test_a_run_writes_the_shares(tmp_path):
@@ -89,13 +79,14 @@ def test_a_run_writes_the_shares(tmp_path):
     assert '<th scope="col" class="n more"><div>lost</div>' in (counted / "report.html").read_text()
 
 
-@pytest.mark.parametrize(("metric", "why"), [("inside", "a larger one is better"), ("nees", "it is best at 1")])
-def test_a_metric_of_which_less_is_not_better_is_refused(tmp_path, metric, why):
-    changes = {"metrics": f"[mse, {metric}]", "statistics": f"{{primary: {metric}, lost: 10}}"}
-    with pytest.raises(ConfigError, match=rf"statistics.lost: a run is lost where {metric} is large, but {why}"):
-        load_config(write(tmp_path, **changes))
-
-
-def test_a_factor_below_one_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"statistics.lost: must be > 1"):
-        load_config(write(tmp_path, statistics="{lost: 1}"))
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ("{primary: inside, lost: 10}", "a run is lost where inside is large, but a larger one is better"),
+        ("{primary: nees, lost: 10}", "a run is lost where nees is large, but it is best at 1"),
+        ("{lost: 1}", "must be > 1"),
+    ],
+)
+def test_a_metric_of_which_less_is_not_better_and_a_factor_below_one_are_refused(tmp_path, changes, message):
+    with pytest.raises(ConfigError, match=f"statistics.lost: {message}"):
+        load_config(write(tmp_path, metrics="[mse, inside, nees]", statistics=changes))

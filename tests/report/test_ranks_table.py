@@ -76,7 +76,6 @@ def test_numbers(sweep):
 
 
 def test_a_rank_is_never_a_number_alone(sweep):
-    """In the table, on the screen and in sentences."""
     table = ranks_table(sweep())
     assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
@@ -96,8 +95,7 @@ def test_the_page_has_a_row_per_method_with_its_rank(sweep):
     good, same, base, bad = rows.rows
     assert [row.cells[0].css for row in (good, same, bad)] == ["s0 better", "s0 inconclusive", "s0 worse"]
     assert good.cells[1].text.startswith("\u2212") and base.cells[1].text == "" and base.css == "base"
-    assert [head.text for head in rows.heads][3:5] == ["modelled", "biased"]
-    assert good.cells[3].text == "\u00d70.609"
+    assert [head.text for head in rows.heads][3:5] == ["modelled", "biased"] and good.cells[3].text == "\u00d70.609"
 
 
 def test_a_rank_claims_nothing_beyond_its_points(sweep):
@@ -121,42 +119,33 @@ def test_failures_stand_first_and_the_rest_is_said(sweep):
 
 def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
     """Equal searches count once; a method without a time is explained."""
-    protocol = TuningProtocol(3, 5, "mse")
-    search = TuningSearch(
-        "", "good", (), (), np.zeros((3, 0)), ("grid",) * 3, np.ones((3, 5)), None, 0, protocol, seconds=2.0, key="a"
-    )
-    other = replace(search, method="bad", key="b")
-    trials = sweep()
-    trials = trials.with_tuning(Tuning(protocol, (search, replace(search, point="again"), other), {}))
-    assert "tuning: 30 trials on other runs, 4 s" in ranks_table(trials).legend
+    protocol, trials = TuningProtocol(3, 5, "mse"), sweep()
+    rest = np.zeros((3, 0)), ("grid",) * 3, np.ones((3, 5)), None, 0, protocol
+    search = TuningSearch("", "good", (), (), *rest, seconds=2.0, key="a")
+    searches = search, replace(search, point="again"), replace(search, method="bad", key="b")
+    table = ranks_table(trials.with_tuning(Tuning(protocol, searches, {})))
+    assert "tuning: 30 trials on other runs, 4 s" in table.legend
+    assert not any(text.startswith("time per step") for text in table.legend)
     notes = {"good": RunNotes(100, seconds_per_step=2e-6), "bad": RunNotes(100)}
-    points = tuple(replace(point, notes=notes) for point in trials.points)
-    table = ranks_table(replace(trials, points=points))
+    table = ranks_table(replace(trials, points=tuple(replace(point, notes=notes) for point in trials.points)))
     assert dict(zip(table.methods, table.columns["time per step"], strict=True))["good"] == "2.0 us"
     assert any(text.startswith("time per step -:") for text in table.legend)
-    assert not any(text.startswith("time per step") for text in ranks_table(trials).legend)
 
 
-def test_only_where_it_is_asked_for(sweep):
-    """Without the key there are no columns, no file and no section of the page."""
+def test_only_where_it_is_asked_for(sweep, make_trials):
+    """Without the key, without verdicts and for an MSE of 0 there are no columns, no file and no section of a page."""
     table = ranks_table(sweep(ranked=None))
     assert table.columns == {} and table.to_markdown() == "" and table.sentences == ()
     assert not len(table.frame) and table.found is None
-    smoke = replace(sweep(), with_verdicts=False)
-    assert ranks_table(smoke).columns == {}
-
-
-def test_values_without_a_logarithm_give_no_ranks(make_trials):
-    """An MSE of 0 has no ratio."""
-    trials = replace(make_trials({"mse": {"A": [1.0, 0.0], "B": [1.0, 2.0]}}), ranked=())
-    assert ranks_table(trials).columns == {}
+    zero = replace(make_trials({"mse": {"A": [1.0, 0.0], "B": [1.0, 2.0]}}), ranked=())
+    for trials in (replace(sweep(), with_verdicts=False), zero):
+        assert ranks_table(trials).columns == {}
 
 
 def test_files_and_page(tmp_path):
     """An experiment without a sweep: ranks.csv, tables/ranks.md, the section of the page with its limitations."""
-    file = write(tmp_path, statistics="{ranks: true}")
     out = tmp_path / "out"
-    result = cli("run", file, "-o", out, "-j", 1, "--progress", "none")
+    result = cli("run", write(tmp_path, statistics="{ranks: true}"), "-o", out, "-j", 1, "--progress", "none")
     assert result.exit_code == 0 and " ratio to S-MPC" in result.stdout
     assert pd.read_csv(out / "ranks.csv")["rank_low"].min() == 1
     assert (out / "tables" / "ranks.md").read_text().startswith("# ")
@@ -166,7 +155,6 @@ def test_files_and_page(tmp_path):
 
 
 def test_a_metric_without_ratios_is_refused(tmp_path):
-    """A message at the key, with a way out."""
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)

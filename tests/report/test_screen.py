@@ -29,6 +29,14 @@ def noisy(factor, k=0):
     return factor * BASE * np.exp(0.02 * np.random.default_rng(k).normal(size=N))
 
 
+def methods(n, name="method-"):
+    return {"KF": BASE} | {f"{name}{k}": noisy(0.8 + k / 40, k) for k in range(n)}
+
+
+TWO = {"KF": BASE, "WKF": noisy(0.8)}
+LOST = {"KF": BASE, "WKF": np.where(np.arange(N) == 3, np.nan, noisy(0.9))}
+
+
 def one(values, **others):
     """Return trials at one point; the metric is an MSE."""
     return trials_of(values, metric="estimation_mse", **others)
@@ -66,22 +74,19 @@ def shown(trials, width=80, **others):
 
 
 def test_the_rows_of_one_point():
-    lines = shown(one({"KF": BASE, "WKF": noisy(0.8)}, parameters={"KF": "default", "WKF": "default"}))
+    lines = shown(one(TWO, parameters=dict.fromkeys(TWO, "default")))
     assert lines[0] == "tiny   40 of 40 runs, 0 failed" and lines[1] == ""
     assert lines[2].startswith("WKF is better than KF: its estimation MSE is 2") and lines[2].endswith("lower.")
     assert lines[4].split() == "method mean estimation MSE change against KF verdict".split()
     assert lines[5].split()[0] == "KF" and lines[5].endswith("baseline") and lines[6].endswith("better")
-    assert lines[8:] == [
-        " same draws for all; [ ] and \u00b1: 95 %; default parameters",
-        " results/tiny/report.html",
-    ]
+    assert lines[8] == " same draws for all; [ ] and \u00b1: 95 %; default parameters"
+    assert lines[9:] == [" results/tiny/report.html"]
 
 
 @pytest.mark.parametrize("width", [80, 60, 40])
 @pytest.mark.parametrize("n", [2, 3, 6, 7, 30, 100])
 def test_any_number_of_methods_fits(n, width):
-    trials = one({"KF": BASE} | {f"method-{k}": noisy(0.5 + k / 20, k) for k in range(n - 1)})
-    lines = shown(trials, width)
+    lines = shown(one(methods(n - 1)), width)
     rows = [line for line in lines if line.startswith((" KF ", " method-"))]
     assert len(rows) == (n if n <= 40 else 30)
     assert (" and 70 more methods" in lines) == (n == 100)
@@ -91,7 +96,7 @@ def test_any_number_of_methods_fits(n, width):
 def test_the_mean_goes_first_then_names_are_cut():
     name = "a-method-with-a-name-of-sixty-characters-as-nobody-writes-them"
     trials = one({"KF": BASE, name: noisy(0.8), f"{name}2": noisy(0.9)})
-    assert any("mean" in line for line in shown(one({"KF": BASE, "WKF": noisy(0.8)})))
+    assert any("mean" in line for line in shown(one(TWO)))
     text = "\n".join(shown(one({"KF": BASE, "a-method-of-26-characters..": noisy(0.8)}), 72))
     assert "mean estimation" not in text and "a-method-of-26-characters.. " in text
     assert [line.split()[0] for line in shown(trials) if line.startswith(" a-m")] == ["a-met..-them", "a-met..them2"]
@@ -113,51 +118,35 @@ def test_no_name_is_broken_in_the_answer():
 @pytest.mark.parametrize("width", [80, 60])
 @pytest.mark.parametrize("n", [1, 2, 6, 7, 12])
 def test_a_sweep_of_a_number_has_the_points_below_each_other(n, width):
-    trials = sweep(lambda k: one({"KF": BASE} | {f"M{j}": noisy(0.8 + k * j / 20, j) for j in range(4)}), range(n))
-    trials = replace(trials, points=tuple(replace(t, point={"x": str(k)}) for k, t in enumerate(trials.points)))
-    lines = shown(trials, width)
+    points = [str(k) for k in range(n)]
+    lines = shown(sweep(lambda k: one(methods(4)), points), width)
     assert len(lines) <= MOST_LINES
     if n > 1:
         head = next(k for k, line in enumerate(lines) if line.split()[:3] == ["x", "KF,", "mean"])
-        assert [line.split()[0] for line in lines[head + 1 : head + 1 + n]] == [str(k) for k in range(n)]
+        assert [line.split()[0] for line in lines[head + 1 : head + 1 + n]] == points
         assert lines[head - 1] == "change of the estimation MSE against KF by x"
 
 
 def test_many_methods_of_a_sweep_go_down_or_are_counted():
-    points = ["1", "2", "3"]
-    trials = sweep(lambda k: one({"KF": BASE} | {f"method-{j}": noisy(0.8 + j / 40, j) for j in range(30)}), points)
-    lines = shown(trials)
-    assert sum(line.startswith(" method-") for line in lines) == 30 and any(
-        line.split() == ["x", *points] for line in lines
-    )
-    many = sweep(
-        lambda k: one({"KF": BASE} | {f"method-{j}": noisy(0.8 + j / 40, j) for j in range(9)}),
-        [str(k) for k in range(12)],
-    )
-    lines = shown(many)
+    lines = shown(sweep(lambda k: one(methods(30)), ["1", "2", "3"]))
+    assert sum(line.startswith(" method-") for line in lines) == 30
+    assert any(line.split() == ["x", "1", "2", "3"] for line in lines)
+    lines = shown(sweep(lambda k: one(methods(9)), [str(k) for k in range(12)]))
     assert "verdicts at 12 points, estimation MSE against KF" in lines and len(lines) <= MOST_LINES
-
-
-def test_points_with_long_names_have_numbers():
     names = [f"a point with a long name {k}" for k in range(6)]
-    trials = sweep(lambda k: one({"KF": BASE} | {f"M{j}": noisy(0.8 + j / 40, j) for j in range(8)}), names)
-    text = "\n".join(shown(trials))
-    assert " ".join(text.split()).count("3 a point with a long name 2") == 1
-    assert any(line.split() == ["x", *map(str, range(1, 7))] for line in text.split("\n"))
+    lines = shown(sweep(lambda k: one(methods(8, "M")), names))
+    assert " ".join(" ".join(lines).split()).count("3 a point with a long name 2") == 1
+    assert any(line.split() == ["x", *map(str, range(1, 7))] for line in lines)
 
 
-def test_several_paths_have_a_line_per_point_or_counts():
-    def made(n):
-        trials = sweep(lambda k: one({"KF": BASE, "WKF": noisy(0.8, k)}), [str(k) for k in range(n)])
-        points = tuple(
-            replace(t, point={"a": str(k), "b": "1"}, title=f"a={k}, b=1") for k, t in enumerate(trials.points)
-        )
-        return replace(trials, points=points, paths=("a", "b"))
-
-    assert sum(line.startswith(" a=") for line in shown(made(6))) == 6
-    lines = shown(made(30))
-    assert "verdicts at 30 points, estimation MSE against KF" in lines
-    assert any(line.split()[:2] == ["WKF", "30"] for line in lines)
+@pytest.mark.parametrize("n", [6, 30])
+def test_several_paths_have_a_line_per_point_or_counts(n):
+    trials = sweep(lambda k: one({"KF": BASE, "WKF": noisy(0.8, k)}), range(n))
+    made = [replace(t, point={"a": f"{k}", "b": "1"}, title=f"a={k}, b=1") for k, t in enumerate(trials.points)]
+    lines = shown(replace(trials, points=tuple(made), paths=("a", "b")))
+    assert sum(line.startswith(" a=") for line in lines) == (6 if n == 6 else 0)
+    assert ("verdicts at 30 points, estimation MSE against KF" in lines) == (n == 30)
+    assert any(line.split()[:2] == ["WKF", "30"] for line in lines) == (n == 30)
 
 
 def test_marks_are_explained_where_they_occur():
@@ -167,16 +156,16 @@ def test_marks_are_explained_where_they_occur():
 
 
 def test_failures_have_one_command():
-    bad = noisy(0.9)
-    bad[3:13] = np.nan
+    bad = np.where((np.arange(N) >= 3) & (np.arange(N) < 13), np.nan, noisy(0.9))
     kind = {"status": 1, "component": "estimator", "k": 33, "message": "Matrix is not positive definite"}
     failures = tuple(RunFailure(run=run, **kind) for run in range(3, 13))
     trials = one({"KF": BASE, "Sage-Husa": bad})
-    trials = replace(trials, notes={"Sage-Husa": RunNotes(100, failures=failures)})
-    lines = shown(trials)
-    assert lines[-3] == " failed: Sage-Husa, 10 runs, 'Matrix is not positive definite'; the first again:"
-    assert lines[-2] == " rmpc-bench show results/tiny --run 3 --method Sage-Husa"
+    lines = shown(replace(trials, notes={"Sage-Husa": RunNotes(100, failures=failures)}))
+    assert " failed: Sage-Husa, 10 runs, 'Matrix is not positive definite'; the first again:" in lines
+    assert " rmpc-bench show results/tiny --run 3 --method Sage-Husa" in lines
     assert any(line.startswith(" Sage-Husa") and line.endswith("fails more 10/40") for line in lines)
+    lines = shown(one({"KF": BASE, "A": np.full(N, np.nan), "B": noisy(0.8)}))
+    assert ["A", "fails", "more", "40/40"] in [line.split() for line in lines]
 
 
 def test_a_replay_command_and_the_page_are_copied_whole():
@@ -191,63 +180,47 @@ def test_a_replay_command_and_the_page_are_copied_whole():
     assert f" {directory / 'report.html'}" in lines and end - start == 3
 
 
-def test_all_runs_of_a_method_failed():
-    lines = shown(one({"KF": BASE, "A": np.full(N, np.nan), "B": noisy(0.8)}))
-    row = next(line for line in lines if line.startswith(" A "))
-    assert row.split() == ["A", "fails", "more", "40/40"]
-
-
 def test_an_unfinished_experiment():
-    trials = one({"KF": BASE, "WKF": noisy(0.8)})
+    trials = one(TWO)
     lines = shown(trials, extent=extent_of(trials, 1000))
     assert lines[0] == "tiny   INTERRUPTED at 40 of 1000 runs, 0 failed; run it again to go on"
     assert lines[2].startswith("So far WKF is better")
 
 
 def test_a_smoke_run_says_what_ran():
-    bad = noisy(0.9)
-    bad[3] = np.nan
-    trials = one({"KF": BASE, "WKF": bad}, with_verdicts=False)
+    trials = one(LOST, with_verdicts=False)
     text = "\n".join(shown(trials))
     assert text.startswith("tiny   smoke run: 40 of 40 runs, 1 failed\n\nA smoke run shows that everything works")
     assert "\n KF   ran\n WKF  failed 1 of 40 runs\n" in text and "%" not in text
-    swept = replace(sweep(lambda k: trials, ["1", "2"]), with_verdicts=False)
-    assert "\n KF   ran\n WKF  failed 2 of 80 runs\n" in "\n".join(shown(swept))
+    assert "\n KF   ran\n WKF  failed 2 of 80 runs\n" in "\n".join(shown(sweep(lambda k: trials, ["1", "2"])))
 
 
 def verdict(finding, of_paper=True, recorded=None):
     claim = SimpleNamespace(of_paper=of_paper, finding=recorded, says="a statement " + "of words " * 30)
-    return SimpleNamespace(
-        finding=finding, joined=finding, claim=claim, differs=recorded is not None and recorded != finding
-    )
+    return SimpleNamespace(finding=finding, joined=finding, claim=claim, differs=recorded not in (None, finding))
+
+
+TWO_CLAIMS = [verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorded=Finding.CONFIRMED)]
 
 
 def test_claims_have_a_line():
-    trials = one({"KF": BASE, "WKF": noisy(0.8)})
     found = [verdict(Finding.CONFIRMED)] * 3 + [verdict(Finding.NOT_TESTABLE), verdict(Finding.CONFIRMED, False)]
-    lines = shown(trials, verdicts=found)
-    assert " confirmed: 3 statements of the paper, 1 of ours (claims.md)" in lines
-    mixed = shown(
-        trials, verdicts=[verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorded=Finding.CONFIRMED)]
-    )
+    assert " confirmed: 3 statements of the paper, 1 of ours (claims.md)" in shown(one(TWO), verdicts=found)
+    mixed = shown(one(TWO), verdicts=TWO_CLAIMS)
     assert " statements of the paper: 1 confirmed, 1 not confirmed (claims.md)" in mixed
     assert any(line.startswith(" recorded confirmed, now not-confirmed: a statement of") for line in mixed)
-    lines = shown(trials, verdicts=found, reasons=["the configuration was overridden (--runs 3)"])
+    lines = shown(one(TWO), verdicts=found, reasons=["the configuration was overridden (--runs 3)"])
     assert " claims: not evaluated, the configuration was overridden (--runs 3)" in lines
     assert not any("statements of the paper that were tested" in line for line in lines)
 
 
-def test_at_most_five_lines_of_notes():
+@pytest.mark.parametrize("width", [80, 60])
+def test_at_most_five_lines_of_notes(width):
     """The page, what differs and failures come first; the rest is in files."""
-    bad = noisy(0.9)
-    bad[3] = np.nan
-    trials = one({"KF": BASE, "WKF": bad})
-    found = [verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorded=Finding.CONFIRMED)]
-    for width in (80, 60):
-        lines = shown(trials, width, verdicts=found, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
-        notes = lines[len(lines) - lines[::-1].index("") :]
-        assert len(notes) <= 5 and notes[-1] == " results/tiny/report.html"
-        assert any(line.startswith(" recorded") for line in notes) and any("failed: WKF" in line for line in notes)
+    lines = shown(one(LOST), width, verdicts=TWO_CLAIMS, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
+    notes = lines[len(lines) - lines[::-1].index("") :]
+    assert len(notes) <= 5 and notes[-1] == " results/tiny/report.html"
+    assert any(line.startswith(" recorded") for line in notes) and any("failed: WKF" in line for line in notes)
 
 
 def test_higher_is_better_a_difference_and_an_event():
@@ -263,5 +236,4 @@ def test_higher_is_better_a_difference_and_an_event():
 
 def test_one_method_and_one_run():
     assert "The mean estimation MSE is" in shown(one({"KF": BASE}))[2]
-    lines = shown(one({"KF": BASE[:1], "A": BASE[:1]}))
-    assert lines[2]
+    assert shown(one({"KF": BASE[:1], "A": BASE[:1]}))[2]

@@ -29,100 +29,83 @@ def trials(make_trials):
     return make_trials({"mse": {"R-MPC1": [1.0, 2.0], "S-MPC": [2.0, 4.0]}})
 
 
+WON = "; won 162, lost 0, tied 38)"
+GEOMETRIC = f"against S-MPC (geometric mean of the ratios, 200 paired runs, 95 % interval{WON}"
+NEEDED = "(runs needed: about 430 for better or worse, about 1100 for equivalent)"
+NO_CHANGE = dict.fromkeys(("change_pct", "ci_low", "ci_high", "geometric_pct", "mean_pct"), math.nan)
+MEANS = {"geometric_pct": 20.1, "mean_pct": -23.0, "mean_low": -31.0, "mean_high": -15.0}
+DIFFERENCE = {"average": "difference", "difference": -0.51, "difference_low": -0.62, "difference_high": -0.40}
+
+
+def changed(value, low, high, verdict, **others):
+    return {"change_pct": value, "ci_low": low, "ci_high": high, "verdict": verdict, **others}
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
+        ({}, f"lowers mse by 10.2 % [9.0, 11.3] {GEOMETRIC}: better in these runs."),
+        ({"verdict": ""}, f"lowers mse by 10.2 % [9.0, 11.3] {GEOMETRIC}."),
         (
-            {},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
-            "(geometric mean of the ratios, 200 paired runs, 95 % interval; "
-            "won 162, lost 0, tied 38): better in these runs.",
+            changed(5.0, 0.8, 9.0, "worse-size-uncertain", ci_level=0.97),
+            f"raises mse by 5.0 % [0.8, 9.0] {GEOMETRIC}: worse, size uncertain.".replace("95", "simultaneous 95"),
         ),
         (
-            {"verdict": ""},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
-            "(geometric mean of the ratios, 200 paired runs, 95 % interval; "
-            "won 162, lost 0, tied 38).",
+            changed(-3.9, -7.6, 0.02, "inconclusive", runs_for_direction=421),
+            f"changes mse by -3.9 % [-7.6, 0.0] {GEOMETRIC}: inconclusive {NEEDED}.",
         ),
         (
-            {"change_pct": 5.0, "ci_low": 0.8, "ci_high": 9.0, "verdict": "worse-size-uncertain", "ci_level": 0.97},
-            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of the ratios, 200 paired runs, "
-            "simultaneous 95 % interval; won 162, lost 0, tied 38): worse, size uncertain.",
-        ),
-        (
-            {"change_pct": -3.9, "ci_low": -7.6, "ci_high": 0.02, "verdict": "inconclusive", "runs_for_direction": 421},
-            "R-MPC1 changes mse by -3.9 % [-7.6, 0.0] against S-MPC "
-            "(geometric mean of the ratios, 200 paired runs, 95 % "
-            "interval; won 162, lost 0, tied 38): inconclusive (runs needed: about 430 for better or "
-            "worse, about 1100 for equivalent).",
-        ),
-        (
-            {"change_pct": 20.1, "ci_low": 15.8, "ci_high": 24.9, "verdict": "depends-on-average"}
-            | {"geometric_pct": 20.1, "mean_pct": -23.0, "mean_low": -31.0, "mean_high": -15.0},
-            "R-MPC1 raises mse by 20.1 % [15.8, 24.9] against S-MPC "
-            "(geometric mean of the ratios, 200 paired runs, 95 % "
-            "interval; won 162, lost 0, tied 38); the ratio of the means changes by -23.0 % [-31.0, -15.0]: depends on "
-            "the average.",
+            changed(20.1, 15.8, 24.9, "depends-on-average") | MEANS,
+            f"raises mse by 20.1 % [15.8, 24.9] {GEOMETRIC}; the ratio of the means changes by -23.0 % "
+            "[-31.0, -15.0]: depends on the average.",
         ),
         (
             {"failed_only": 60, "verdict": "fails-more", "n_pairs": 140},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
-            "(geometric mean of the ratios, 140 paired runs, 95 % interval; "
-            "won 162, lost 0, tied 38); R-MPC1 alone failed in 60: fails more (alone in 60 runs, "
-            "S-MPC alone in 0).",
+            f"lowers mse by 10.2 % [9.0, 11.3] {GEOMETRIC}; R-MPC1 alone failed in 60: fails more (alone in 60 runs, "
+            "S-MPC alone in 0).".replace("200", "140"),
         ),
+        (NO_CHANGE | {"average": ""}, f"against S-MPC in mse (200 paired runs{WON}: better in these runs."),
         (
-            {"change_pct": math.nan, "ci_low": math.nan, "ci_high": math.nan, "average": ""},
-            "R-MPC1 against S-MPC in mse (200 paired runs; won 162, lost 0, tied 38): better in these runs.",
-        ),
-        (
-            {"change_pct": math.nan, "average": "difference", "difference": -0.51, "difference_low": -0.62}
-            | {"difference_high": -0.40, "verdict": "equivalent", "geometric_pct": math.nan, "mean_pct": math.nan},
-            "R-MPC1 lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference, 200 paired runs, 95 % "
-            "interval; won 162, lost 0, tied 38): equivalent (within 0 rad^2) in these runs.",
+            NO_CHANGE | DIFFERENCE | {"verdict": "equivalent"},
+            "lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference, 200 paired runs, 95 % interval"
+            f"{WON}: equivalent (within 0 rad^2) in these runs.",
         ),
     ],
 )
 def test_a_sentence_can_be_quoted(trials, changes, text):
     """Every verdict, a row without one, and rows without a change in per cent."""
-    assert sentence(ROW | changes, MSE, trials) == text
+    assert sentence(ROW | changes, MSE, trials) == f"R-MPC1 {text}"
+
+
+TUNED = "tuned (budget 16, 40 runs)"
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("default", "default"), "tied 38; both default, not tuned): better in these runs."),
-        (("tuned (budget 16, 40 runs)",) * 2, "tied 38; both tuned (budget 16, 40 runs)): better in these runs."),
-        (
-            ("tuned (budget 16, 40 runs)", "as published"),
-            "tied 38; R-MPC1: tuned (budget 16, 40 runs), S-MPC: as published, not tuned): better in these runs.",
-        ),
+        (("default", "default"), "both default, not tuned"),
+        ((TUNED, TUNED), f"both {TUNED}"),
+        ((TUNED, "as published"), f"R-MPC1: {TUNED}, S-MPC: as published, not tuned"),
     ],
 )
 def test_a_sentence_says_where_the_parameters_come_from(trials, words, text):
     trials = replace(trials, parameters=dict(zip(("R-MPC1", "S-MPC"), words, strict=True)))
-    assert sentence(ROW, MSE, trials).endswith(text)
+    assert sentence(ROW, MSE, trials).endswith(f"tied 38; {text}): better in these runs.")
+
+
+WORSE = "failed or 10 times worse than the partner"
 
 
 @pytest.mark.parametrize(
     ("k", "direction", "text"),
     [
-        (
-            0,
-            "lower",
-            "; failed or 10 times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound).",
-        ),
-        (
-            3,
-            "lower",
-            "; failed or 10 times worse than the partner: 3 of 200 runs, so at most 3.8 % of all runs (95 % bound).",
-        ),
+        (0, "lower", f"; {WORSE}: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound)."),
+        (3, "lower", f"; {WORSE}: 3 of 200 runs, so at most 3.8 % of all runs (95 % bound)."),
         (3, "zero", "; failed: 3 of 200 runs, so at most 3.8 % of all runs (95 % bound)."),
     ],
 )
 @pytest.mark.parametrize("word", ["equivalent", "better-size-uncertain", "worse", "inconclusive"])
 def test_beside_a_verdict_stands_how_many_runs_are_far_worse_at_most(trials, k, direction, text, word):
-    """Better and equivalent hold in these runs."""
     row = ROW | {"far_worse_runs": k, "far_worse_upper": largest_share(k, 200), "verdict": word}
     found = sentence(row, MSE._replace(direction=direction), trials)
     assert text in found
@@ -136,7 +119,7 @@ def test_methods_with_equal_numbers_of_far_worse_runs_stand_together(trials):
         for name, k in zip("ABC", (0, 2, 0), strict=True)
     ]
     assert far_worse_bound(rows, trials, MSE) == (
-        "failed or 10 times worse than the partner: 0 of 200 runs of A and C, so at most 1.5 % of all runs "
+        f"{WORSE}: 0 of 200 runs of A and C, so at most 1.5 % of all runs "
         "(95 % bound), and 2 of 200 runs of B, so at most 3.1 % of all runs (95 % bound)"
     )
     assert [per_cent(100 * largest_share(0, n)) for n in (1, 1000, 10**6)] == ["95.0 %", "0.3 %", "0.0003 %"]

@@ -8,7 +8,7 @@ import pytest
 from rmpc_bench import summarise
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import comparisons
-from rmpc_bench.report.csv_file import trials_csv, write_csv
+from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.summary import summary_markdown
 
 
@@ -52,20 +52,23 @@ def test_sweep_columns_come_first(sweep):
 
 
 def test_without_a_sweep_nothing_is_added(make_trials):
-    """The tables are those of the statistics."""
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}})
-    summary = summarise(trials)
-    pd.testing.assert_frame_equal(summary.described, statistics.summary(trials))
-    pd.testing.assert_frame_equal(summary.compared, comparisons(trials))
-    described, compared = statistics.summary(trials), comparisons(trials)
-    assert summary.to_markdown() == summary_markdown(trials, described, compared)
-    assert summary.pooled is None
+    summary, described, compared = summarise(trials), statistics.summary(trials), comparisons(trials)
+    pd.testing.assert_frame_equal(summary.described, described)
+    pd.testing.assert_frame_equal(summary.compared, compared)
+    assert summary.to_markdown() == summary_markdown(trials, described, compared) and summary.pooled is None
 
 
-@pytest.mark.parametrize("n", [1, 2, 6])
-def test_few_points_have_a_page_each(sweep, n):
-    there = sweep(n)
-    summary = summarise(there)
+@pytest.mark.parametrize(
+    ("n", "keys", "sizes"),
+    [
+        *((n, None, (1.0, 2.0, 4.0)) for n in (1, 2, 6)),
+        (7, own_keys, (1.0, 2.0, 4.0)),  # Every point has the same draws: the runs of two are not independent.
+        (8, lambda c: {"A": "same", "B": f"B{c}"}, (2.0,)),  # A has one run, not eight.
+    ],
+)
+def test_points_that_are_not_taken_together_have_a_page_each(sweep, n, keys, sizes):
+    summary = summarise(sweep(n, keys, sizes))
     assert summary.pooled is None
     headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
     assert headings == [f"# tiny: c={c}" for c in range(1, n + 1)]
@@ -83,23 +86,8 @@ def test_many_points_are_shown_together(sweep):
     assert len(summary.described) == 14 and set(summary.described["c"]) == set("1234567")
 
 
-def test_points_of_several_runs_are_not_taken_together(sweep):
-    """Every point has the same draws: the runs of two points are not independent."""
-    assert summarise(sweep(7, own_keys)).pooled is None
-
-
-def test_shared_trials_are_not_pooled(sweep):
-    """A method that is the same at all points has one run, not eight: points are then shown one by one."""
-    summary = summarise(sweep(8, lambda c: {"A": "same", "B": f"B{c}"}, sizes=(2.0,)))
-    assert summary.pooled is None
-    assert len([line for line in summary.to_markdown().splitlines() if line.startswith("# ")]) == 8
-
-
 def test_the_table_of_trials(sweep, tmp_path):
-    """Sweep columns first, floats as they are, and the same bytes for the same table."""
     trials_csv(sweep(2), tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines[0] == "c,d,method,run,status,mse" and len(lines) == 13
     assert lines[1] == "1,x,A,0,ok,1.0" and lines[-1] == "2,x,B,2,ok,10.0"
-    write_csv(sweep(2).frame, tmp_path / "b.csv")
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

@@ -40,17 +40,34 @@ addEventListener("load", () => setTimeout(() => {
 </script>"""
 
 
+def browse(directory, address, *options):
+    """Open an address in a browser; the result has the page after its scripts in stdout and the log in stderr."""
+    command = [BROWSER, *OPTIONS, f"--user-data-dir={directory / 'profile'}", *options, "--dump-dom", address]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+
+
 def visited(directory, page, *options, fragment="", probe=PROBE):
     """Open the page with a script of the test, and return what that script has found."""
     # The policy allows the script of the page alone, so that the test has to take it away.
     text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page).replace("</body>", f"{probe}</body>")
     file = directory / "probed.html"
     file.write_text(text, encoding="utf-8")
-    profile = f"--user-data-dir={directory / 'profile'}"
-    command = [BROWSER, *OPTIONS, profile, *options, "--dump-dom", f"{file.as_uri()}{fragment}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    title = re.search(r"<title>(.*?)</title>", done.stdout, re.DOTALL)[1]
+    title = re.search(r"<title>(.*?)</title>", browse(directory, f"{file.as_uri()}{fragment}", *options).stdout, re.S)[
+        1
+    ]
     return json.loads(title.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+
+
+def framed(directory, page, width, script):
+    """Return what an expression finds in a page as wide as a phone; the browser has no window below 500 pixels."""
+    (directory / "page.html").write_text(page, encoding="utf-8")
+    style = f"width: {width}px; height: 900px; border: 0"
+    frame = f"""<!DOCTYPE html><iframe id="f" src="page.html" style="{style}"></iframe><body><title></title><script>
+      addEventListener("load", () => {{
+        const inner = document.getElementById("f").contentDocument;
+        document.title = JSON.stringify(({script})(inner));
+      }});</script></body>"""
+    return visited(directory, frame, "--allow-file-access-from-files", probe="")
 
 
 @pytest.fixture
@@ -60,17 +77,8 @@ def page(make_source):
 
 @pytest.mark.parametrize("width", [400, 1280])
 def test_no_page_is_wider_than_its_window(tmp_path, page, width):
-    """The browser has no window below 500 pixels, so that a narrow page stands in a frame."""
-    (tmp_path / "page.html").write_text(page, encoding="utf-8")
-    frame = (
-        f'<!DOCTYPE html><iframe id="f" src="page.html" style="width: {width}px; height: 900px; border: 0"></iframe>'
-    )
-    script = """<script>addEventListener("load", () => {
-      const inner = document.getElementById("f").contentDocument.documentElement;
-      document.title = JSON.stringify({ wide: inner.scrollWidth - inner.clientWidth });
-    });</script><title></title></body>"""
-    found = visited(tmp_path, f"{frame}<body>{script}", "--allow-file-access-from-files", probe="")
-    assert found["wide"] <= 0
+    script = "({documentElement: root}) => root.scrollWidth - root.clientWidth"
+    assert framed(tmp_path, page, width, script) <= 0
 
 
 def test_cells_of_a_matrix_are_apart_on_a_phone(tmp_path, make_trials, make_sweep, make_source):
@@ -82,18 +90,14 @@ def test_cells_of_a_matrix_are_apart_on_a_phone(tmp_path, make_trials, make_swee
         points.append(({"noise": f"point{k}"}, make_trials({"mse": columns})))
     trials = make_sweep(*points)
     source = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={}, figures=[])
-    (tmp_path / "page.html").write_text(render_html("page.html", page_context(source)), encoding="utf-8")
-    script = """<script>addEventListener("load", () => {
-      const inner = document.getElementById("f").contentDocument, table = inner.querySelector("table.matrix");
-      const range = inner.createRange();
+    script = """(inner) => {
+      const table = inner.querySelector("table.matrix"), range = inner.createRange();
       const box = (cell) => (range.selectNodeContents(cell), range.getBoundingClientRect());
       const gaps = [...table.tBodies[0].rows].flatMap((row) => [...row.cells].slice(1)
         .map((cell, k) => box(cell).left - box(row.cells[k]).right));
-      const right = table.getBoundingClientRect().right;
-      document.title = JSON.stringify({ cells: gaps.length, gap: Math.min(...gaps), right });
-    });</script><title></title></body>"""
-    frame = '<!DOCTYPE html><iframe id="f" src="page.html" style="width: 400px; height: 900px; border: 0"></iframe>'
-    found = visited(tmp_path, f"{frame}<body>{script}", "--allow-file-access-from-files", probe="")
+      return { cells: gaps.length, gap: Math.min(...gaps), right: table.getBoundingClientRect().right };
+    }"""
+    found = framed(tmp_path, render_html("page.html", page_context(source)), 400, script)
     assert found["cells"] == 42 and found["gap"] >= 0 and found["right"] <= 400
 
 
@@ -151,9 +155,7 @@ def requests_of(directory, text):
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         proxy = f"--proxy-server=127.0.0.1:{server.server_address[1]}"
-        log = ["--enable-logging=stderr", "--v=0", f"--user-data-dir={directory / 'profile'}"]
-        command = [BROWSER, *OPTIONS, proxy, *log, "--dump-dom", file.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+        done = browse(directory, file.as_uri(), proxy, "--enable-logging=stderr", "--v=0")
         server.shutdown()
         thread.join()
     # The browser itself may ask for its updates.
@@ -163,9 +165,8 @@ def requests_of(directory, text):
 def test_the_page_makes_no_request(tmp_path, page):
     """A proxy that all requests go through sees none, and the policy blocks nothing of the page."""
     seen, done = requests_of(tmp_path, page)
-    assert seen == []
+    assert seen == [] and "Content Security Policy" not in done.stderr
     assert "copy table</button>" in done.stdout, "the script has run"
-    assert "Content Security Policy" not in done.stderr
 
 
 def test_the_proxy_sees_a_request_that_is_made(tmp_path, page):

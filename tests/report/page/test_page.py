@@ -26,15 +26,15 @@ FOLDS = ["Other metrics", "Worst runs", "Signals", "Figure boxplot", "Settings",
 
 
 def page_of(source):
-    """Read the page of a source."""
     return Page(render_html("page.html", page_context(source)))
 
 
 @pytest.fixture
-def with_trials(make_source):
-    """Return a function that makes a source of other trials, with more fields."""
+def with_trials(make_source, make_trials):
+    """Return a function that makes a source of other trials, or of columns of MSEs, with more fields."""
 
     def make(trials, **fields):
+        trials = make_trials({"mse": trials}) if isinstance(trials, dict) else trials
         usual = {"trials": trials, "tables": summarise(trials), "verdicts": [], "figures": [], "differences": {}}
         return make_source(**usual | fields)
 
@@ -43,10 +43,8 @@ def with_trials(make_source):
 
 def values(n, factor=1.0, seed=1):
     """Log-normal values whose ratios to those of another factor are random."""
-    rng = np.random.default_rng(seed)
-    return (
-        factor * np.exp(rng.normal(size=n) + 0.1 * np.random.default_rng(int(100 * factor)).normal(size=n))
-    ).tolist()
+    noise = np.random.default_rng(int(100 * factor)).normal(size=n)
+    return (factor * np.exp(np.random.default_rng(seed).normal(size=n) + 0.1 * noise)).tolist()
 
 
 @pytest.fixture
@@ -93,19 +91,15 @@ def test_sweeps(with_trials, sweep_of, kind):
     for cell in cells:
         tip, style = cell.attributes["data-tip"], cell.classes
         word = tip.rpartition(": ")[2]
-        assert word in ("better", "worse", "inconclusive", "equivalent") and (word in style) == (
-            word in ("better", "worse")
-        )
+        assert word in ("better", "worse", "inconclusive", "equivalent")
+        assert (word in style) == (word in ("better", "worse"))
         assert cell.text.endswith("?") == (word == "inconclusive") and re.match(r"(B|C-1) at ", tip)
     assert "Intervals and means of all points" in page.folds
-    assert ("two" in [each for div in page.root.all("div") for each in div.classes]) == (
-        kind in ("number", "two paths")
-    )
+    assert bool(page.of_class("two")) == (kind in ("number", "two paths"))
 
 
 def test_the_longer_of_points_and_methods_goes_down(with_trials, sweep_of):
-    factors = {name: 1 + 0.1 * k for k, name in enumerate("ABCD")}
-    page = page_of(with_trials(sweep_of(SWEEPS["names"], factors)))
+    page = page_of(with_trials(sweep_of(SWEEPS["names"], {name: 1 + 0.1 * k for k, name in enumerate("ABCD")})))
     rows = page.rows(page.tables[0])
     assert rows[0] == ["method", "biased", "white"] and [row[0] for row in rows[1:]] == ["A, mean", "B", "C", "D"]
 
@@ -140,22 +134,20 @@ def test_the_place_of_an_estimate_is_that_of_its_axis(make_source):
 
 
 def test_more_than_ten_methods_are_sorted_and_low(with_trials, make_trials):
-    names = [f"M{k}" for k in range(12)]
-    columns = {name: values(30, 1.0 if name == "M0" else 0.5 + k / 8) for k, name in enumerate(names)}
+    columns = {f"M{k}": values(30, 0.5 + k / 8 if k else 1.0) for k in range(12)}
     trials = replace(make_trials({"mse": columns}, labels={"M3": "a label " * 9}), oracles=frozenset({"M11"}))
     page = page_of(with_trials(trials))
-    assert faults(page, names) == [] and "many" in page.tables[0].classes
+    assert faults(page, columns) == [] and "many" in page.tables[0].classes
     rows = [row for row in page.tables[0].all("tr") if row.attributes.get("data-method")]
     changes = [float(cell.attributes["data-v"]) for row in rows[:-1] for cell in row.all("td") if "c" in cell.classes]
     assert changes == sorted(changes) and rows[-1].attributes["data-method"] == "M11" and "oracle" in rows[-1].classes
     assert "Of 10 methods" in page.of_class("answer")[0].text
 
 
-def test_a_method_far_away_is_an_arrow(with_trials, make_trials):
+def test_a_method_far_away_is_an_arrow(with_trials):
     """It does not squeeze the others, and one in which every run failed has empty cells."""
-    a = values(40)
-    columns = {"A": a, "B": [0.9 * x for x in a], "C": [0.8 * x for x in a], "far": [1000 * x for x in a]}
-    page = page_of(with_trials(make_trials({"mse": columns | {"dead": ["diverged"] * 40}})))
+    columns = {name: [factor * x for x in values(40)] for name, factor in (("A", 1), ("B", 0.9), ("far", 1000))}
+    page = page_of(with_trials(columns | {"dead": ["diverged"] * 40}))
     assert faults(page, columns) == []
     rows = {row.attributes["data-method"]: row for row in page.tables[0].all("tr") if row.attributes.get("data-method")}
     assert [each.classes for each in rows["far"].all("b")][-1] == ["right"] and "\u00d71000" in rows["far"].text
@@ -199,11 +191,8 @@ def test_an_unfinished_experiment(with_trials, make_trials, failed):
     A failure counts as a value at least 10 times worse.  One of 47 runs has the 95 % interval up to 11.3 % (Clopper and
     Pearson), and 0.887 ln 0.8 + 0.113 ln 10 is 0.06: above 0, so that the failure may hide that B is not better.
     """
-    a = values(48)
-    b = [0.8 * x for x in a]
-    if failed:
-        b[5] = "diverged"
-    trials = make_trials({"mse": {"A": a, "B": b}})
+    b = ["diverged" if failed and run == 5 else 0.8 * x for run, x in enumerate(values(48))]
+    trials = make_trials({"mse": {"A": values(48), "B": b}})
     trials = replace(trials, frame=trials.frame.iloc[:-1]).common
     page = page_of(with_trials(trials, extent=extent_of(trials, 60), incomplete=("B",)))
     assert "Unfinished: 47 of 60 runs." in page.of_class("banner")[0].text
@@ -246,20 +235,15 @@ def test_texts_of_a_user_are_escaped(request, name):
             assert len({line.count("|") for line in block.splitlines()}) == 1, block
 
 
-NAMES = ["$Q'Q$", "a % b", "<b>x</b>", 'say "so"', "x" * 60, "back\\slash", "$x_{k|k}$ & y"]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["$Q'Q$", "a % b", "<b>x</b>", 'say "so"', "x" * 60, "back\\slash", "$x_{k|k}$ & y"])
 def test_a_name_is_text_and_a_label_may_have_formulas(with_trials, make_trials, name):
     """On the page, in its answer, in the script's attributes and in Markdown."""
-    a = values(40)
-    trials = make_trials({"mse": {"A": a, name: [0.8 * x for x in a]}}, labels={name: r"$\delta_v^2$ and <i>"})
-    source = with_trials(trials)
+    columns = {"A": values(40), name: [0.8 * x for x in values(40)]}
+    source = with_trials(make_trials({"mse": columns}, labels={name: r"$\delta_v^2$ and <i>"}))
     page = page_of(source)
     [row] = [each for each in page.tables[0].all("tr") if each.attributes.get("data-method") == name]
-    assert row.inside[0].inside[0] == name and "".join(page.of_class("answer")[0].shown.split()).count(
-        "".join(name.split())
-    )
+    assert row.inside[0].inside[0] == name
+    assert "".join(name.split()) in "".join(page.of_class("answer")[0].shown.split())
     small = next(row.all("small"))
     assert small.text.replace(" ", "") == "\u03b4v2and<i>" and [each.tag for each in small.all()] == ["sub", "sup"]
     assert render_markdown("page.md", page_context(source)).count("\n| ") == 4
@@ -282,39 +266,28 @@ def test_statements_that_are_open_follow_the_size_of_the_table():
 
 
 def test_figures_of_one_kind_and_subject_are_one_fold(make_source):
-    figures = [
-        PageFigure(name, "boxplot", f"{text}: quartiles.", "<svg></svg>", [])
-        for name, text in (("boxplot", "Boxes of a"), ("boxplot-2", "Boxes of a"), ("boxplot-3", "Boxes of b"))
-    ]
+    texts = {"boxplot": "Boxes of a", "boxplot-2": "Boxes of a", "boxplot-3": "Boxes of b"}
+    figures = [PageFigure(name, "boxplot", f"{text}: quartiles.", "<svg></svg>", []) for name, text in texts.items()]
     folds = page_of(make_source(figures=figures)).folds
     assert folds["2 figures boxplot"] == "Boxes of a" and folds["Figure boxplot-3"] == "Boxes of b"
 
 
-def test_heat_tables_of_more_than_six_methods_are_folded(with_trials, sweep_of):
+@pytest.mark.parametrize(("n", "n_tables"), [(6, 5), (7, 2)])
+def test_heat_tables_of_more_than_six_methods_are_folded(with_trials, sweep_of, n, n_tables):
     """The baseline is one of them."""
-    for n, n_open_ in ((6, 5), (7, 2)):
-        factors = {f"M{k}": 1 + 0.1 * k for k in range(n)}
-        page = page_of(with_trials(sweep_of(SWEEPS["two paths"], factors)))
-        folded = [each for each in page.root.all("details") if next(each.all("summary")).text == "4 more methods"]
-        assert len(page.tables) == n_open_ and len(folded) == (n == 7)
-        assert sum(len([*each.all("table")]) for each in folded) == (n - 1 - n_open_)
+    page = page_of(with_trials(sweep_of(SWEEPS["two paths"], {f"M{k}": 1 + 0.1 * k for k in range(n)})))
+    folded = [each for each in page.root.all("details") if next(each.all("summary")).text == "4 more methods"]
+    assert len(page.tables) == n_tables and [len([*each.all("table")]) for each in folded] == [4] * (n == 7)
 
 
 def test_the_foot_has_what_is_needed_to_repeat(html, markdown):
-    page = Page(html)
-    foot = next(page.root.all("footer"))
+    foot = next(Page(html).root.all("footer"))
     found = dict(zip([e.text for e in foot.all("dt")], [e.text for e in foot.all("dd")], strict=True))
     assert found["command"] == "rmpc-bench run configs/zenere2018/tiny.yaml" and found["seed"] == "7"
-    assert (
-        found["hash"] == "0123456789ab"
-        and found["computed"] == "2026-01-02"
-        and found["version"].startswith("rmpc-bench 0.1.0")
-    )
+    assert found["hash"] == "0123456789ab" and found["computed"] == "2026-01-02"
+    assert found["version"].startswith("rmpc-bench 0.1.0")
     assert {each.attributes["href"] for each in foot.all("a")} == {"trials.csv", "report.md", "tables/"}
-    assert (
-        "- command: `rmpc-bench run configs/zenere2018/tiny.yaml`" in markdown
-        and "[report.html](report.html)" in markdown
-    )
+    assert f"- command: `{found['command']}`" in markdown and "[report.html](report.html)" in markdown
 
 
 def test_limits(make_source):
@@ -351,5 +324,5 @@ def test_tuning_has_values_ranks_and_cost(make_source):
 
 
 def test_the_same_source_gives_the_same_bytes(make_source):
-    pages = [render_html("page.html", page_context(make_source())) for _ in range(2)]
-    assert pages[0] == pages[1] and len(pages[0]) < 40_000
+    one, other = (render_html("page.html", page_context(make_source())) for _ in range(2))
+    assert one == other and len(one) < 40_000
