@@ -105,21 +105,26 @@ def mean_text(mean: Estimate) -> str:
     return f"{number(mean.value, d)} {PLUS_MINUS} {number(half, d)}"
 
 
-def interval_text(x: Estimate) -> str:
-    """Write a number with its interval in brackets.
+def interval_text(x: Estimate, unit: str = "", *, sign: bool = False) -> str:
+    """Write a number with its unit and its interval in brackets; with `sign`, positive ones have a plus.
 
     Examples
     --------
-    >>> interval_text(Estimate(0.117389, 0.112445, 0.122332))
-    '0.117 [0.112, 0.122]'
+    >>> interval_text(Estimate(0.117389, 0.112445, 0.122332)), interval_text(Estimate(9.1, 7.2, 11.0), "%", sign=True)
+    ('0.117 [0.112, 0.122]', '+9.1 % [+7.2, +11.0]')
     """
+    if math.isnan(x.value):
+        return "-"
+    unit = f" {unit}" if unit else ""
     if math.isnan(x.half) or x.half <= NOISE * abs(x.value):
-        return short(x.value, 4)
-    size = math.floor(math.log10(max(abs(x.value), x.half))) if math.isfinite(x.half) else 0
-    if not PLAIN[0] <= size < PLAIN[1]:
-        return f"{short(x.value)} [{short(x.low)}, {short(x.high)}]"
-    d = places(x.half)
-    return f"{number(x.value, d)} [{number(x.low, d)}, {number(x.high, d)}]"
+        return f"{'+' * (sign and x.value > 0)}{short(x.value, 4)}{unit}"
+    sizes = [math.floor(math.log10(abs(end))) for end in x if end and math.isfinite(end)]
+    if math.isinf(x.half) or not PLAIN[0] <= max(sizes, default=0) < PLAIN[1]:
+        texts = [f"{'+' * (sign and end > 0)}{short(end)}" for end in x]
+    else:
+        d = _with_both_ends(x, min(places(x.half), _FINEST))
+        texts = [number(end, d, sign=sign) for end in x]
+    return f"{texts[0]}{unit} [{texts[1]}, {texts[2]}]"
 
 
 def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]:
@@ -195,15 +200,9 @@ def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False
     """
     if math.isnan(change.value):
         return "", ""
-    value, low, high = _mirrored(change) if mirrored else change
-    known = not math.isnan(change.half)
-    d = _with_both_ends(change, min(places(change.half), _FINEST))
-    size = max((math.floor(math.log10(abs(end))) for end in change if end and math.isfinite(end)), default=0)
-    if known and PLAIN[0] <= size < PLAIN[1]:
-        texts = [number(each, d, sign=not mirrored) for each in (value, low, high)]
-    else:
-        texts = [f"{'+' * (each > 0 and not mirrored and known)}{short(each)}" for each in (value, low, high)]
-    return f"{texts[0]} {unit}".strip(), f"[{texts[1]}, {texts[2]}]" if known else ""
+    shown = _mirrored(change) if mirrored else change
+    text, bracket, ends = interval_text(shown, sign=not mirrored and not math.isnan(change.half)).partition(" [")
+    return f"{text} {unit}".strip(), f"{bracket.strip()}{ends}"
 
 
 def plain(text: str) -> str:

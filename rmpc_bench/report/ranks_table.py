@@ -10,11 +10,10 @@ from typing import Any
 
 import pandas as pd
 
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
-from rmpc_bench.analysis.shown_numbers import short
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.point_tables import markdown_page, markdown_table
@@ -173,7 +172,7 @@ def _interval(ratio: Ratio, is_baseline: bool) -> str:
         return "1"
     if math.isnan(ratio.ratio):
         return "-"
-    return interval_text(ratio.ratio, ratio.low, ratio.high, sign=False)
+    return interval_text(Estimate(ratio.ratio, ratio.low, ratio.high))
 
 
 def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:

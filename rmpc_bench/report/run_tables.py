@@ -14,10 +14,10 @@ from rmpc_bench.analysis.comparison_text import per_cent
 from rmpc_bench.analysis.driver_text import share_text as driver_share
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
 from rmpc_bench.analysis.lost_runs import lost_runs
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
@@ -116,7 +116,7 @@ def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str
 
 def _tail_text(row: Mapping[Any, Any], name: str) -> str:
     value, low, high = (float(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
-    return f"{value}" if math.isinf(value) else interval_text(value, low, high, sign=False)
+    return f"{value}" if math.isinf(value) else interval_text(Estimate(value, low, high))
 
 
 def lost_table(trials: Trials) -> pd.DataFrame:
@@ -213,13 +213,13 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = Fa
 
 def share_text(row: Mapping[Hashable, Any]) -> str:
     """Write the share of runs that meet a requirement with its interval."""
-    return interval_text(row["pass_pct"], row["pass_low"], row["pass_high"], unit="%", sign=False)
+    return interval_text(Estimate(row["pass_pct"], row["pass_low"], row["pass_high"]), "%")
 
 
 def difference_text(row: Mapping[Hashable, Any]) -> str:
     """Write the paired difference from the baseline in percentage points; "-" for the baseline."""
     values = (row["difference_pct"], row["difference_low"], row["difference_high"])
-    return interval_text(*values, unit="points")
+    return interval_text(Estimate(*values), "points", sign=True)
 
 
 MOST_NAMED = 4  # methods that the screen names

@@ -115,8 +115,8 @@ def test_worst_runs_stand_on_the_page(make_trials):
     trials = make_trials({"mse": {"A": values, "B": values[::-1]}})
     rows = [line for line in page(trials).split("## Worst runs")[1].splitlines() if line.startswith("| mse")]
     assert [row.strip("| ").split(" | ") for row in rows] == [
-        ["mse [rad^2]", "A", "38", "39.5", "40 (run 39)"],
-        ["mse [rad^2]", "B", "38", "39.5", "40 (run 0)"],
+        ["mse [rad^2]", "A", "38.05", "39.5", "40 (run 39)"],
+        ["mse [rad^2]", "B", "38.05", "39.5", "40 (run 0)"],
     ]
     assert "## Worst runs" not in page(make_trials({"mse": {"A": values[:10]}}))
     assert "## Worst runs" not in page(replace(trials, with_verdicts=False))
@@ -129,5 +129,5 @@ def test_worst_runs_where_higher_is_better_and_where_an_event_does_not_occur(mak
     text = page(make_trials({"score": {"A": [*scores[:99], "diverged"]}, "settling_time": {"A": times}}, infos))
     lines = text.split("## Worst runs")[1].split("## Failed runs")[0].strip().splitlines()
     score, settling = [line.strip("| ").split(" | ") for line in lines[-2:]]
-    assert score[2].startswith("5.9 [") and score[2].endswith("(5 %)") and score[4] == "1 (run 0)"
+    assert score[2].startswith("6 [") and score[2].endswith("(5 %)") and score[4] == "1 (run 0)"
     assert settling[2:] == ["inf", "inf", "inf (run 90)"]
