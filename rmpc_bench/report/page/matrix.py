@@ -17,6 +17,8 @@ MOST_METHODS = 6
 FIRST_METHODS = 2
 MOST_BESIDE = 7
 """Columns of a matrix that fits beside the lines."""
+MOST_BESIDE_NARROW = 11
+"""The same beside the small drawing of the lines."""
 MOST_ROWS = 600
 """Rows of the list of intervals; comparisons.csv has all."""
 
@@ -105,7 +107,7 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     places = [*zip(tables, titles, lowest, strict=True)]
     cells = {row.method: [_cell(table, row.method, title, best) for table, title, best in places] for row in methods}
     means = [_mean(table, table.baseline) for table in tables]
-    base = f"{first.baseline}, mean" if any(means) else ""
+    base = f"{first.baseline}, {first.mean_word}" if any(means) else ""
     if len(tables) >= len(methods):
         heads = [*([MatrixCell(base)] if base else [])]
         heads += [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
