@@ -73,9 +73,9 @@ def row_lines(table: ResultTable, width: int) -> list[str]:
             columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
         return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
 
-    ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1, None), (NAME, True, 1)]
-    ways += [(NAME, False, 1), (NAME, False, 0)]
-    return fitting((partial(lines, *way) for way in ways), width) + left
+    ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
+    layouts = [partial(lines, *way) for way in ways]
+    return fitting([*layouts[:3], partial(lines, NAME, True, 1, None), *layouts[3:]], width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:

@@ -54,9 +54,11 @@ class Matrix(NamedTuple):
     """Whether heads are names, which are broken into lines."""
 
     @property
-    def is_tight(self) -> bool:
-        """Whether a phone needs small letters to show it."""
-        return len(self.heads) >= MOST_BESIDE
+    def css(self) -> str:
+        """How it is shown: whether heads are broken, and whether a phone has small letters or leaves the means out."""
+        n = len(self.heads)
+        kinds = {"names": self.names, "tight": n >= MOST_BESIDE, "tighter": n > MOST_BESIDE}
+        return " ".join(["matrix", *(name for name, wanted in kinds.items() if wanted)])
 
     @property
     def columns(self) -> dict[str, list[str]]:
@@ -109,10 +111,12 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     means = [_mean(table, table.baseline) for table in tables]
     base = f"{first.baseline}, {first.mean_word}" if any(means) else ""
     if len(tables) >= len(methods):
-        heads = [*([MatrixCell(base)] if base else [])]
+        heads = [*([MatrixCell(base, "mean")] if base else [])]
         heads += [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
         rows = [
-            MatrixRow(title, [*([MatrixCell(means[k])] if base else []), *(cells[row.method][k] for row in methods)])
+            MatrixRow(
+                title, [*([MatrixCell(means[k], "mean")] if base else []), *(cells[row.method][k] for row in methods)]
+            )
             for k, title in enumerate(titles)
         ]
         corner = "point" if path == NAME else _last(path)
