@@ -105,7 +105,7 @@ def _nothing(tables: Sequence[ResultTable]) -> str:
     if first.form == "alone" or any(row.n_occurred for row in rows) or not rows:
         return ""
     if all(row.n_failed and not row.n for row in rows):
-        return f"Every run of every method failed{at and ' at every point'}."
+        return f"Every run failed{at and ' at every point'}."
     return f"No run of any method has a {first.quantity}{at}." if any(table.may_not_occur for table in tables) else ""
 
 

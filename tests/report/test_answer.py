@@ -153,7 +153,7 @@ def test_no_run_of_any_method_has_a_value():
     assert said(never, never, unfinished=True) == "So far no run of any method has a settling time at any point."
     assert said(some) == "A is inconclusive with 60 runs."
     failed = table(*(row(name, "inconclusive", failed=60) for name in ("KF", "A")), form="share")
-    assert said(failed) == "Every run of every method failed."
+    assert said(failed) == "Every run failed."
     lost, whole = row("KF", "baseline", n=60, failed=60), Estimate(100, 94, 100)
     text = said(table(lost, row("A", "better", superiority=whole), form="share"))
     assert text == "A is better than KF. Every run of KF failed."
