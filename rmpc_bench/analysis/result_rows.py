@@ -132,6 +132,11 @@ class ResultTable(NamedTuple):
         return f"{self.quantity} [{self.info.unit}]" if self.info.unit else self.quantity
 
     @property
+    def mean_word(self) -> str:
+        """What stands for a method at a point of a sweep: its mean, or in how many runs the event occurred."""
+        return "occurred" if self.may_not_occur else "mean"
+
+    @property
     def ordered(self) -> list[ResultRow]:
         """Rows as they are shown: up to 6 methods as configured, more by their change; an oracle is last."""
         if len(self.rows) <= MOST_UNSORTED:
@@ -167,8 +172,8 @@ class ResultTable(NamedTuple):
             return ""
         if not self.may_not_occur:
             return mean_text(row.mean)
-        median = row.quantiles[2]
-        return f"{row.n_occurred} of {row.n}; {short(median) if math.isfinite(median) else '-'}"
+        median = f"; {short(row.quantiles[2]) if math.isfinite(row.quantiles[2]) else '-'}" if row.n_occurred else ""
+        return f"{row.n_occurred} of {row.n}{median}"
 
     def change_texts(self, row: ResultRow, *, mirrored: bool = False) -> tuple[str, str]:
         """Write the change, or what takes its place, and its interval; empty for the baseline."""

@@ -57,7 +57,9 @@ def answer(
     if not first.with_verdicts:
         return SMOKE
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
-    if len(tables) > 1:
+    if nothing := _nothing(tables):
+        text = " ".join(filter(None, [claims[-1], nothing]))
+    elif len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
         text = f"{found} {_of_points(in_order(tables), n_blank, room - len(found.split()))}".strip()
     else:
@@ -94,6 +96,17 @@ def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
 def finding_words(finding: Finding) -> str:
     """Write a finding so that it can stand behind a number or a form of ``be``."""
     return _FINDINGS.get(finding, finding.sentence)
+
+
+def _nothing(tables: Sequence[ResultTable]) -> str:
+    """Say why nothing can be compared, where more runs would not help: no run of any method has a value."""
+    first, rows = tables[0], [row for table in tables for row in table.rows if row.n + row.n_failed]
+    at = " at any point" if len(tables) > 1 else ""
+    if first.form == "alone" or any(row.n_occurred for row in rows) or not rows:
+        return ""
+    if all(row.n_failed and not row.n for row in rows):
+        return f"Every run failed{at and ' at every point'}."
+    return f"No run of any method has a {first.quantity}{at}." if any(table.may_not_occur for table in tables) else ""
 
 
 def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
@@ -139,6 +152,8 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
         return [_with_size(table, best, text, len(rows) == 1), f"{text}."]
     # How often the event did not occur; where that is the same, in how many runs the best is better.
     base = next(row for row in table.rows if row.is_baseline)
+    if not base.n:
+        return [f"{text}."]
     lost = [(row, row.n - row.n_occurred) for row in (base, best)]
     if lost[0][1] == lost[1][1]:
         return [f"{text}. {best.method} is better in {table.change_text(best)} of the runs.", f"{text}."]

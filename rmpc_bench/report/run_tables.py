@@ -90,11 +90,15 @@ def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = No
 
 
 def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]:
-    """Return method -> distance from the best value and index of its worst finished run, the first of equal ones."""
+    """Return method -> distance from the best value and index of its worst finished run, the first of equal ones.
+
+    A method whose runs are all equally good has no worst one.
+    """
     found = {}
     for method in trials.methods:
         values = distance_from_best(trials.column(info.name, method), info.direction)
-        if np.isnan(values).all():
+        finished = values[~np.isnan(values)]
+        if (finished == finished[:1]).all() and len(values) > 1:
             continue
         place = int(np.nanargmin(values) if info.direction == "higher" else np.nanargmax(values))
         found[method] = float(values[place]), int(trials.runs[place])

@@ -59,8 +59,9 @@ def row_lines(table: ResultTable, width: int) -> list[str]:
     n, left = _shown(len(table.rows), "methods")
     rows, shares, unit = table.ordered[:n], table.form == "share", quantity(table.info)
 
-    def lines(size: int | None, with_mean: bool, remarks: int) -> list[str]:
-        what = without_formulas(unit if size is None else cut(table.info.words, size))
+    def lines(size: int | None, with_mean: bool, remarks: int, heads: int | None = NAME) -> list[str]:
+        heads = heads if size else None
+        what = without_formulas(unit if heads is None else cut(table.info.words, heads))
         base = table.baseline if size is None else cut(table.baseline, size)
         columns = [["method", *_cut_names([row.method for row in rows], size)]]
         if with_mean:
@@ -68,12 +69,13 @@ def row_lines(table: ResultTable, width: int) -> list[str]:
             columns.append([head, *(plain(table.mean_text(row)) for row in rows)])
         if table.form != "alone":
             head = f"better than {base} in" if shares else f"change against {base}"
-            columns.append([head, *(plain(table.change_text(row)) for row in rows)])
+            columns.append([head, *(plain(table.change_text(row)) if row.n else "" for row in rows)])
             columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
         return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
 
     ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
-    return fitting((partial(lines, *way) for way in ways), width) + left
+    layouts = [partial(lines, *way) for way in ways]
+    return fitting([*layouts[:3], partial(lines, NAME, True, 1, None), *layouts[3:]], width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:
@@ -171,8 +173,8 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
     """Return the layouts with the points below each other and with the methods below each other."""
     first, found = tables[0], [{row.method: row for row in table.rows} for table in tables]
     names = [row.method for row in first.ordered if not row.is_baseline]
-    means = [plain(short(rows[first.baseline].mean.value)) if first.baseline in rows else "" for rows in found]
     pairs = [*zip(tables, found, strict=True)]
+    means = [_mean(t, rows[first.baseline]) if first.baseline in rows else "" for t, rows in pairs]
     cells = [
         [_hanging(plain(t.short_change(rows[name]))) if name in rows else "" for t, rows in pairs] for name in names
     ]
@@ -182,13 +184,18 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
         texts += [means] if with_mean or not names else []
         # Marks of cells stand behind the column of numbers, and so do heads and means.
         texts = texts if down else [[f"{text}  " for text in row] for row in texts]
-        heads = [x, f"{first.baseline}, mean"][: len(texts)]
+        heads = [x, f"{first.baseline}, {first.mean_word}"][: len(texts)]
         heads += [f"{name}  " if down else name for name in _cut_names(names, size)]
         rows = [[head, *row] for head, row in zip(heads, [*texts, *cells], strict=True)]
         rows = [[*row] for row in zip(*rows, strict=True)] if down else rows
         return in_columns(rows, range(1, len(rows[0])))
 
     return partial(lines, down=True), partial(lines, down=False)
+
+
+def _mean(table: ResultTable, row: ResultRow) -> str:
+    """Write the mean of the baseline, or in how many runs the event occurred."""
+    return f"{row.n_occurred} of {row.n}" if table.may_not_occur else plain(short(row.mean.value))
 
 
 def _hanging(cell: str) -> str:

@@ -145,6 +145,20 @@ def test_many_methods_are_counted(counts, text):
     assert said(table(KF, *rows, *(best if "better" in counts else ()))) == text
 
 
+def test_no_run_of_any_method_has_a_value():
+    """More runs would not help, so that nothing is called inconclusive."""
+    never = table(row("KF", "baseline", occurred=0), row("A", "inconclusive", occurred=0), **EVENT)
+    some = table(row("KF", "baseline", occurred=1), row("A", "inconclusive", occurred=0), **EVENT)
+    assert said(never) == "No run of any method has a settling time."
+    assert said(never, never, unfinished=True) == "So far no run of any method has a settling time at any point."
+    assert said(some) == "A is inconclusive with 60 runs."
+    failed = table(*(row(name, "inconclusive", failed=60) for name in ("KF", "A")), form="share")
+    assert said(failed) == "Every run failed."
+    lost, whole = row("KF", "baseline", n=60, failed=60), Estimate(100, 94, 100)
+    text = said(table(lost, row("A", "better", superiority=whole), form="share"))
+    assert text == "A is better than KF. Every run of KF failed."
+
+
 PRINTED = [Finding.EQUAL, Finding.CLOSE, Finding.DIFFERENT]
 MIXED, DEPENDS = [Finding.NOT_TESTABLE, Finding.NOT_CONFIRMED, Finding.CONFIRMED], Finding.DEPENDS_ON_ASSUMPTIONS
 

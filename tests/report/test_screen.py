@@ -100,6 +100,7 @@ def test_the_mean_goes_first_then_names_are_cut():
     text = "\n".join(shown(one({"KF": BASE, "a-method-of-26-characters..": noisy(0.8)}), 72))
     assert "mean estimation" not in text and "a-method-of-26-characters.. " in text
     assert [line.split()[0] for line in shown(trials) if line.startswith(" a-m")] == ["a-met..-them", "a-met..them2"]
+    assert any(line.split()[:4] == ["method", "mean", "estimation", "MSE"] for line in shown(trials))
 
 
 @pytest.mark.parametrize("name", ["100 %", "$Q'Q$", "<b>KF</b>", "漢字漢字漢字漢字漢字", "S + input", "é\u0301" * 20])
@@ -180,6 +181,12 @@ def test_a_replay_command_and_the_page_are_copied_whole():
     assert f" {directory / 'report.html'}" in lines and end - start == 3
 
 
+def test_all_runs_of_every_method_failed():
+    lines = shown(one({"KF": np.full(N, np.nan), "A": np.full(N, np.nan)}))
+    row = next(line for line in lines if line.startswith(" A "))
+    assert row.split() == ["A", "inconclusive,", "40", "of", "40", "failed"]
+
+
 def test_an_unfinished_experiment():
     trials = one(TWO)
     lines = shown(trials, extent=extent_of(trials, 1000))
@@ -232,6 +239,9 @@ def test_higher_is_better_a_difference_and_an_event():
     assert any("occurred; median estimation MSE [s]" in line and "better than KF in" in line for line in event)
     assert any(line.split()[:5] == ["KF", "10", "of", "40;", "-"] for line in event)
     assert any("ties count half" in line for line in event)
+    points = shown(sweep(lambda k: one({"KF": never, "A": BASE}, may_not_occur=True), ["1", "2"]))
+    assert any(line.split()[:3] == ["x", "KF,", "occurred"] for line in points)
+    assert [line.split()[:4] for line in points if "10 of 40" in line] == [[x, "10", "of", "40"] for x in "12"]
 
 
 def test_one_method_and_one_run():

@@ -14,7 +14,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
 from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
-from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
+from rmpc_bench.report.page.matrix import MOST_BESIDE, MOST_BESIDE_NARROW, Group, matrices_of
 from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
 from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
@@ -33,7 +33,7 @@ class Main(NamedTuple):
     groups: Sequence[Group] = ()
     moments: Table | None = None
     note: str = ""
-    wide: bool = False  # whether a matrix is too wide to stand beside lines
+    shape: str = ""  # how a matrix and its lines stand: beside each other, beside a small drawing, or below it
 
     @property
     def n_words(self) -> int:
@@ -118,9 +118,11 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
         return Main(rows=rows, note=note)
     groups = matrices_of(tables)
     first = groups[0].matrices[0]
-    lowest = "" if first.method or tables[0].form == "alone" else "column" if first.corner == "method" else "row"
-    wide = len(first.heads) > MOST_BESIDE
-    return Main(groups=groups, note=note_of(tables, n, lowest=lowest), wide=wide)
+    underlined = any("best" in cell.css.split() for row in first.rows for cell in row.cells)
+    lowest = "" if not underlined else "column" if first.corner == "method" else "row"
+    n_heads = len(first.heads)
+    shape = "two" if n_heads <= MOST_BESIDE else "two narrow" if n_heads <= MOST_BESIDE_NARROW else "one"
+    return Main(groups=groups, note=note_of(tables, n, lowest=lowest), shape=shape)
 
 
 def _ran(trials: Trials) -> Rows:

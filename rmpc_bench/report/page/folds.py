@@ -333,7 +333,10 @@ def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
     of = "every method" if len({(each[1], each[2].title) for each in found.values()}) == 1 < len(found) else method
     parts = [Part(table=Table(columns, by_method=True)), Part(command=show_command(trials, source.place, method, run))]
     parts += [Part(note=TAILS)] if len(columns) > 4 else []
-    return Fold("Worst runs", f"run {run}{where} is the worst of {of}", parts)
+    # Runs without the event are equally bad; the first of them stands in the table.
+    event = f"run {run}{where} has no {tables[0].quantity} with {of}"
+    gist = f"run {run}{where} is the worst of {of}" if math.isfinite(found[method][0]) else event
+    return Fold("Worst runs", gist, parts)
 
 
 def _figures(source: PageSource) -> Iterator[Fold]:

@@ -17,6 +17,8 @@ MOST_METHODS = 6
 FIRST_METHODS = 2
 MOST_BESIDE = 7
 """Columns of a matrix that fits beside the lines."""
+MOST_BESIDE_NARROW = 11
+"""The same beside the small drawing of the lines."""
 MOST_ROWS = 600
 """Rows of the list of intervals; comparisons.csv has all."""
 
@@ -52,9 +54,11 @@ class Matrix(NamedTuple):
     """Whether heads are names, which are broken into lines."""
 
     @property
-    def is_tight(self) -> bool:
-        """Whether a phone needs small letters to show it."""
-        return len(self.heads) >= MOST_BESIDE
+    def css(self) -> str:
+        """How it is shown: whether heads are broken, and whether a phone has small letters or leaves the means out."""
+        n = len(self.heads)
+        kinds = {"names": self.names, "tight": n >= MOST_BESIDE, "tighter": n > MOST_BESIDE}
+        return " ".join(["matrix", *(name for name, wanted in kinds.items() if wanted)])
 
     @property
     def columns(self) -> dict[str, list[str]]:
@@ -105,12 +109,14 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     places = [*zip(tables, titles, lowest, strict=True)]
     cells = {row.method: [_cell(table, row.method, title, best) for table, title, best in places] for row in methods}
     means = [_mean(table, table.baseline) for table in tables]
-    base = f"{first.baseline}, mean" if any(means) else ""
+    base = f"{first.baseline}, {first.mean_word}" if any(means) else ""
     if len(tables) >= len(methods):
-        heads = [*([MatrixCell(base)] if base else [])]
+        heads = [*([MatrixCell(base, "mean")] if base else [])]
         heads += [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
         rows = [
-            MatrixRow(title, [*([MatrixCell(means[k])] if base else []), *(cells[row.method][k] for row in methods)])
+            MatrixRow(
+                title, [*([MatrixCell(means[k], "mean")] if base else []), *(cells[row.method][k] for row in methods)]
+            )
             for k, title in enumerate(titles)
         ]
         corner = "point" if path == NAME else _last(path)

@@ -113,7 +113,7 @@ def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None
     if not row.quantiles:
         return None
     first, low, middle, high, last = map(axis.place, row.quantiles)
-    bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)]
+    bars = [_bar("thin", first, low), _bar("thin", high, last), _bar("box", low, high)] if first < math.inf else []
     median = per_cent(middle) if math.isfinite(row.quantiles[2]) else ""
     return Strip(grid, None, bars, "", median, "" if math.isfinite(row.quantiles[4]) else "right")
 
@@ -202,7 +202,8 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
     axis = scaled_axis([each for row in shown for each in row.quantiles], "auto")
     axis = axis._replace(ticks=spaced(axis.ticks, partial(_are_apart, axis.high - axis.low)))
-    grid, changes = grid_of(axis), Changes.of(table) if table.form != "alone" else None
+    has_values = any(row.n_occurred for row in shown)
+    grid, changes = grid_of(axis) if has_values else [], Changes.of(table) if table.form != "alone" else None
     more = _more(table, shown, everything=everything)
     unit = f" [{table.info.unit}]" if table.info.unit else ""
     mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {table.info.words}{unit}"

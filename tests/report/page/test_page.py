@@ -167,6 +167,27 @@ def test_an_event_that_does_not_occur(with_trials, make_trials):
     assert heads[1] == "occurred; median settling time [s]" and heads[4] == "better in"
     assert first[1] == "20 of 40; -" and second[1].startswith("40 of 40; 2.5") and second[4].startswith("100 % [")
     assert "ties count half" in page.of_class("note")[0].text
+    assert page.folds["Worst runs"] == "run 0 has no settling time with A"
+
+
+def test_an_event_that_never_occurs(with_trials, make_trials):
+    """No axis is made up, no box is drawn, and no run is the worst."""
+    info = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
+    columns = {name: [np.inf] * 40 for name in "AB"}
+    page = page_of(with_trials(make_trials({"settling_time": columns}, infos=(info,))))
+    heads, first, second = page.rows(page.tables[0])
+    assert heads[2] == "runs: 5 %, quartiles, 95 %" and first[1] == second[1] == "0 of 40"
+    cells = [cell for cell in page.tables[0].all("td") if "d0" in cell.classes]
+    assert [[each.classes for each in cell.all("u", "i", "b")] for cell in cells] == [[["right"]]] * 2
+    assert "Arrow: runs without the event." in page.of_class("note")[0].text and "Worst runs" not in page.folds
+
+
+@pytest.mark.parametrize(("n", "shape"), [(6, ["two"]), (9, ["two", "narrow"]), (13, ["one"])])
+def test_a_matrix_with_many_columns_stands_beside_a_small_drawing(with_trials, sweep_of, n, shape):
+    points = [{"plant.a": str(k)} for k in range(14)]
+    trials = sweep_of(points, {f"M{k}": 1 + 0.01 * k for k in range(n)}, n=12)
+    page = page_of(with_trials(trials, drawings={"wide": "<svg></svg>"}))
+    assert [div.classes for div in page.root.all("div") if {"one", "two"} & {*div.classes}] == [shape]
 
 
 def test_differences_have_the_unit_of_the_metric(with_trials, make_trials):
