@@ -143,8 +143,9 @@ def latex_tables(
     Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
     method; without them the usual ones that fit into the width in footnotesize [pt].
     """
-    points = latex.shown_points(summary)
-    if not points:
+    # All points together where they are many plants.
+    points = [point for point in ([summary.pooled] if summary.pooled else summary.points) if len(point.trials.frame)]
+    if not 0 < len(points) <= latex.MOST_POINTS:
         return {}
     trials, found = points[0].trials, latex_requirements(points, comments, width)
     every = {info.name: [result_table(*point, info) for point in points] for info in trials.metrics}

@@ -12,7 +12,7 @@ from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_text, number, places, short
 from rmpc_bench.analysis.trials import Trials, stacked_rows
-from rmpc_bench.report.run_notes import failed_cells, held_cells
+from rmpc_bench.report.run_notes import step_cells
 from rmpc_bench.types.report_choices import Column
 from rmpc_bench.types.texts import inert_markdown
 
@@ -92,8 +92,7 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
         of |= {"pairs": lambda row: str(row.compared.get("n_pairs", ""))}
     of["n"] = lambda row: f"{row.n}/{row.n_failed}" if row.n + row.n_failed else ""
     found: dict[Column, list[str]] = {name: [*map(text, rows)] for name, text in of.items()}
-    names = [row.method for row in rows]
-    found |= {"held": held_cells(table.trials, names), "steps": failed_cells(table.trials, names)}
+    found |= step_cells(table.trials, [row.method for row in rows])
     return {name: texts for name, texts in found.items() if any(texts)}
 
 

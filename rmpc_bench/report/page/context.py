@@ -15,7 +15,7 @@ from rmpc_bench.report.answer import answer
 from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
-from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
+from rmpc_bench.report.page.rows import Cell, Head, Rows, ranked_rows, row_of, rows_of
 from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
 from rmpc_bench.report.run_notes import counted, ran_counts
@@ -130,7 +130,7 @@ def _ran(trials: Trials) -> Rows:
         word = "failed" if failed else "ran" if n else NOT_COMPUTED
         text = f"{failed} of {n} runs failed" if failed else counted(n, "run")
         cell = Cell(f"v {'fails' if failed else 'base'}", word, "", text)
-        rows.append(Row(method, label_behind(method, trials.labels.get(method, "")), "", [cell]))
+        rows.append(row_of(trials, method, [cell])._replace(css=""))
     return Rows([Head("result", "v")], rows)
 
 
