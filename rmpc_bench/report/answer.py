@@ -27,6 +27,7 @@ from rmpc_bench.figures.captions import joined
 MOST_WORDS = 45
 ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
 MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
+EXACT = "Exact moments of the error; nothing is simulated."
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
 _BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")  # no names of methods
@@ -52,9 +53,8 @@ def answer(
     tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
 ) -> str:
     """Answer which method is better and by how much; `n_blank` points of the sweep have no table of the metric."""
-    first = tables[0].trials
-    if not first.with_verdicts:
-        return SMOKE
+    if not tables or not tables[0].trials.with_verdicts:
+        return SMOKE if tables else EXACT
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
     if len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])

@@ -131,7 +131,7 @@ class ResultsComparison:
             what = "better than" if first.form == "share" else f"change of the {first.quantity} against"
             lines += ["", cut(without_formulas(f"{what} {first.baseline}"), width)]
             ways = ((None, True), (NAME, True), (None, False), (NAME, False))
-            lines += fitting((partial(_beside_lines, shown[:MOST_ROWS], *way) for way in ways), width)
+            lines += fitting(partial(_beside_lines, shown[:MOST_ROWS]), ways, width)
             lines += [f" and {len(shown) - MOST_ROWS} more"] if len(shown) > MOST_ROWS else []
         return "\n".join([*lines, "", *folded([*self._differing()], width)])
 

@@ -21,9 +21,7 @@ from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
 from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
 
-EXACT = "Exact moments of the error; nothing is simulated."
-FILES = ("comparisons.csv", "summary.csv", "trials.csv", "claims.md", "report.md")
-"""Files that the foot links, then directories."""
+FILES = ("comparisons.csv", "summary.csv", "trials.csv", "claims.md", "report.md")  # that the foot links
 
 
 class Main(NamedTuple):
@@ -81,11 +79,9 @@ def page_context(source: PageSource) -> dict[str, Any]:
 
 def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent) -> str:
     """Answer from the tables of an experiment, and the findings that count, which method is better."""
-    tables = tables_of(summary, info_of(summary))
-    pooled = pooled_of(summary, info_of(summary))
-    if not tables:
-        return EXACT
-    tables = [pooled] if pooled else tables
+    info = info_of(summary)
+    pooled, tables = pooled_of(summary, info), tables_of(summary, info)
+    tables = [pooled] if pooled and tables else tables
     return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
 
 
@@ -140,12 +136,14 @@ def _foot(source: PageSource) -> list[tuple[str, str]]:
     versions = manifest.get("versions") or {}
     known = [f"{name} {versions[key]}" for key, name in (("python", "Python"), ("numpy", "NumPy")) if key in versions]
     with_libraries = f" ({', '.join(known)})" if known else ""
-    items = [("seed", str(record["seed"])), ("hash", record["hash"][:12])]
-    items.append(("version", f"rmpc-bench {record['version']}, numerics {record['numerics']}{with_libraries}"))
-    sessions = [session for session in manifest.get("sessions", []) if isinstance(session.get("start"), str)]
-    date = sessions[0]["start"][:10] if sessions else ""
+    starts = [session["start"] for session in manifest.get("sessions", []) if isinstance(session.get("start"), str)]
     cite = f"rmpc-bench {record['version']}, {record['name']} ({record['hash'][:12]}), seed {record['seed']}"
-    return [*items, *([("computed", date)] if date else []), ("cite", f"{cite}, n = {record['runs']}")]
+    items = {
+        **{"seed": str(record["seed"]), "hash": record["hash"][:12]},
+        "version": f"rmpc-bench {record['version']}, numerics {record['numerics']}{with_libraries}",
+        **{"computed": starts[0][:10] if starts else "", "cite": f"{cite}, n = {record['runs']}"},
+    }
+    return [(name, text) for name, text in items.items() if text]
 
 
 def _picture(files: Sequence[str]) -> tuple[str, bool]:
