@@ -182,8 +182,7 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
         return [f"Every run of {base.method} failed."]
     if not found:
         return [""]
-    lost = base.n_failed if base else 0
-    of = f"{lost or 'none'} of {table.baseline}"
+    of = f"{base.n_failed or 'none' if base else 'none'} of {table.baseline}"
     each = [
         f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, {of}." for row in found
     ]
