@@ -52,7 +52,7 @@ class FindingDifference(NamedTuple):
     b: str
 
     def __str__(self) -> str:
-        return f"{self.claim}: A {self.a}, B {self.b}"
+        return str(Setting(*self))
 
 
 class Beside(NamedTuple):
@@ -144,12 +144,10 @@ class ResultsComparison:
         text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
         if not self.beside:
             return f"{conclusion}{text}"
-        other = [each for each in self.beside if len(each.words) > 1]
         resolved = [each.name for each in self.beside if each.is_resolved]
-        said = "The verdicts are the same"
-        if other:
-            said = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
-            said = f"{len(other)} of {len(self.beside)} verdicts differ: {said}" if len(self.beside) > 1 else said
+        other = [f"{each.name} is {' in A and '.join(each.words)} in B" for each in self.beside if len(each.words) > 1]
+        count = f"{len(other)} of {len(self.beside)} verdicts differ: " * (len(self.beside) > 1)
+        said = f"{count}{other[0]}" if other else "The verdicts are the same"
         names = joined(resolved if len(resolved) <= 3 else [", ".join(resolved[:3]), f"{len(resolved) - 3} more"])
         gap = f"the difference between A and B is resolved for {names}"
         return f"{said}; {gap if resolved else 'no difference between A and B is resolved'}.{text}"
@@ -177,7 +175,7 @@ class ResultsComparison:
             "settings that differ": [*map(str, self.settings)],
             "only in one": _alone(self.trials),
             "statuses that differ": [
-                str(Setting(f"{_where(each.point, each.method)} run {each.run}", each.a, each.b))
+                f"{_where(each.point, each.method)} run {each.run}: A {each.a}, B {each.b}"
                 for each in self.trials.statuses
             ],
             "metrics that differ": [*map(_metric, self.trials.differing)],
@@ -318,8 +316,7 @@ class ImprovementComparison:
         return "\n\n".join("\n".join(lines) for lines in parts)
 
     def _sentence(self, row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
-        head = f"{row.point}: " if row.point else ""
-        name = name_of_distance(self.info)
+        head, name = f"{row.point}: " if row.point else "", name_of_distance(self.info)
         first, second = (f"with {text}" for text in self._experiments())
         signed = bool(row.averages) and row.averages[0].average == "difference"
         word = f": {_verdict(row, margin_of(tables[0], self.info, signed=signed))}" if row.verdict else ""
@@ -361,14 +358,13 @@ class ImprovementComparison:
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:
     """Write the verdict on the improvement in A against that in B."""
-    if row.verdict == Verdict.INCONCLUSIVE:
-        numbers = ((row.runs_for_direction, "a direction"), (row.runs_for_equivalence, "equivalence"))
-        known = ", ".join(f"{about(n)} for {word}" for n, word in numbers if not math.isnan(n))
-        gap = row.averages[0].difference if row.averages else Ends(math.nan)
-        if row.alone_b > row.alone_a and gap.high < 0:
-            return f"inconclusive, as {row.method} alone fails more in B"
-        return f"inconclusive (runs needed: {known})" if known else "inconclusive"
-    return VERDICTS[row.verdict].format(method=row.method, margin=margin)
+    if row.verdict != Verdict.INCONCLUSIVE:
+        return VERDICTS[row.verdict].format(method=row.method, margin=margin)
+    if row.alone_b > row.alone_a and row.averages and row.averages[0].difference.high < 0:
+        return f"inconclusive, as {row.method} alone fails more in B"
+    numbers = ((row.runs_for_direction, "a direction"), (row.runs_for_equivalence, "equivalence"))
+    known = ", ".join(f"{about(n)} for {word}" for n, word in numbers if not math.isnan(n))
+    return f"inconclusive (runs needed: {known})" if known else "inconclusive"
 
 
 def _shares(row: ImprovementDifference) -> tuple[str, str, str]:
