@@ -136,8 +136,7 @@ def latex_tables(
     Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
     method; without them the usual ones that fit into the width in footnotesize [pt].
     """
-    # All points together where they are many plants.
-    points = [point for point in ([summary.pooled] if summary.pooled else summary.points) if len(point.trials.frame)]
+    points = summary.with_runs
     if not 0 < len(points) <= latex.MOST_POINTS:
         return {}
     trials, found = points[0].trials, latex_requirements(points, comments, width)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -25,16 +25,17 @@ class PointSummary(NamedTuple):
     compared: pd.DataFrame  # one row per comparison with the baseline, see `comparison.comparisons`
 
 
-class Points(Protocol):
+class Points(NamedTuple):
     """Statistics point by point."""
 
-    @property
-    def points(self) -> Sequence[PointSummary]:
-        """The points of a sweep; the whole table where there is none."""
+    points: Sequence[PointSummary]  # the whole table where there is no sweep
+    pooled: PointSummary | None = None  # the runs of all points, where these are many plants with the same methods
 
     @property
-    def pooled(self) -> PointSummary | None:
-        """The runs of all points together, where the points are many plants with the same methods."""
+    def with_runs(self) -> list[PointSummary]:
+        """All points together where they are many plants, else those that have runs."""
+        points = [self.pooled] if self.pooled else self.points
+        return [point for point in points if len(point.trials.frame)]
 
 
 def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:

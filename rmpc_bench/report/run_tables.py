@@ -23,13 +23,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
 from rmpc_bench.report.latex_text import number_latex, to_latex
-from rmpc_bench.report.point_tables import (
-    PointSummary,
-    columns_from,
-    markdown_page,
-    markdown_table,
-    stacked_points,
-)
+from rmpc_bench.report.point_tables import PointSummary, columns_from, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.requirement import Requirement
@@ -58,10 +52,9 @@ def ensemble_rows(trials: Trials) -> list[dict[str, str]]:
 
 def _last(trials: Trials, quantity: str, method: str) -> Array | None:
     try:
-        last: Array = trials.matrix_series(quantity, method)[-1]
+        return np.asarray(trials.matrix_series(quantity, method)[-1])
     except KeyError:
         return None
-    return last
 
 
 def _numbers(values: Array) -> str:
@@ -102,15 +95,12 @@ def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]
 
 
 def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str, str]:
-    quantile = "5 %" if info.direction == "higher" else "95 %"
-    unit = f" [{info.unit}]" if info.unit else ""
-    worst = "-" if math.isnan(row["worst"]) else f"{row['worst']:.4g} (run {row['worst_run']})"
     return {
-        "metric": name_of_distance(info) + unit,
+        "metric": name_of_distance(info) + (f" [{info.unit}]" if info.unit else ""),
         "method": marked(trials, row["method"]),
-        "95 % quantile": _tail_text(row, "tail_quantile") + (f" ({quantile})" if quantile != "95 %" else ""),
+        "95 % quantile": _tail_text(row, "tail_quantile") + " (5 %)" * (info.direction == "higher"),
         "mean of the worst 5 %": _tail_text(row, "cvar"),
-        "worst finished run": worst,
+        "worst finished run": "-" if math.isnan(row["worst"]) else f"{row['worst']:.4g} (run {row['worst_run']})",
     }
 
 
@@ -218,8 +208,7 @@ def share_text(row: Mapping[Hashable, Any]) -> str:
 
 def difference_text(row: Mapping[Hashable, Any]) -> str:
     """Write the paired difference from the baseline in percentage points; "-" for the baseline."""
-    values = (row["difference_pct"], row["difference_low"], row["difference_high"])
-    return interval_text(*values, unit="points")
+    return interval_text(row["difference_pct"], row["difference_low"], row["difference_high"], unit="points")
 
 
 MOST_NAMED = 4  # methods that the screen names
@@ -280,9 +269,7 @@ def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
     met = f"meets {row['requirement']} in {row['passed']} of {row['n']} runs"
     start = f"{row['method']} {met} ({share_text(row)}{failed})"
     gap = difference_text(row)
-    if gap == "-":
-        return f"{start}."
-    return f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
+    return f"{start}." if gap == "-" else f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
 
 
 REQUIREMENTS = "requirements"  # name of the table

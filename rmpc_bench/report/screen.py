@@ -79,9 +79,8 @@ class Screen:
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
     def _tables(self, metric: str) -> list[ResultTable]:
-        points = [self.tables.pooled] if self.tables.pooled else self.tables.points
         infos = [info for info in self.trials.metrics if info.name == metric]
-        return [result_table(*point, info) for info in infos for point in points if len(point.trials.frame)]
+        return [result_table(*point, info) for info in infos for point in self.tables.with_runs]
 
     def _answer(self) -> str:
         primary = self.trials.primary_info

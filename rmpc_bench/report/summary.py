@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import pandas as pd
 
@@ -17,7 +16,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH
 from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
-from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import Points, PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, worst_runs_columns
 from rmpc_bench.types import DesignError
@@ -51,11 +50,10 @@ MOST_ON_SCREEN = 6  # points of single runs that are shown one by one; of more a
 MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
-class Summary(NamedTuple):
+class Summary(Points):
     """A table of trials with its statistics, point by point."""
 
-    points: Sequence[PointSummary]
-    pooled: PointSummary | None = None  # the runs of all points, where these are many plants with the same methods
+    __slots__ = ()
 
     @property
     def described(self) -> pd.DataFrame:
@@ -68,13 +66,7 @@ class Summary(NamedTuple):
         return stacked_points([(point.trials, point.compared) for point in self.points])
 
     def shown(self, order: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Summary:
-        """Return the same statistics with fewer or reordered methods and metrics in the tables.
-
-        Parameters
-        ----------
-        order : methods to show; all if None
-        metrics : names of the metrics to show; all if None
-        """
+        """Return the same statistics with fewer or reordered methods and metrics in the tables; all where None."""
         points = [_reordered(point, order, metrics) for point in self.points]
         return Summary(points, self.pooled and _reordered(self.pooled, order, metrics))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable
+from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import usual_parameters
@@ -80,8 +80,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
 def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent) -> str:
     """Answer from the tables of an experiment, and the findings that count, which method is better."""
     info = info_of(summary)
-    pooled, tables = pooled_of(summary, info), tables_of(summary, info)
-    tables = [pooled] if pooled and tables else tables
+    tables = [] if info is None else [result_table(*point, info) for point in summary.with_runs]
     return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
 
 
