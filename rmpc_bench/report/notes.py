@@ -155,31 +155,26 @@ def latex_tables(
 
 def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
     """Define the columns of the tables of one metric: plain text with formulas between dollar signs."""
-    first = tables[0]
-    words = _words(first)
+    first, trials = tables[0], tables[0].trials
+    margin = _plain(first.margin_text)
+    simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in first.rows)
+    words = {
+        "level": f"{100 * trials.confidence:g} %",
+        "kind": "simultaneous " * simultaneous,
+        "baseline": _name(trials, trials.baseline),
+        "average": first.average or "average",
+        "other": AVERAGES[other_average(first) or "mean"],
+        "margin": margin,
+        "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
+        "lost": f"{trials.lost or FACTOR:g}",
+        "metric": first.info.words,
+    }
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
     sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
     sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
     if {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}:
         sentences.append(PAIRING.format(**words))
-    return " ".join(filter(None, [*sentences, _origins(first.trials), _failed_runs(tables)]))
-
-
-def _words(table: ResultTable) -> dict[str, str]:
-    """Return what the definitions name."""
-    trials, margin = table.trials, _plain(table.margin_text)
-    simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in table.rows)
-    return {
-        "level": f"{100 * trials.confidence:g} %",
-        "kind": "simultaneous " * simultaneous,
-        "baseline": _name(trials, trials.baseline),
-        "average": table.average or "average",
-        "other": AVERAGES[other_average(table) or "mean"],
-        "margin": margin,
-        "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
-        "lost": f"{trials.lost or FACTOR:g}",
-        "metric": table.info.words,
-    }
+    return " ".join(filter(None, [*sentences, _origins(trials), _failed_runs(tables)]))
 
 
 def _subject(what: str, trials: Trials, n_points: int) -> str:
