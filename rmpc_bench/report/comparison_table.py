@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -51,20 +52,26 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
 
 def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
     """Write verb, metric and size; empty where there is no size."""
-    size, name, unit = size_text(row, info), name_of_distance(info), "%"
-    columns = ["change_pct", "ci_low", "ci_high"]
+    columns, unit = ("change_pct", "ci_low", "ci_high"), "%"
     if row["average"] == "difference":
-        columns, unit = ["difference", "difference_low", "difference_high"], info.unit
+        columns, unit = ("difference", "difference_low", "difference_high"), info.unit
     value, low, high = (float(row[column]) for column in columns)
-    if size == "-":
+    if math.isnan(value):
         return ""
-    if "[" not in size:
-        return f"changes {name} by {size}, without an interval"
-    if low <= 0 <= high or value == 0:
-        return f"changes {name} by {size}"
+    name = name_of_distance(info)
+    if math.isnan(low):
+        return f"changes {name} by {size_text(row, info)}, without an interval"
+    verb, size = verb_and_size(value, low, high, unit)
+    return f"{verb} {name} by {size}"
+
+
+def verb_and_size(value: float, low: float, high: float, unit: str) -> tuple[str, str]:
+    """Return the verb that the interval of a change supports, and the size; that of a reduction is positive."""
+    if low <= 0 <= high or not value:
+        return "changes", interval_text(value, low, high, unit=unit)
     if value > 0:
-        return f"raises {name} by {size.replace('+', '')}"
-    return f"lowers {name} by {interval_text(-value, -high, -low, unit=unit, sign=False)}"
+        return "raises", interval_text(value, low, high, unit=unit, sign=False)
+    return "lowers", interval_text(-value, -high, -low, unit=unit, sign=False)
 
 
 def explanation(trials: Trials) -> str:

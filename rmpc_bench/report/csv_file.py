@@ -38,16 +38,13 @@ def csv_lines(frame: pd.DataFrame) -> Iterator[str]:
         yield frame.to_csv(index=False, lineterminator="\n")
         return
     yield ",".join(names) + "\n"
-    columns = [_values(frame.iloc[:, place]) for place in range(len(names))]
+    # Floats and whole numbers stay as they are, all others are objects.
+    series = [frame.iloc[:, place] for place in range(len(names))]
+    are_numbers = [isinstance(each.dtype, np.dtype) and each.dtype.kind in "fiu" for each in series]
+    columns = [np.asarray(each, None if known else object) for each, known in zip(series, are_numbers, strict=True)]
     for first in range(0, len(frame), ROWS):
         texts = [_texts(column[first : first + ROWS]) for column in columns]
         yield "\n".join(map(",".join, zip(*texts, strict=True))) + "\n"
-
-
-def _values(column: pd.Series) -> Array:
-    """Return the values of a column: floats and whole numbers as they are, all others as objects."""
-    is_number = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu"
-    return np.asarray(column, dtype=None if is_number else object)
 
 
 def _texts(values: Array) -> Iterable[str]:

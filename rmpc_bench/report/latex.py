@@ -68,9 +68,16 @@ def metric_body(
     least = 3 if "lost" in wanted else 2
     while columns is None and len(wanted) > least and body(wanted).width > width:
         wanted = wanted[:-1]
-    if len(tables) > 1 and len(wanted) == 1:
-        return list(wanted), _methods_as_columns(tables, wanted[0])
-    return list(wanted), fitting_body([body(wanted), body(wanted, short=True)], width)
+    if len(tables) == 1 or len(wanted) > 1:
+        return list(wanted), fitting_body([body(wanted), body(wanted, short=True)], width)
+    # A sweep with a single column has a row per point and a column per method.
+    methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
+    head = [head_of(tables[0], wanted[0]), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
+    rows = []
+    for table, cells in zip(tables, there, strict=True):
+        of = dict(zip((row.method for row in table.rows), cells.get(wanted[0], ["--"] * len(table.rows)), strict=True))
+        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
+    return list(wanted), Body(head, [("", rows)])
 
 
 def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
@@ -85,24 +92,16 @@ def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
 
 def head_of(table: ResultTable, column: Column) -> str:
     """Return the head of a column as LaTeX."""
-    average = average_of(table)
-    unit = bracketed(table.info.unit)
-    if column == "mean":
-        return stacked(["Occurred;", f"median {unit}"]) if table.may_not_occur else stacked(["Mean", unit])
-    if column == "other":
-        return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
+    average, unit = average_of(table), bracketed(table.info.unit)
     heads: dict[Column, list[str]] = {
+        "mean": ["Occurred;", f"median {unit}"] if table.may_not_occur else ["Mean", unit],
+        "other": ["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"],
         "lost": ["Lost", r"[\%]"],
         "median": ["Median", f"[quartiles] {unit}".strip()],
         "change": ["Difference", unit] if average == "difference" else ["Change", r"[\%]"],
         "counts": ["Won/lost/", "tied"],
-        "superiority": ["Superiority"],
-        "p": ["$p$"],
-        "verdict": ["Verdict"],
-        "n": ["Runs/", "failed"],
-        "held": ["Held", "steps"],
-        "steps": ["Failed", "steps"],
-        "pairs": ["Pairs"],
+        **{"superiority": ["Superiority"], "p": ["$p$"], "verdict": ["Verdict"], "pairs": ["Pairs"]},
+        **{"n": ["Runs/", "failed"], "held": ["Held", "steps"], "steps": ["Failed", "steps"]},
     }
     return stacked(heads[column])
 
@@ -153,18 +152,6 @@ def fitting_body(bodies: Sequence[Body], width: float) -> Body:
 def title_of(trials: Trials) -> str:
     """Name a point of a sweep; empty without one."""
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
-
-
-def _methods_as_columns(tables: Sequence[ResultTable], column: Column) -> Body:
-    """Lay a sweep out with a row per point and a column per method."""
-    methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
-    head = [head_of(tables[0], column), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
-    rows = []
-    for table in tables:
-        cells = latex_cells(table).get(column, ["--"] * len(table.rows))
-        of = dict(zip((row.method for row in table.rows), cells, strict=True))
-        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
-    return Body(head, [("", rows)])
 
 
 def all_metrics_body(points: Sequence[PointSummary], width: float) -> Body:

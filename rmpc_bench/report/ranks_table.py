@@ -72,7 +72,10 @@ class RanksTable:
         columns |= part_columns(self.found, baseline)
         if words := parameter_cells(self.trials, [row.method for row in rows]):
             columns["parameters"] = words
-        times = [self._time(row.method) for row in rows]
+        notes = [[point.notes.get(row.method) for point in self.trials.each] for row in rows]
+        seconds = [[each.seconds_per_step for each in of if each and each.seconds_per_step is not None] for of in notes]
+        # Median over the points of the time per run and step.
+        times = [short_time(median(each)) if each else "-" for each in seconds]
         return columns | ({"time per step": times} if {*times} != {"-"} else {})
 
     @property
@@ -146,12 +149,6 @@ class RanksTable:
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)
-
-    def _time(self, method: str) -> str:
-        """Median over the points of the time per run and step."""
-        notes = [point.notes.get(method) for point in self.trials.each]
-        seconds = [each.seconds_per_step for each in notes if each is not None and each.seconds_per_step is not None]
-        return short_time(median(seconds)) if seconds else "-"
 
 
 def ranks_table(trials: Trials) -> RanksTable:

@@ -23,7 +23,7 @@ from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, Tri
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.figures.captions import joined
-from rmpc_bench.report.comparison_table import AVERAGES
+from rmpc_bench.report.comparison_table import AVERAGES, verb_and_size
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
@@ -325,15 +325,16 @@ class ImprovementComparison:
             text = f"{row.method} is better than {row.baseline} in {name} in {in_a} of the runs {first} and in {in_b} "
             text += f"{second} (ties count half): the difference is {gap}"
             return f"{head}{text} ({_basis(row, tables)}){word}."
-        each, verbs = row.averages[0], [_verb(row.averages[0].in_a), _verb(row.averages[0].in_b)]
-        in_a, in_b = (_changed(one, each, self.info) for one in (each.in_a, each.in_b))
-        gap = _estimate(each.difference, 1, self.info.unit if each.average == "difference" else "percentage points")
-        text = f"{row.method} {verbs[0]} {name} against {row.baseline} by {in_a} {first} and "
-        text += f"{verbs[1]} it " * (verbs[0] != verbs[1])
+        each = row.averages[0]
+        (verb, in_a), (other, in_b) = (
+            verb_and_size(*one, self.info.unit if signed else "%") for one in (each.in_a, each.in_b)
+        )
+        gap = _estimate(each.difference, 1, self.info.unit if signed else "percentage points")
+        text = f"{row.method} {verb} {name} against {row.baseline} by {in_a} {first} and "
+        text += f"{other} it " * (verb != other)
         average = SHORT_AVERAGES.get(each.average, "mean differences")
         text += f"by {in_b} {second}: the difference of the improvements is {gap}"
-        if each.average != "difference":
-            text += f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
+        text += "" if signed else f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
         return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
 
     def _experiments(self) -> list[str]:
@@ -345,7 +346,7 @@ class ImprovementComparison:
     def _details(self, row: ImprovementDifference) -> Iterator[str]:
         """Write the other average, superiority and failed runs."""
         for each in row.averages[1:]:
-            in_a, in_b = (_changed(one, each, self.info, sign=True) for one in (each.in_a, each.in_b))
+            in_a, in_b = (interval_text(*one, unit="%") for one in (each.in_a, each.in_b))
             gap = _estimate(each.difference, 1, "percentage points")
             yield f"{AVERAGES[each.average]}: {in_a} in A, {in_b} in B; difference {gap}"
         in_a, in_b, gap = _shares(row)
@@ -373,21 +374,6 @@ def _shares(row: ImprovementDifference) -> tuple[str, str, str]:
     return in_a, in_b, _estimate(row.superiority, 100, "percentage points")
 
 
-def _verb(change: Ends) -> str:
-    """Return the direction that the interval of a change supports."""
-    if change.low <= 0 <= change.high or not change.value:
-        return "changes"
-    return "lowers" if change.value < 0 else "raises"
-
-
-def _changed(change: Ends, each: AverageDifference, info: MetricInfo, *, sign: bool = False) -> str:
-    """Write a change; a reduction as a positive number unless signs are shown."""
-    unit = info.unit if each.average == "difference" else "%"
-    if sign or _verb(change) != "lowers":
-        return interval_text(*change, unit=unit, sign=sign or _verb(change) == "changes")
-    return interval_text(-change.value, -change.high, -change.low, unit=unit, sign=False)
-
-
 def _estimate(each: Ends, factor: float, unit: str) -> str:
     text = interval_text(*(factor * end for end in each), unit=unit)
     return f"{text}, without an interval" if math.isnan(each.low) and not math.isnan(each.value) else text
@@ -401,6 +387,5 @@ def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
     origins = [pair_text(each, row.method, row.baseline) for each in tables]
     origin = origins[0] if origins[0] == origins[1] else f"in A {origins[0] or '-'}; in B {origins[1] or '-'}"
     level += f"; {origin}" if origin else ""
-    if row.paired:
-        return f"{row.n_a} paired runs, {level}"
-    return f"unpaired: {row.n_a} and {row.n_b} runs with different seeds, {level}"
+    pairs = f"{row.n_a} paired runs" if row.paired else f"unpaired: {row.n_a} and {row.n_b} runs with different seeds"
+    return f"{pairs}, {level}"

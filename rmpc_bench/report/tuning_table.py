@@ -93,19 +93,6 @@ def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
     return columns
 
 
-def rank_sentences(ranks: TuningRanks) -> list[str]:
-    """Say how far the ranks at one point of the sweep depend on the tuning runs and on the budget."""
-    order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
-    texts = [
-        f"Other tuning runs: the order is the same in {order} of {SETS} bootstrap sets, the first rank in {winner}."
-    ]
-    if len(ranks.budgets) > 1:
-        budgets = ", ".join(map(str, ranks.budgets))
-        names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
-        texts.append(f"Ranks that change with the budget ({budgets} values): {'; '.join(names) or 'none'}.")
-    return texts
-
-
 MOST_NAMED = 3  # searches whose values the screen names
 MOST_POINTS = 6  # points of a sweep that tables/tuning.md and the page show; tuning.csv has all
 _SHARES = ["failed_pct", "test_failed_default_pct", "test_failed_pct", "regret_pct"]
@@ -193,8 +180,15 @@ class TuningTable:
         return tuple(f"{title}: {text}" if title else text for title, text in found)
 
     def _sentences_at(self, title: str) -> list[str]:
-        texts = [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
-        return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
+        if title not in self.ranks:
+            return [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
+        ranks = self.ranks[title]
+        order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
+        same = f"the order is the same in {order} of {SETS} bootstrap sets, the first rank in {winner}"
+        budgets = ", ".join(map(str, ranks.budgets))
+        names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
+        changing = f"Ranks that change with the budget ({budgets} values): {'; '.join(names) or 'none'}."
+        return [f"Other tuning runs: {same}.", *([changing] if len(ranks.budgets) > 1 else [])]
 
     @property
     def limitations(self) -> list[str]:

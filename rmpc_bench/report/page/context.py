@@ -16,7 +16,7 @@ from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, Group, matrices_of
 from rmpc_bench.report.page.rows import Cell, Head, Rows, ranked_rows, row_of, rows_of
-from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.source import PageSource, Table, info_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
 from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
@@ -44,7 +44,8 @@ class Main(NamedTuple):
 def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
     tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
-    pooled = pooled_of(source.tables, source.info)
+    all_plants = source.tables.pooled
+    pooled = result_table(*all_plants, source.info) if all_plants and source.info else None
     informational, paper = bool(source.overrides or source.incomplete), record["paper"] or ""
     address, identifier = paper_link(paper)
     directories = dict.fromkeys(f"{file.partition('/')[0]}/" for file in source.files if "/" in file)

@@ -79,8 +79,14 @@ def _limits(source: PageSource) -> Iterator[str]:
     yield from (f"A figure is missing: {text}." for text in source.left_out)
     if (source.manifest.get("git") or {}).get("dirty"):
         yield "The working tree had uncommitted changes when this was computed."
-    if len(trials.methods) > 1:
-        yield from _untuned(trials)
+    groups = parameter_groups(trials, trials.methods) if len(trials.methods) > 1 else {}
+    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
+    if len(left) == len(groups) == 1:
+        word = next(iter(left)).removesuffix(", not tuned")
+        yield f"No parameter was tuned: all are {word}. Other parameters may change a verdict."
+    else:
+        others = "other parameters may change a verdict"
+        yield from (f"{', '.join(names)}: {word}; {others}." for word, names in left.items())
     yield from () if source.tuning is None else source.tuning.limitations
     yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
     yield from (f"{name} knows the true parameters; no real estimator can do that." for name in sorted(trials.oracles))
@@ -93,16 +99,6 @@ def _limits(source: PageSource) -> Iterator[str]:
             yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
     if trials.with_verdicts and len(trials.frame):
         yield "All numbers hold for this plant and these laws of its uncertain quantities and noises only."
-
-
-def _untuned(trials: Trials) -> list[str]:
-    """Name the methods that are not tuned, by where their parameters come from."""
-    groups = parameter_groups(trials, trials.methods)
-    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
-    if len(left) == len(groups) == 1:
-        word = next(iter(left)).removesuffix(", not tuned")
-        return [f"No parameter was tuned: all are {word}. Other parameters may change a verdict."]
-    return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]
 
 
 MOST_LISTED = 6  # entries of a list
