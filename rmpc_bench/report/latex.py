@@ -26,7 +26,6 @@ LABEL = 60.0  # width of a line of a label that is broken [pt]
 ALL_METRICS = "all-metrics"  # name of the table with a column per metric; no metric can have this name
 MOST_POINTS = 50  # points of a sweep that a table shows; with more of them there is no table
 WIDTH = 252.0  # width of a column of many journals [pt, of which an inch has 72.27]
-_STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 _GAP = rf"@{{\hspace{{{GAP}em}}}}"
 
 
@@ -115,7 +114,8 @@ def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
     """Put lines of LaTeX below each other; place ``b`` has the last one at the height of the row, ``t`` the first."""
     there = [line for line in lines if line]
     # A bracket behind a line break would be read as its option.
-    return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
+    cells = r"\\{}".join(there)
+    return rf"\begin{{tabular}}[{place}]{{@{{}}{align}@{{}}}}{cells}\end{{tabular}}" if len(there) > 1 else cells
 
 
 def capitalised(words: str) -> str:

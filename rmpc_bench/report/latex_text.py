@@ -61,16 +61,13 @@ def to_latex(text: str) -> str:
 def printed_latex(text: str) -> str:
     """Write full sentences for LaTeX: as `to_latex`, with minus signs, raised exponents of units and infinity."""
     parts = _DOLLAR.split(one_line(text))
+
+    def sign(found: re.Match[str]) -> str:
+        return f"$^{{{found['exponent']}}}$" if found["exponent"] else "∞" if found["infinity"] else "−"
+
     if len(parts) % 2:
-        parts[::2] = [_SIGN.sub(_sign, part) for part in parts[::2]]
-    written = to_latex("$".join(parts))
-    return re.sub(r"(?<=\d) \\%", r"\,\%", written)
-
-
-def _sign(found: re.Match[str]) -> str:
-    if found["exponent"]:
-        return f"$^{{{found['exponent']}}}$"
-    return "∞" if found["infinity"] else "−"
+        parts[::2] = [_SIGN.sub(sign, part) for part in parts[::2]]
+    return re.sub(r"(?<=\d) \\%", r"\,\%", to_latex("$".join(parts)))
 
 
 def one_line(text: str) -> str:

@@ -129,10 +129,9 @@ def median_text(row: ResultRow) -> str:
 
 
 def _superiority(row: ResultRow) -> str:
-    if math.isnan(row.superiority.value):
-        return ""
     value, low, high = (number(each, 0) for each in row.superiority)
-    return f"{value} %" if math.isnan(row.superiority.half) else f"{value} % [{low}, {high}]"
+    interval = "" if math.isnan(row.superiority.half) else f" [{low}, {high}]"
+    return "" if math.isnan(row.superiority.value) else f"{value} %{interval}"
 
 
 def _lost(table: ResultTable) -> dict[str, str]:

@@ -133,12 +133,11 @@ class RanksTable:
 
     def _sentence(self, row: RankRow, n: int) -> str:
         failed = f"{row.n_failed} of {row.n} runs failed; " if row.n_failed else ""
-        text = f"{row.method}: {failed}rank {row.rank_low} to {row.rank_high} of {n}"
         end = f" at these {len(self.trials.points)} points." if self.trials.points else "."
-        if row.method == self.trials.baseline or math.isnan(row.ratio.ratio):
-            return text + end
         level = f"{100 * self.trials.confidence:g} % simultaneous"
-        return f"{text}, ratio to {self.trials.baseline} {_interval(row.ratio)} ({level}){end}"
+        ratio = f", ratio to {self.trials.baseline} {_interval(row.ratio)} ({level})"
+        ratio = "" if row.method == self.trials.baseline or math.isnan(row.ratio.ratio) else ratio
+        return f"{row.method}: {failed}rank {row.rank_low} to {row.rank_high} of {n}{ratio}{end}"
 
     def to_markdown(self) -> str:
         """Return the table with its legend; empty without ranks."""

@@ -317,7 +317,10 @@ class ImprovementComparison:
 
     def _sentence(self, row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
         head, name = f"{row.point}: " if row.point else "", name_of_distance(self.info)
-        first, second = (f"with {text}" for text in self._experiments())
+        first, second = (f"with {name}" for name in self.names)
+        if 0 < len(self.settings) <= FEW_SETTINGS:
+            first = "with " + ", ".join(f"{each.path} = {each.a}" for each in self.settings)
+            second = "with " + ", ".join(f"{each.path} = {each.b}" for each in self.settings)
         signed = bool(row.averages) and row.averages[0].average == "difference"
         word = f": {_verdict(row, margin_of(tables[0], self.info, signed=signed))}" if row.verdict else ""
         if not row.averages:
@@ -336,12 +339,6 @@ class ImprovementComparison:
         text += f"by {in_b} {second}: the difference of the improvements is {gap}"
         text += "" if signed else f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
         return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
-
-    def _experiments(self) -> list[str]:
-        """Name the two experiments by what differs, or by their directories."""
-        if not 0 < len(self.settings) <= FEW_SETTINGS:
-            return list(self.names)
-        return [", ".join(f"{each.path} = {getattr(each, side)}" for each in self.settings) for side in ("a", "b")]
 
     def _details(self, row: ImprovementDifference) -> Iterator[str]:
         """Write the other average, superiority and failed runs."""

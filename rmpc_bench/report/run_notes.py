@@ -51,28 +51,20 @@ def short_time(seconds: float) -> str:
 
 def held_sentences(trials: Trials) -> list[str]:
     """Say how many steps of which method were held."""
-    n_runs = len(trials.runs)
-    return [
-        f"{method}: {notes.n_held:,} of {notes.n_steps * n_runs:,} steps held in {counted(len(notes.held), 'run')}"
-        for method, notes in trials.notes.items()
-        if notes.held
-    ]
+    held = {method: notes for method, notes in trials.notes.items() if notes.held}
+    sizes = {method: f"{notes.n_held:,} of {notes.n_steps * len(trials.runs):,}" for method, notes in held.items()}
+    return [f"{name}: {sizes[name]} steps held in {counted(len(notes.held), 'run')}" for name, notes in held.items()]
 
 
 def failed_sentences(trials: Trials) -> list[str]:
     """Say how many optimisations of which method failed, and in how many runs, of which every one went on."""
     sentences = []
     for method, notes in trials.notes.items():
-        if not notes.failed_steps:
-            continue
-        every, words = notes.n_steps * len(trials.runs), Counter[str]()
-        for counts in notes.failed_steps.values():
-            words.update(counts)
+        words = sum(map(Counter, notes.failed_steps.values()), Counter[str]())
         parts = ", ".join(f"{words[status.word]:,} {status.word}" for status in Status if words[status.word])
-        sentences.append(
-            f"{method}: the optimisation failed in {notes.n_failed_steps:,} of {every:,} steps ({parts}), "
-            f"in {counted(len(notes.failed_steps), 'run')}; the fallback was applied"
-        )
+        steps = f"{notes.n_failed_steps:,} of {notes.n_steps * len(trials.runs):,} steps ({parts})"
+        runs = f"in {counted(len(notes.failed_steps), 'run')}; the fallback was applied"
+        sentences += [f"{method}: the optimisation failed in {steps}, {runs}"] if notes.failed_steps else []
     return sentences
 
 
@@ -187,9 +179,7 @@ def _status(trials: Trials, method: str, run: int) -> str:
 
 
 def _at(trials: Trials, k: int | None) -> str:
-    if k is None:
-        return ""
-    return f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
+    return "" if k is None else f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
 
 
 def _failure_text(

@@ -147,13 +147,12 @@ class DriversTable:
 
     def to_markdown(self) -> str:
         """Return a table for every point; empty where nothing is uncertain."""
-        parts = _parts(self.points[:MOST_POINTS], lambda _, frame: _columns(frame))
+        parts = _parts(self.points[:MOST_POINTS], _columns)
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
         return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
 
-    def __str__(self) -> str:
-        return self.to_markdown()
+    __str__ = to_markdown
 
 
 def drivers_table(trials: Trials) -> DriversTable:
@@ -161,7 +160,7 @@ def drivers_table(trials: Trials) -> DriversTable:
     return DriversTable([(point, drivers(point)) for point in trials.each])
 
 
-def _columns(frame: pd.DataFrame) -> dict[str, list[str]]:
+def _columns(_: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
     """Return head -> cells, a row per method."""
     found = []
     for method, rows in frame[frame["response"] != "failed"].groupby("method", sort=False):
@@ -232,11 +231,7 @@ class RequirementsTable:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One sentence per requirement and method that can be quoted as it stands."""
-        return tuple(
-            (f"{trials.title}: " if trials.title else "") + _sentence(trials, row)
-            for trials, frame in self.points
-            for row in frame.to_dict("records")
-        )
+        return tuple(_sentence(trials, row) for trials, frame in self.points for row in frame.to_dict("records"))
 
     @property
     def gist(self) -> str:
@@ -265,10 +260,10 @@ def requirements_table(trials: Trials) -> RequirementsTable:
 
 
 def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
+    where = f"{trials.title}: " if trials.title else ""
     failed = f", {row['n_failed']} of them failed" if row["n_failed"] else ""
     met = f"meets {row['requirement']} in {row['passed']} of {row['n']} runs"
-    start = f"{row['method']} {met} ({share_text(row)}{failed})"
-    gap = difference_text(row)
+    start, gap = f"{where}{row['method']} {met} ({share_text(row)}{failed})", difference_text(row)
     return f"{start}." if gap == "-" else f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
 
 

@@ -31,6 +31,7 @@ MOST_NOTES = 5  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
 _FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
+_PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
 _WHOLE = ("failed", "page")  # notes whose lines are not broken: a command or a path that is copied
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
 _GLUE = "\x01"  # stands for a blank at which a line does not end
@@ -153,7 +154,14 @@ class Screen:
         look = max((int(row["look"]) for row in compared), default=1)
         parts += [f"look {look} at a growing number of runs"] if look > 1 else []
         parts += ["failed runs are left out of means and changes"] if compared and self.trials.n_failed_trials else []
-        return "; ".join([*parts, *filter(None, [_parameters(self.trials)])])
+        groups = parameter_groups(self.trials, self.trials.methods)
+        if len(groups) == 1:
+            return "; ".join([*parts, *(_PARAMETERS.get(word, f"parameters: {word}") for word in groups)])
+        origins = [
+            f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
+            for word, names in groups.items()
+        ]
+        return "; ".join([*parts, *([f"parameters {'; '.join(origins)}"] if origins else [])])
 
     def _driven(self) -> list[str]:
         if len(self.driven.points) != 1 or not self.trials.with_verdicts:
@@ -212,19 +220,3 @@ class Screen:
         found = [each for each in self.verdicts if each.differs]
         more = f" (and {len(found) - 1} more: claims.md)" if len(found) > 1 else ""
         return [f"recorded {each.claim.finding}, now {each.finding}{more}: {each.claim.says}" for each in found[:1]]
-
-
-_PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
-
-
-def _parameters(trials: Trials) -> str:
-    """Say where parameters come from: in two words where all methods are alike."""
-    groups = parameter_groups(trials, trials.methods)
-    if len(groups) == 1:
-        [word] = groups
-        return _PARAMETERS.get(word, f"parameters: {word}")
-    parts = [
-        f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
-        for word, names in groups.items()
-    ]
-    return f"parameters {'; '.join(parts)}" if parts else ""

@@ -168,14 +168,18 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
     names = [row.method for row in first.ordered if not row.is_baseline]
     means = [plain(short(rows[first.baseline].mean.value)) if first.baseline in rows else "" for rows in found]
     pairs = [*zip(tables, found, strict=True)]
-    cells = [
-        [_hanging(plain(t.short_change(rows[name]))) if name in rows else "" for t, rows in pairs] for name in names
-    ]
+
+    def cell(table: ResultTable, row: ResultRow) -> str:
+        """Let the mark of a cell stand behind the column of numbers."""
+        text = plain(table.short_change(row))
+        return text if text.endswith((" ?", " =", " !")) else f"{text}  "
+
+    cells = [[cell(table, rows[name]) if name in rows else "" for table, rows in pairs] for name in names]
 
     def lines(size: int | None, with_mean: bool, *, down: bool) -> list[str]:
         texts = [_cut_names(points, size and 2 * size if down else size)]
         texts += [means] if with_mean or not names else []
-        # Marks of cells stand behind the column of numbers, and so do heads and means.
+        # Heads and means do not stand above marks.
         texts = texts if down else [[f"{text}  " for text in row] for row in texts]
         heads = [x, f"{first.baseline}, mean"][: len(texts)]
         heads += [f"{name}  " if down else name for name in _cut_names(names, size)]
@@ -184,11 +188,6 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
         return in_columns(rows, range(1, len(rows[0])))
 
     return partial(lines, down=True), partial(lines, down=False)
-
-
-def _hanging(cell: str) -> str:
-    """Let the mark of a cell stand behind the column of numbers."""
-    return cell if cell.endswith((" ?", " =", " !")) else f"{cell}  "
 
 
 def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:

@@ -95,8 +95,7 @@ class Summary(Points):
         """
         trials = self.points[0].trials
         wanted = metric or (trials.primary_info or trials.metrics[0]).name
-        known = [info.name for info in trials.metrics]
-        known += [ALL_METRICS] if len(known) > 1 else []
+        known = [*(info.name for info in trials.metrics), *([ALL_METRICS] if len(trials.metrics) > 1 else [])]
         if wanted not in known:
             raise DesignError(unknown(wanted, known, "metric"), "metric")
         tables = latex_tables(self, (), columns, width)

@@ -91,10 +91,8 @@ def _banner(source: PageSource) -> tuple[str, str]:
     if not source.extent.is_unfinished:
         return "", ""
     runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"
-    return (
-        f"Unfinished: {source.extent.text}.",
-        f"The same command continues. The numbers are those of {runs} that every method has.",
-    )
+    text = f"The same command continues. The numbers are those of {runs} that every method has."
+    return f"Unfinished: {source.extent.text}.", text
 
 
 def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable | None) -> Main:

@@ -50,11 +50,10 @@ def _settings(source: PageSource) -> Fold:
     if trials.points:
         parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
     if len(source.timings):
-
-        def text(value: Any) -> str:
-            return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-        columns = {str(name): [text(each) for each in source.timings[name]] for name in source.timings.columns}
+        texts = source.timings.map(
+            lambda each: "" if pd.isna(each) else f"{each:.3g}" if isinstance(each, float) else str(each)
+        )
+        columns = {str(name): [*texts[name]] for name in texts.columns}
         parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
     parts.append(Part(note="config.resolved.yaml has every key with its default."))
     n = len(trials.methods)

@@ -96,7 +96,11 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     methods, first = methods_of(tables), tables[0]
     [path] = paths if len(paths := main_paths([table.trials.point for table in tables])) == 1 else [NAME]
     titles = [short_title(each.trials) if path == NAME else printed(each.trials.point[path]) for each in tables]
-    places = [(table, title, _lowest(table)) for table, title in zip(tables, titles, strict=True)]
+    # The best method of a point if it is better than the baseline, by its estimate.
+    nothing = 50 if first.form == "share" else 0
+    best = [table.best for table in tables]
+    lowest = [row.method if row and table.rank(row) < nothing else "" for table, row in zip(tables, best, strict=True)]
+    places = [*zip(tables, titles, lowest, strict=True)]
     # The baseline has its means, the others their changes.
     heads = [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
     lines = [[_cell(table, row.method, title, best) for table, title, best in places] for row in methods]
@@ -124,12 +128,6 @@ def _mean(table: ResultTable, method: str) -> str:
     if row is None or not row.n:
         return ""
     return table.mean_text(row) if table.may_not_occur else short(row.mean.value)
-
-
-def _lowest(table: ResultTable) -> str:
-    """Name the best method of a point if it is better than the baseline, by its estimate."""
-    best = table.best
-    return best.method if best is not None and table.rank(best) < (50 if table.form == "share" else 0) else ""
 
 
 def _cell(table: ResultTable, method: str, title: str, lowest: str) -> MatrixCell:

@@ -13,8 +13,8 @@ from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.run_notes import counted
 
+# Statements that are not folded, the words of all of them, and those of them and the main table.
 MOST_OPEN, MOST_WORDS, WITH_TABLE = 8, 100, 240
-"""Statements that are not folded, the words of all of them, and those of them and the main table."""
 OURS = "ours, not in the paper"
 
 
@@ -165,9 +165,6 @@ def _experiment(entry: IndexEntry) -> Mapping[str, Any]:
     if not record["final"]:
         answer = f"Modified or not at full size: findings do not count. {entry.answer}".rstrip()
     return {
-        "place": (entry.page, record["name"]),
-        "title": record["title"],
-        "runs": str(record["runs"]) if record["runs"] else "exact",
-        "answer": answer,
-        "command": "" if entry.answer or not record["final"] else record["command"],
+        **{"place": (entry.page, record["name"]), "title": record["title"], "runs": str(record["runs"] or "exact")},
+        **{"answer": answer, "command": "" if entry.answer or not record["final"] else record["command"]},
     }
