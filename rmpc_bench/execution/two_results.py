@@ -14,8 +14,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution.evaluation import judge
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.setting_differences import setting_differences
-from rmpc_bench.report.improvement_text import ImprovementComparison
-from rmpc_bench.report.results_text import Beside, FindingDifference, ResultsComparison, Setting
+from rmpc_bench.report.results_text import Beside, FindingDifference, ImprovementComparison, ResultsComparison, Setting
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
 

@@ -28,6 +28,7 @@ from rmpc_bench.report.run_notes import counted
 MOST_WORDS = 45
 ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
 MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
+EXACT = "Exact moments of the error; nothing is simulated."
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
 _BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")  # no names of methods
@@ -53,9 +54,8 @@ def answer(
     tables: Sequence[ResultTable], verdicts: Sequence[ClaimVerdict] = (), *, unfinished: bool = False, n_blank: int = 0
 ) -> str:
     """Answer which method is better and by how much; `n_blank` points of the sweep have no table of the metric."""
-    first = tables[0].trials
-    if not first.with_verdicts:
-        return SMOKE
+    if not tables or not tables[0].trials.with_verdicts:
+        return SMOKE if tables else EXACT
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
     if nothing := _nothing(tables):
         text = " ".join(filter(None, [claims[-1], nothing]))
@@ -83,10 +83,9 @@ def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
     if not tested:
         return [""]
     if len(tested) == 1:
-        [word] = map(finding_words, tested)
-        if n == 1:
-            return [f"The statement of the paper that was tested is {word}."]
-        return [f"{'Both' if n == 2 else f'All {n}'} statements of the paper that were tested are {word}."]
+        which = "The statement" if n == 1 else f"{'Both' if n == 2 else f'All {n}'} statements"
+        was, word = ("was tested is" if n == 1 else "were tested are"), finding_words(next(iter(tested)))
+        return [f"{which} of the paper that {was} {word}."]
     parts = [f"{found[each]} {finding_words(each)}" for each in Finding if found[each]]
     k = sum(count for each, count in tested.items() if each.is_confirmed)
     fewer = f"Of {n} statements of the paper, {k or 'none'} {'are' if k > 1 else 'is'} confirmed."
@@ -115,11 +114,11 @@ def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
     if not any(row.word for row in rows):
         return [_alone(table)], [""]
     counts, best = _counted(table, rows), table.best
-    largest = ""
+    named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []
     if best is not None and best.word == BETTER:
         largest = f" Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
-    named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []
-    return [*dict.fromkeys([*named, f"{counts}{largest}", counts])], _failures(table, rows)
+        named.append(f"{counts}{largest}")
+    return [*dict.fromkeys([*named, counts])], _failures(table, rows)
 
 
 def _alone(table: ResultTable) -> str:
@@ -200,8 +199,7 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
         return [f"Every run{f' of {base.method}' if any(row.n for row in rows) else ''} failed."]
     if not found:
         return [""]
-    lost = base.n_failed if base else 0
-    of = f"{lost or 'none'} of {table.baseline}"
+    of = f"{base.n_failed or 'none' if base else 'none'} of {table.baseline}"
     each = [
         f"{row.method} fails more: {row.n_failed} of its {row.n + row.n_failed} runs failed, {of}." for row in found
     ]
@@ -213,9 +211,8 @@ def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
 def _few(names: Sequence[str], n: int) -> str:
     """Name up to n methods and count the others."""
     left = len(names) - n
-    if left <= 0:
-        return joined(names)
-    return joined([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
+    others = f"{left} {'other' if n else 'method'}{'s' * (left > 1)}"
+    return joined([*names[:n], others] if left > 0 else names)
 
 
 def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
@@ -282,17 +279,15 @@ class _Group(NamedTuple):
 
 def _groups(words: Mapping[str, Sequence[str]], wanted: str, sweep: Sweep, computed: Sequence[bool]) -> list[_Group]:
     """Join the methods that have a verdict at the same points, those at most points first."""
-    found, size = dict[str, list[str]](), dict[str, int]()
+    found = dict[tuple[int, str], list[str]]()
     complete, n = all(computed), sum(computed)
     for method, of_points in words.items():
         chosen = [word == wanted for word in of_points]
         if k := sum(chosen):
             every = f"at all {n} points" if complete and k == n else f"at {k} of {n}"
             where = ranges(sweep.points, chosen) if complete and sweep.ordered else every
-            found.setdefault(where, []).append(method)
-            size[where] = k
-    ordered = sorted(found, key=lambda where: -size[where])
-    groups = [_Group(found[where], where) for where in ordered]
+            found.setdefault((k, where), []).append(method)
+    groups = [_Group(found[key], key[1]) for key in sorted(found, key=lambda key: -key[0])]
     if groups and groups[0].where.endswith(f" of {n}"):
         groups[0] = groups[0]._replace(where=f"{groups[0].where} points")
     return groups

@@ -17,28 +17,22 @@ from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.point_tables import markdown_table, stacked_points
+from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.texts import inert_markdown
 
+# What a change in per cent is an average of.
 AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
-"""What a change in per cent is an average of."""
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
-    """Say one row of `comparison.comparisons` in one sentence that can be pasted into a paper.
-
-    It is such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired runs,
-    95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better in these runs; failed or 10
-    times worse than the partner: 0 of 200 runs, so at most 1.5 % of all runs (95 % bound)."
-    """
+    """Say one row of `comparison.comparisons` in one sentence that can be pasted into a paper."""
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
     word = comparison_text.seen_text(row, margin_text(trials, info, row))
     counts = f"won {row['won']}, lost {row['lost']}, tied {row['tied']}"
     origin = pair_text(trials, method, baseline)
     counts += f"; {origin}" if origin else ""
-    n = int(row["n_pairs"])
-    pairs = f"{n} paired {'run' if n == 1 else 'runs'}"
-    changed = _changed(row, info)
+    pairs, changed = counted(int(row["n_pairs"]), "paired run"), _changed(row, info)
     if not changed:
         text = f"{method} against {baseline} in {name} ({pairs}; {counts})"
     else:
@@ -58,21 +52,27 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
 
 def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
     """Write verb, metric and size; empty where there is no size."""
-    size = size_text(row, info)
-    if size == "-":
+    columns, unit = ("change_pct", "ci_low", "ci_high"), "%"
+    if row["average"] == "difference":
+        columns, unit = ("difference", "difference_low", "difference_high"), info.unit
+    value, low, high = (float(row[column]) for column in columns)
+    if math.isnan(value):
         return ""
     name = name_of_distance(info)
-    value = float(row["difference"] if row["average"] == "difference" else row["change_pct"])
-    low, high = ("difference_low", "difference_high") if row["average"] == "difference" else ("ci_low", "ci_high")
-    if math.isnan(row[low]):
-        return f"changes {name} by {size}, without an interval"
-    if row[low] <= 0 <= row[high] or value == 0:
-        return f"changes {name} by {size}"
+    if math.isnan(low):
+        return f"changes {name} by {size_text(row, info)}, without an interval"
+    verb, size = verb_and_size(Estimate(value, low, high), unit)
+    return f"{verb} {name} by {size}"
+
+
+def verb_and_size(change: Estimate, unit: str) -> tuple[str, str]:
+    """Return the verb that the interval of a change supports, and the size; that of a reduction is positive."""
+    value, low, high = change
+    if low <= 0 <= high or not value:
+        return "changes", interval_text(change, unit, sign=True)
     if value > 0:
-        return f"raises {name} by {size.replace('+', '')}"
-    ends = -value, -float(row[high]), -float(row[low])
-    unit = info.unit if row["average"] == "difference" else "%"
-    return f"lowers {name} by {interval_text(Estimate(*ends), unit)}"
+        return "raises", interval_text(change, unit)
+    return "lowers", interval_text(Estimate(-value, -high, -low), unit)
 
 
 def explanation(trials: Trials) -> str:

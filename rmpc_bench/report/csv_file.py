@@ -6,6 +6,7 @@ See `rmpc_bench.analysis.rounding` for the rules of the tables for version contr
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,17 +38,13 @@ def csv_lines(frame: pd.DataFrame) -> Iterator[str]:
         yield frame.to_csv(index=False, lineterminator="\n")
         return
     yield ",".join(names) + "\n"
-    columns = [_values(frame.iloc[:, place]) for place in range(len(names))]
+    # Floats and whole numbers stay as they are, all others are objects.
+    series = [frame.iloc[:, place] for place in range(len(names))]
+    are_numbers = [isinstance(each.dtype, np.dtype) and each.dtype.kind in "fiu" for each in series]
+    columns = [np.asarray(each, None if known else object) for each, known in zip(series, are_numbers, strict=True)]
     for first in range(0, len(frame), ROWS):
         texts = [_texts(column[first : first + ROWS]) for column in columns]
         yield "\n".join(map(",".join, zip(*texts, strict=True))) + "\n"
-
-
-def _values(column: pd.Series) -> Array:
-    """Return the values of a column: floats and whole numbers as they are, all others as objects."""
-    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu":
-        return np.asarray(column)
-    return np.asarray(column, dtype=object)
 
 
 def _texts(values: Array) -> Iterable[str]:
@@ -59,22 +56,8 @@ def _texts(values: Array) -> Iterable[str]:
         missing = np.isnan(values)
         texts = map(repr, values.tolist())
         return ["" if gone else text for gone, text in zip(missing, texts, strict=True)] if missing.any() else texts
-    return _of_objects(values.tolist())
-
-
-def _of_objects(values: list[object]) -> list[str]:
-    """Write texts, quoted where they must be, and what else stands in a column of mixed values."""
-    known: dict[object, str] = {}
-    found = []
-    for value in values:
-        if type(value) is not str:
-            found.append("" if value is None or value is pd.NA or value != value else _quoted(str(value)))
-            continue
-        text = known.get(value)
-        if text is None:
-            text = known[value] = _quoted(value)
-        found.append(text)
-    return found
+    quoted, unknown = cache(_quoted), pd.NA
+    return ["" if each is None or each is unknown or each != each else quoted(str(each)) for each in values.tolist()]
 
 
 def _quoted(text: str) -> str:
@@ -88,35 +71,25 @@ def trials_csv(trials: Trials, path: Path) -> None:
     Where a component may hold failed steps, `held_steps` follows the status.  Where a controller optimises and goes on
     after a failed step, `failed_steps` and `worst_step` follow, the worst status of the steps of the run.
     """
-    metrics = (info.name for info in trials.metrics)
-    columns = [*trials.paths, "method", "run", "status"]
-    steps = _step_columns(trials)
-    write_csv(trials.frame.assign(**steps)[[*columns, *steps, *metrics]], path)
-
-
-def _step_columns(trials: Trials) -> dict[str, list[Any]]:
-    """Return the columns on held and on failed steps, each where a method may have such steps."""
     notes = [table.notes.get(method) for table in trials.each for method in table.frame["method"]]
     known = list(zip((run for table in trials.each for run in table.frame["run"]), notes, strict=True))
-    columns: dict[str, list[Any]] = {}
+    steps: dict[str, list[Any]] = {}
     if any(each.holds for table in trials.each for each in table.notes.values()):
-        columns["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known]
+        steps["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known]
     if any(each.optimises for table in trials.each for each in table.notes.values()):
-        columns["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known]
-        columns["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known]
-    return columns
+        steps["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known]
+        steps["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known]
+    columns = [*trials.paths, "method", "run", "status", *steps, *(info.name for info in trials.metrics)]
+    write_csv(trials.frame.assign(**steps)[columns], path)
 
 
 MIDDLE = ["median", "q25", "q75"]
 NUMBERS = ["mean", "se", "ci_low", "ci_high", *MIDDLE, "min", "max"]
-CHANGES = [
-    *("change_pct", "ci_low", "ci_high", "geometric_pct", "geometric_low", "geometric_high"),
-    *("mean_pct", "mean_low", "mean_high"),
-]
+CHANGES = ["change_pct", "ci_low", "ci_high", "geometric_pct", "geometric_low", "geometric_high"]
+CHANGES += ["mean_pct", "mean_low", "mean_high"]
 SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "failed_low", "failed_high"]
 SHARES += ["far_worse_upper", "baseline_far_worse_upper"]
 DIFFERENCES = ["difference", "difference_low", "difference_high"]
-PER_CENT = 100.0
 UNRELIABLE = 1e-12  # digits of a small metric that may be rounding errors of the numbers whose difference it is
 
 
@@ -131,7 +104,8 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
     """
     table = described.drop(columns="did_not_occur")
     numbers = table[NUMBERS].to_numpy(dtype=float)
-    of_row = _largest(table[MIDDLE])[:, None]
+    sizes = np.abs(table[MIDDLE].to_numpy(dtype=float))
+    of_row = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=1, initial=0.0)[:, None]
     groups = pd.Series(of_row[:, 0]).groupby(table["metric"].to_numpy())
     of_metric = groups.transform("max").to_numpy(dtype=float)[:, None]
     found = rounded(numbers, np.maximum(of_row, UNRELIABLE / NEGLIGIBLE * of_metric))
@@ -141,20 +115,9 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
 
 
 def comparisons_table(compared: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of comparisons.csv, from `Summary.compared`.
-
-    Changes are rounded beside 100 per cent, shares beside 1; counts and texts are exact.
-    """
+    """Return the content of comparisons.csv, from `Summary.compared`; counts and texts are exact."""
     table = compared.copy()
-    table[CHANGES] = rounded(table[CHANGES].to_numpy(dtype=float), PER_CENT)
-    table[SHARES] = rounded(table[SHARES].to_numpy(dtype=float), 1.0)
-    # They are rounded beside the numbers that they were computed from already.
-    table[DIFFERENCES] = rounded(table[DIFFERENCES].to_numpy(dtype=float))
+    # Beside 100 per cent and 1; differences are rounded beside the numbers that they were computed from already.
+    for names, scale in ((CHANGES, 100.0), (SHARES, 1.0), (DIFFERENCES, 0.0)):
+        table[names] = rounded(table[names].to_numpy(dtype=float), scale)
     return table
-
-
-def _largest(frame: pd.DataFrame) -> Array:
-    """Largest finite absolute value of every row, 0 where there is none."""
-    sizes = np.abs(frame.to_numpy(dtype=float))
-    found: Array = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=1, initial=0.0)
-    return found

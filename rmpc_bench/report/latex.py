@@ -14,7 +14,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed, short_title
 from rmpc_bench.figures.labels import typeset, wrapped
 from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
-from rmpc_bench.report.point_tables import Points, PointSummary, average_of, columns_of, value_text
+from rmpc_bench.report.point_tables import PointSummary, average_of, columns_of, value_text
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
@@ -23,7 +23,30 @@ USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
 GAP = 0.9  # distance between columns, in units of the size of the text
 HEAD = 45.0  # width of a line in the head of a column [pt]
 LABEL = 60.0  # width of a line of a label that is broken [pt]
-_STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
+ALL_METRICS = "all-metrics"  # name of the table with a column per metric; no metric can have this name
+MOST_POINTS = 50  # points of a sweep that a table shows; with more of them there is no table
+WIDTH = 252.0  # width of a column of many journals [pt, of which an inch has 72.27]
+_GAP = rf"@{{\hspace{{{GAP}em}}}}"
+
+
+class Body(NamedTuple):
+    """A table before it is written: a head, and groups of rows; the first cell of a row is a text."""
+
+    head: Sequence[str]
+    groups: Sequence[tuple[str, Sequence[Sequence[str]]]]  # title, which may be empty, and rows; all cells are LaTeX
+
+    @property
+    def width(self) -> float:
+        """Estimate of the width [pt]."""
+        return table_width(self.head, [row for _, rows in self.groups for row in rows], GAP)
+
+
+class PaperTable(NamedTuple):
+    """A table for a paper in LaTeX."""
+
+    body: str
+    caption: str
+    note: str  # that defines the columns, below the table
 
 
 def metric_body(
@@ -44,44 +67,40 @@ def metric_body(
     least = 3 if "lost" in wanted else 2
     while columns is None and len(wanted) > least and body(wanted).width > width:
         wanted = wanted[:-1]
-    if len(tables) > 1 and len(wanted) == 1:
-        return list(wanted), _methods_as_columns(tables, wanted[0])
-    return list(wanted), fitting_body([body(wanted), body(wanted, short=True)], width)
+    if len(tables) == 1 or len(wanted) > 1:
+        return list(wanted), fitting_body([body(wanted), body(wanted, short=True)], width)
+    # A sweep with a single column has a row per point and a column per method.
+    methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
+    head = [head_of(tables[0], wanted[0]), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
+    rows = []
+    for table, cells in zip(tables, there, strict=True):
+        of = dict(zip((row.method for row in table.rows), cells.get(wanted[0], ["--"] * len(table.rows)), strict=True))
+        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
+    return list(wanted), Body(head, [("", rows)])
 
 
 def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
     """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head."""
-    units: dict[Column, str] = {"lost": " %", "change": f" {_unit_of_change(table)}", "other": " %"}
+    unit = table.info.unit if average_of(table) == "difference" else "%"
+    units: dict[Column, str] = {"lost": " %", "change": f" {unit}", "other": " %"}
     return {
         name: [number_latex(text.replace(units.get(name, "\0"), "", 1)) for text in texts]
         for name, texts in columns_of(table).items()
     }
 
 
-def _unit_of_change(table: ResultTable) -> str:
-    return table.info.unit if average_of(table) == "difference" else "%"
-
-
 def head_of(table: ResultTable, column: Column) -> str:
     """Return the head of a column as LaTeX."""
-    average = average_of(table)
-    unit = bracketed(table.info.unit)
-    if column == "mean":
-        return stacked(["Occurred;", f"median {unit}"]) if table.may_not_occur else stacked(["Mean", unit])
-    if column == "other":
-        return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
+    average, unit = average_of(table), bracketed(table.info.unit)
     heads: dict[Column, list[str]] = {
+        "mean": ["Occurred;", f"median {unit}"] if table.may_not_occur else ["Mean", unit],
+        "other": ["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"],
         "lost": ["Lost", r"[\%]"],
         "median": ["Median", f"(quartiles) {unit}".strip()],
-        "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
+        "change": ["Difference", unit] if average == "difference" else ["Change", r"[\%]"],
         "counts": ["Won/lost/", "tied"],
-        "superiority": ["Superiority"],
-        "p": ["$p$"],
-        "verdict": ["Verdict"],
-        "n": ["Runs/", "failed"],
-        "held": ["Held", "steps"],
-        "steps": ["Failed", "steps"],
-        "pairs": ["Pairs"],
+        **{"superiority": ["Superiority"], "p": ["$p$"], "verdict": ["Verdict"], "pairs": ["Pairs"]},
+        **{"n": ["Runs/", "failed"], "held": ["Held", "steps"], "steps": ["Failed", "steps"]},
     }
     return stacked(heads[column])
 
@@ -95,7 +114,8 @@ def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
     """Put lines of LaTeX below each other; place ``b`` has the last one at the height of the row, ``t`` the first."""
     there = [line for line in lines if line]
     # A bracket behind a line break would be read as its option.
-    return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
+    cells = r"\\{}".join(there)
+    return rf"\begin{{tabular}}[{place}]{{@{{}}{align}@{{}}}}{cells}\end{{tabular}}" if len(there) > 1 else cells
 
 
 def capitalised(words: str) -> str:
@@ -124,43 +144,9 @@ def _marked(trials: Trials, method: str) -> str:
     return label if "oracle" in label or method not in trials.oracles else f"{label} (oracle)"
 
 
-ALL_METRICS = "all-metrics"  # name of the table with a column per metric; no metric can have this name
-MOST_POINTS = 50  # points of a sweep that a table shows; with more of them there is no table
-WIDTH = 252.0  # width of a column of many journals [pt, of which an inch has 72.27]
-_GAP = rf"@{{\hspace{{{GAP}em}}}}"
-
-
-class Body(NamedTuple):
-    """A table before it is written: a head, and groups of rows; the first cell of a row is a text."""
-
-    head: Sequence[str]
-    groups: Sequence[tuple[str, Sequence[Sequence[str]]]]
-    """Title of the group, empty without one, and its rows; all cells are LaTeX."""
-
-    @property
-    def width(self) -> float:
-        """Estimate of the width [pt]."""
-        return table_width(self.head, [row for _, rows in self.groups for row in rows], GAP)
-
-
-class PaperTable(NamedTuple):
-    """A table for a paper in LaTeX."""
-
-    body: str
-    caption: str
-    note: str  # that defines the columns, below the table
-
-
 def fitting_body(bodies: Sequence[Body], width: float) -> Body:
     """Return the first form of a table that fits [pt], or the narrowest one."""
     return next((body for body in bodies if body.width <= width), min(bodies, key=lambda body: body.width))
-
-
-def shown_points(summary: Points) -> list[PointSummary]:
-    """Return the points with runs, or all of them together where they are many plants; empty if there are too many."""
-    points = [summary.pooled] if summary.pooled else list(summary.points)
-    points = [point for point in points if len(point.trials.frame)]
-    return points if len(points) <= MOST_POINTS else []
 
 
 def title_of(trials: Trials) -> str:
@@ -168,44 +154,29 @@ def title_of(trials: Trials) -> str:
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
 
 
-def _methods_as_columns(tables: Sequence[ResultTable], column: Column) -> Body:
-    """Lay a sweep out with a row per point and a column per method."""
-    methods = list(dict.fromkeys(row.method for table in tables for row in table.rows))
-    head = [head_of(tables[0], column), *(stacked(label_lines(tables[0].trials, name)) for name in methods)]
-    rows = []
-    for table in tables:
-        cells = latex_cells(table).get(column, ["--"] * len(table.rows))
-        of = dict(zip((row.method for row in table.rows), cells, strict=True))
-        rows.append([title_of(table.trials), *(of.get(name, "--") for name in methods)])
-    return Body(head, [("", rows)])
-
-
 def all_metrics_body(points: Sequence[PointSummary], width: float) -> Body:
     """Lay out the means of all metrics, a column or a row per metric."""
     infos = points[0].trials.metrics
-    columns, short = (_metrics_as_columns(points, infos, short=short) for short in (False, True))
-    return fitting_body([columns, _metrics_as_rows(points, infos), short], width)
-
-
-def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool) -> Body:
-    head = ["Method", *(stacked([*name_lines(info), bracketed(info.unit)]) for info in infos)]
-    groups = []
-    for point in points:
-        means = _means(point, infos).items()
-        rows = [[row_label(point.trials, method, short=short), *cells] for method, cells in means]
-        groups.append((title_of(point.trials), rows))
-    return Body(head, groups)
-
-
-def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
     means = [(point.trials, _means(point, infos)) for point in points]
-    labelled = {name: label_lines(trials, name) for trials, of_methods in means for name in of_methods}
+    heads = [stacked([*name_lines(info), bracketed(info.unit)]) for info in infos]
+    as_columns = [
+        Body(
+            ["Method", *heads],
+            [
+                (title_of(trials), [[row_label(trials, name, short=short), *found[name]] for name in found])
+                for trials, found in means
+            ],
+        )
+        for short in (False, True)
+    ]
+    labelled = {name: label_lines(trials, name) for trials, found in means for name in found}
+    names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
     groups = []
     for trials, found in means:
         columns = [found.get(name, ["--"] * len(infos)) for name in labelled]
-        names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
         groups.append((title_of(trials), [*zip(names, *columns, strict=True)]))
-    return Body(["Metric", *map(stacked, labelled.values())], groups)
+    as_rows = Body(["Metric", *map(stacked, labelled.values())], groups)
+    return fitting_body([as_columns[0], as_rows, as_columns[1]], width)
 
 
 def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[str]]:
@@ -223,12 +194,10 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[s
 
 
 def paper_table(name: str, body: Body, caption: str, note: str, comments: Sequence[str]) -> PaperTable:
-    """Write a table with comments at its head, and its texts, which have formulas between dollar signs."""
-    return PaperTable(_written(name, body, comments), f"{to_latex(caption)}%\n", f"{printed_latex(note)}%\n")
+    """Write a table with comments at its head, and its texts, which have formulas between dollar signs.
 
-
-def _written(name: str, body: Body, comments: Sequence[str]) -> str:
-    """Write a table, in which all columns but the first are aligned to the right."""
+    All columns but the first are aligned to the right.
+    """
     n = len(body.head)
     needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]
@@ -237,7 +206,8 @@ def _written(name: str, body: Body, comments: Sequence[str]) -> str:
         lines += [r"\addlinespace"] if number and title else []
         lines += [rf"\multicolumn{{{n}}}{{@{{}}l}}{{\textit{{{title}}}}} \\"] if title else []
         lines += [_row(row) for row in rows]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    text = "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return PaperTable(text, f"{to_latex(caption)}%\n", f"{printed_latex(note)}%\n")
 
 
 def _row(row: Sequence[str]) -> str:

@@ -14,8 +14,8 @@ from rmpc_bench.figures.labels import can_be_set
 
 _WITH_ARGUMENT = r"\\(?:hat|bar|tilde|breve|dot|ddot|vec|check|mathrm|mathit|mathbf|mathcal|mathsf|sqrt)\{[^{}]*\}"
 _DOLLAR = re.compile(r"(?<!\\)\$")
+# Exponent of a unit, minus in front of a number, and infinity.
 _SIGN = re.compile(r"(?<=[A-Za-z])\^(?P<exponent>-?\d+(?:\.\d+)?)|(?<![\w.^-])-(?=[\d.])|(?P<infinity>\binf\b)")
-"""Exponent of a unit, minus in front of a number, and infinity."""
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _ESCAPED = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "`": r"\textasciigrave{}"},
@@ -32,8 +32,7 @@ _SYMBOLS = {
     **{"ξ": r"\xi", "π": r"\pi", "ρ": r"\rho", "σ": r"\sigma", "τ": r"\tau", "φ": r"\varphi", "χ": r"\chi"},
     **{"ψ": r"\psi", "ω": r"\omega", "Γ": r"\Gamma", "Δ": r"\Delta", "Θ": r"\Theta", "Λ": r"\Lambda", "Ξ": r"\Xi"},
     **{"Π": r"\Pi", "Σ": r"\Sigma", "Φ": r"\Phi", "Ψ": r"\Psi", "Ω": r"\Omega"},
-}
-"""Character -> formula; LaTeX knows the letters with accents itself."""
+}  # LaTeX knows the letters with accents itself
 _PUNCTUATION = {"–": "--", "—": "---", "…": r"\ldots{}", "\u00a0": "~", "’": "'", "‘": "`", "“": "``", "”": "''"}
 COMMANDS = frozenset(
     (
@@ -44,21 +43,14 @@ COMMANDS = frozenset(
         "circ prime ldots cdots quad top perp Vert mid langle rangle log ln exp sin cos tan min max det sup inf "
         ", ; : ! % # & _ { }"
     ).split()
-)
-"""Commands of formulas that LaTeX and matplotlib share; a formula with another one is shown as text."""
+)  # commands of formulas that LaTeX and matplotlib share; a formula with another one is shown as text
 
 
 def to_latex(text: str) -> str:
-    r"""Write a text for LaTeX: formulas are kept, and every other special character is printed as it is.
+    """Write a text as one paragraph of LaTeX: formulas are kept, and every other special character is printed as it is.
 
-    The text has formulas between dollar signs; it becomes one paragraph, which needs no package.  A formula that uses
-    commands other than `COMMANDS`, or that matplotlib could not set, is printed as text, so that a name cannot run a
-    command of LaTeX.
-
-    Examples
-    --------
-    >>> print(to_latex("R-MPC_1, $c=10^{-1}$: 50 % & more"), to_latex(r"$\input{x}$"))
-    R-MPC\_1, $c=10^{-1}$: 50 \% \& more \$\textbackslash{}input\{x\}\$
+    A formula that uses commands other than `COMMANDS`, or that matplotlib could not set, is printed as text, so that a
+    name cannot run a command of LaTeX.
     """
     parts = _DOLLAR.split(one_line(text))
     if len(parts) % 2 == 0:
@@ -67,24 +59,15 @@ def to_latex(text: str) -> str:
 
 
 def printed_latex(text: str) -> str:
-    r"""Write full sentences for LaTeX: as `to_latex`, with minus signs, raised exponents of units and infinity.
-
-    Examples
-    --------
-    >>> print(printed_latex("MSE [rad^2] of R-MPC1: -11.9 % [-13.2, inf]"))
-    MSE [rad$^{2}$] of R-MPC1: $-$11.9\,\% [$-$13.2, $\infty$]
-    """
+    """Write full sentences for LaTeX: as `to_latex`, with minus signs, raised exponents of units and infinity."""
     parts = _DOLLAR.split(one_line(text))
+
+    def sign(found: re.Match[str]) -> str:
+        return f"$^{{{found['exponent']}}}$" if found["exponent"] else "∞" if found["infinity"] else "−"
+
     if len(parts) % 2:
-        parts[::2] = [_SIGN.sub(_sign, part) for part in parts[::2]]
-    written = to_latex("$".join(parts))
-    return re.sub(r"(?<=\d) \\%", r"\,\%", written)
-
-
-def _sign(found: re.Match[str]) -> str:
-    if found["exponent"]:
-        return f"$^{{{found['exponent']}}}$"
-    return "∞" if found["infinity"] else "−"
+        parts[::2] = [_SIGN.sub(sign, part) for part in parts[::2]]
+    return re.sub(r"(?<=\d) \\%", r"\,\%", to_latex("$".join(parts)))
 
 
 def one_line(text: str) -> str:
@@ -127,22 +110,12 @@ _IS_NUMBER = re.compile(rf"[<(\u00d7]?\s*{_NUMBER}")
 
 
 def number_latex(cell: str) -> str:
-    r"""Write a cell such as ``-10.9 % [-12.1, -9.7]`` as a formula; the digits are those of the cell.
-
-    It has numbers with half an interval, an interval, unit or counts; words stay words.
-
-    Examples
-    --------
-    >>> print(number_latex("−10.9 % [−12.1, −9.7]"), number_latex("1.2e-05"), number_latex("-"), number_latex("×2.6"))
-    $-10.9\,\%\ [-12.1, -9.7]$ $1.2\times 10^{-5}$ -- $\times 2.6$
-    """
+    """Write a cell such as ``-10.9 % [-12.1, -9.7]`` as a formula with the digits of the cell; words stay words."""
     cell = cell.replace("\u2212", "-")
     if cell.strip() in ("", "-"):
         return "--"
-    if not _IS_NUMBER.match(cell):
-        return to_latex(cell.replace("$", r"\$"))
     tokens = [*_TOKEN.finditer(cell)]
-    if "".join(token[0] for token in tokens) != cell:
+    if not _IS_NUMBER.match(cell) or "".join(token[0] for token in tokens) != cell:
         return to_latex(cell.replace("$", r"\$"))
     return f"${''.join(_part(token, cell) for token in tokens)}$"
 
@@ -158,13 +131,12 @@ def _part(token: re.Match[str], cell: str) -> str:
         return r"\%"
     if token["word"]:
         return rf"\mbox{{{unit_latex(text)}}}"
-    if token["gap"]:
-        # A comma of a formula has its own distance; a unit stands near its number, an interval further away.
-        before, after = cell[: token.start()], cell[token.end() :]
-        if before.endswith(",") or before.endswith("<"):
-            return " "
-        return r"\ " if after.startswith(("[", "(")) else r"\,"
-    return text
+    if not token["gap"]:
+        return text
+    # A comma of a formula has its own distance; a unit stands near its number, an interval further away.
+    if cell[: token.start()].endswith((",", "<")):
+        return " "
+    return r"\ " if cell[token.end() :].startswith(("[", "(")) else r"\,"
 
 
 SIZE = 8.0  # size of the text of a table [pt], that of `\footnotesize`
@@ -175,8 +147,7 @@ _WIDTHS = {
     **dict.fromkeys("ABCDEFGHJKLNOPQRSTUVXYZ", 0.72),
     **dict.fromkeys("0123456789", 0.53),
     **dict.fromkeys("=<>+−", 1.0),
-}
-"""Width of a character in units of the size, of the wider of Times and Computer Modern; 0.5 for the others."""
+}  # of the size, of the wider of Times and Computer Modern; 0.5 for the others
 _SCRIPT = re.compile(r"[\^_](?:\{([^{}]*)\}|(\S))")
 _INVISIBLE = re.compile(
     r"\\begin\{tabular\}\[b\]\{@\{\}c@\{\}\}|\\end\{tabular\}|\\(?:mbox|mathrm|textit|text\w+)\b|[${}]"

@@ -48,12 +48,10 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     planned = first.trials.planned
     looks = looks if planned is None else f"{capitalised(planned.text)}."
     sentences += [_parameters(first), oracle, looks, _failures(tables)]
-    kept, room = list[str](), LONGEST
+    kept = ""
     for sentence in filter(None, sentences):
-        if len(sentence) < room:
-            kept.append(sentence)
-            room -= len(sentence) + 1
-    return " ".join(kept)
+        kept += f" {sentence}" * (len(kept) + len(sentence) < LONGEST)
+    return kept.strip()
 
 
 def _intervals(tables: Sequence[ResultTable]) -> str:
@@ -93,12 +91,9 @@ def _drawn(table: ResultTable, rows: Rows | None) -> str:
 def _parameters(table: ResultTable) -> str:
     """Say where the parameters come from: in words where all methods are alike."""
     groups = parameter_groups(table.trials, table.trials.methods)
-    if len(groups) == 1:
-        return f"Parameters: {next(iter(groups))}."
-    parts = [
-        f"{names[0] if len(names) == 1 else len(names)} {word.partition(' (')[0]}" for word, names in groups.items()
-    ]
-    return f"Parameters: {'; '.join(parts)}." if parts else ""
+    of_each = [(names[0] if len(names) == 1 else len(names), word) for word, names in groups.items()]
+    short = [f"{n} {word.partition(' (')[0]}" for n, word in of_each]
+    return f"Parameters: {'; '.join(groups if len(groups) == 1 else short)}." if groups else ""
 
 
 def _failures(tables: Sequence[ResultTable]) -> str:
@@ -116,7 +111,6 @@ def _failures(tables: Sequence[ResultTable]) -> str:
 
 
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
-"""Direction of a metric -> words."""
 DEFINITIONS: dict[Column, str] = {
     "mean": "Mean: average over the finished runs, with half its {level} interval.",
     "lost": "Lost: share of the runs that failed or whose {metric} exceeds {lost} times that of {baseline} in the same "
@@ -133,7 +127,6 @@ DEFINITIONS: dict[Column, str] = {
     "verdict": "Verdict: from the interval and a margin of {margin}.",
     "pairs": "Pairs: runs that both methods finished.",
 }
-"""Column -> what it has."""
 PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
 
 
@@ -145,8 +138,8 @@ def latex_tables(
     Comments at the head are version, hash, seed, number of runs and command.  Columns are those behind the name of the
     method; without them the usual ones that fit into the width in footnotesize [pt].
     """
-    points = latex.shown_points(summary)
-    if not points:
+    points = summary.with_runs
+    if not 0 < len(points) <= latex.MOST_POINTS:
         return {}
     trials, found = points[0].trials, latex_requirements(points, comments, width)
     every = {info.name: [result_table(*point, info) for point in points] for info in trials.metrics}
@@ -164,31 +157,26 @@ def latex_tables(
 
 def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
     """Define the columns of the tables of one metric: plain text with formulas between dollar signs."""
-    first = tables[0]
-    words = _words(first)
-    sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
-    sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
-    sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
-    paired = {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}
-    sentences += [PAIRING.format(**words)] if paired else []
-    return " ".join(filter(None, [*sentences, _origins(first.trials), _failed_runs(tables)]))
-
-
-def _words(table: ResultTable) -> dict[str, str]:
-    """Return what the definitions name."""
-    trials, margin = table.trials, _plain(table.margin_text)
-    simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in table.rows)
-    return {
+    first, trials = tables[0], tables[0].trials
+    margin = _plain(first.margin_text)
+    simultaneous = any(row.compared and row.compared["ci_level"] > trials.confidence for row in first.rows)
+    words = {
         "level": f"{100 * trials.confidence:g} %",
         "kind": "simultaneous " * simultaneous,
         "baseline": _name(trials, trials.baseline),
-        "average": table.average or "average",
-        "other": AVERAGES[other_average(table) or "mean"],
+        "average": first.average or "average",
+        "other": AVERAGES[other_average(first) or "mean"],
         "margin": margin,
         "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
         "lost": f"{trials.lost or FACTOR:g}",
-        "metric": table.info.words,
+        "metric": first.info.words,
     }
+    sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
+    sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
+    sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
+    if {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}:
+        sentences.append(PAIRING.format(**words))
+    return " ".join(filter(None, [*sentences, _origins(trials), _failed_runs(tables)]))
 
 
 def _subject(what: str, trials: Trials, n_points: int) -> str:
@@ -203,9 +191,9 @@ def _subject(what: str, trials: Trials, n_points: int) -> str:
 def _origins(trials: Trials) -> str:
     """Say where the parameters of the methods come from; nothing where it is not known."""
     groups = parameter_groups(trials, trials.methods)
+    parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
     if len(groups) == 1:
         return f"Parameters of all methods: {next(iter(groups))}."
-    parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
     return f"Parameters: {'; '.join(parts)}." if parts else ""
 
 
@@ -214,19 +202,17 @@ def _failed_runs(tables: Sequence[ResultTable]) -> str:
     counts = Counter[str]()
     for row in (row for table in tables for row in table.rows):
         counts[row.method] += row.n_failed
-    failed = [f"{_name(tables[0].trials, name)} {n}" for name, n in counts.items() if n]
-    if not failed:
-        return "No run failed."
-    return f"Failed runs: {', '.join(failed)}; they are left out of averages, and count as worse than any finished run."
+    failed = ", ".join(f"{_name(tables[0].trials, name)} {n}" for name, n in counts.items() if n)
+    how = "they are left out of averages, and count as worse than any finished run"
+    return f"Failed runs: {failed}; {how}." if failed else "No run failed."
 
 
 def _note_of_all(tables: Sequence[ResultTable]) -> str:
     """Define the columns of the table with a column per metric."""
-    parts = ["Mean over the finished runs."]
-    absent = [table.info.words for table in tables if table.may_not_occur]
-    parts += [f"{capitalised(', '.join(absent))}: runs in which the event occurred."] if absent else []
-    parts.append(capitalised("; ".join(f"{table.info.words}: {BEST[table.info.direction]}" for table in tables)) + ".")
-    return " ".join([*parts, _failed_runs(tables)])
+    absent = ", ".join(table.info.words for table in tables if table.may_not_occur)
+    occurred = f" {capitalised(absent)}: runs in which the event occurred." if absent else ""
+    best = capitalised("; ".join(f"{table.info.words}: {BEST[table.info.direction]}" for table in tables))
+    return f"Mean over the finished runs.{occurred} {best}. {_failed_runs(tables)}"
 
 
 def _name(trials: Trials, method: str) -> str:

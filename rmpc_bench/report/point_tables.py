@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -12,7 +12,7 @@ from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_text, number, places, short
 from rmpc_bench.analysis.trials import Trials, stacked_rows
-from rmpc_bench.report.run_notes import failed_cells, held_cells
+from rmpc_bench.report.run_notes import step_cells
 from rmpc_bench.types.report_choices import Column
 from rmpc_bench.types.texts import inert_markdown
 
@@ -25,16 +25,17 @@ class PointSummary(NamedTuple):
     compared: pd.DataFrame  # one row per comparison with the baseline, see `comparison.comparisons`
 
 
-class Points(Protocol):
+class Points(NamedTuple):
     """Statistics point by point."""
 
-    @property
-    def points(self) -> Sequence[PointSummary]:
-        """The points of a sweep; the whole table where there is none."""
+    points: Sequence[PointSummary]  # the whole table where there is no sweep
+    pooled: PointSummary | None = None  # the runs of all points, where these are many plants with the same methods
 
     @property
-    def pooled(self) -> PointSummary | None:
-        """The runs of all points together, where the points are many plants with the same methods."""
+    def with_runs(self) -> list[PointSummary]:
+        """All points together where they are many plants, else those that have runs."""
+        points = [self.pooled] if self.pooled else self.points
+        return [point for point in points if len(point.trials.frame)]
 
 
 def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
@@ -92,8 +93,7 @@ def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> 
         of |= {"pairs": lambda row: str(row.compared.get("n_pairs", ""))}
     of["n"] = lambda row: f"{row.n}/{row.n_failed}" if row.n + row.n_failed else ""
     found: dict[Column, list[str]] = {name: [*map(text, rows)] for name, text in of.items()}
-    names = [row.method for row in rows]
-    found |= {"held": held_cells(table.trials, names), "steps": failed_cells(table.trials, names)}
+    found |= step_cells(table.trials, [row.method for row in rows])
     return {name: texts for name, texts in found.items() if any(texts)}
 
 
@@ -129,10 +129,9 @@ def median_text(row: ResultRow) -> str:
 
 
 def _superiority(row: ResultRow) -> str:
-    if math.isnan(row.superiority.value):
-        return ""
     value, low, high = (number(each, 0) for each in row.superiority)
-    return f"{value} %" if math.isnan(row.superiority.half) else f"{value} % [{low}, {high}]"
+    interval = "" if math.isnan(row.superiority.half) else f" [{low}, {high}]"
+    return "" if math.isnan(row.superiority.value) else f"{value} %{interval}"
 
 
 def _lost(table: ResultTable) -> dict[str, str]:

@@ -31,8 +31,7 @@ _NUMBERS = ["ratio", "ratio_low", "ratio_high", "smallest", "largest"]
 COLUMNS = [
     *("axis", "value", "method", "rank_low", "rank_high", "n", "n_failed", "n_points", "n_pairs"),
     *("ratio", "ratio_low", "ratio_high", "smallest", "smallest_at", "largest", "largest_at", "better", "worse"),
-]
-"""Columns of ranks.csv; those of ranks are empty in the rows of a part of the sweep."""
+]  # of ranks.csv; those of ranks are empty in the rows of a part of the sweep
 _WHOLE = ["rank_low", "rank_high", "n", "n_failed", "better", "worse"]
 
 
@@ -65,15 +64,19 @@ class RanksTable:
         if self.found is None:
             return {}
         rows, baseline = self.found.rows, self.trials.baseline
-        columns = {"method": [marked(self.trials, row.method) for row in rows], "rank": [_rank(row) for row in rows]}
+        columns = {"method": [marked(self.trials, row.method) for row in rows]}
+        columns["rank"] = [f"{row.rank_low} to {row.rank_high}" for row in rows]
         # Failures come before accuracy.
         columns["n/n_failed"] = [f"{row.n}/{row.n_failed}" for row in rows]
-        columns[f"ratio to {baseline}"] = [_interval(row.ratio, row.method == baseline) for row in rows]
+        columns[f"ratio to {baseline}"] = [_interval(row.ratio) for row in rows]
         columns |= part_columns(self.found, baseline)
         if words := parameter_cells(self.trials, [row.method for row in rows]):
             columns["parameters"] = words
-        times = [self._time(row.method) for row in rows]
-        return columns | ({"time per step": times} if any(time != "-" for time in times) else {})
+        notes = [[point.notes.get(row.method) for point in self.trials.each] for row in rows]
+        seconds = [[each.seconds_per_step for each in of if each and each.seconds_per_step is not None] for of in notes]
+        # Median over the points of the time per run and step.
+        times = [short_time(median(each)) if each else "-" for each in seconds]
+        return columns | ({"time per step": times} if {*times} != {"-"} else {})
 
     @property
     def rest(self) -> str:
@@ -126,19 +129,15 @@ class RanksTable:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One sentence per method that can be quoted as it stands."""
-        if self.found is None:
-            return ()
-        n = len(self.found.rows)
-        return tuple(self._sentence(row, n) for row in self.found.rows)
+        return () if self.found is None else tuple(self._sentence(row, len(self.found.rows)) for row in self.found.rows)
 
     def _sentence(self, row: RankRow, n: int) -> str:
         failed = f"{row.n_failed} of {row.n} runs failed; " if row.n_failed else ""
-        text = f"{row.method}: {failed}rank {_rank(row)} of {n}"
         end = f" at these {len(self.trials.points)} points." if self.trials.points else "."
-        if row.method == self.trials.baseline or math.isnan(row.ratio.ratio):
-            return text + end
         level = f"{100 * self.trials.confidence:g} % simultaneous"
-        return f"{text}, ratio to {self.trials.baseline} {_interval(row.ratio, False)} ({level}){end}"
+        ratio = f", ratio to {self.trials.baseline} {_interval(row.ratio)} ({level})"
+        ratio = "" if row.method == self.trials.baseline or math.isnan(row.ratio.ratio) else ratio
+        return f"{row.method}: {failed}rank {row.rank_low} to {row.rank_high} of {n}{ratio}{end}"
 
     def to_markdown(self) -> str:
         """Return the table with its legend; empty without ranks."""
@@ -150,28 +149,13 @@ class RanksTable:
     def __str__(self) -> str:
         return "\n".join(self.sentences)
 
-    def _time(self, method: str) -> str:
-        """Median over the points of the time per run and step."""
-        notes = [point.notes.get(method) for point in self.trials.each]
-        seconds = [each.seconds_per_step for each in notes if each is not None and each.seconds_per_step is not None]
-        return short_time(median(seconds)) if seconds else "-"
-
 
 def ranks_table(trials: Trials) -> RanksTable:
     """Rank the methods of an experiment whose configuration asks for it."""
     return RanksTable(trials, ranking(trials) if trials.with_verdicts else None)
 
 
-def _rank(row: RankRow) -> str:
-    """Write a rank, which is an interval; one that has a single value is that value, repeated."""
-    return f"{row.rank_low} to {row.rank_high}"
-
-
-def _interval(ratio: Ratio, is_baseline: bool) -> str:
-    if is_baseline:
-        return "1"
-    if math.isnan(ratio.ratio):
-        return "-"
+def _interval(ratio: Ratio) -> str:
     return interval_text(Estimate(ratio.ratio, ratio.low, ratio.high))
 
 

@@ -1,7 +1,8 @@
-"""The comparison of the results of two directories: verdicts beside each other, and every value that differs."""
+"""The results of two directories as text: verdicts beside each other, values that differ, and two improvements."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,12 +11,19 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis.improvement_difference import ImprovementDifference
+from rmpc_bench.analysis.comparison_text import about, margin_of
+from rmpc_bench.analysis.improvement_difference import AverageDifference, ImprovementDifference
+from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, plain
+from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, interval_text, plain
 from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, TrialDifferences
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.figures.captions import joined
+from rmpc_bench.report.comparison_table import AVERAGES, verb_and_size
 from rmpc_bench.report.screen_tables import NAME, fitting
+from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
 MOST_SETTINGS = 5  # settings that differ and are shown with their values
@@ -42,7 +50,7 @@ class FindingDifference(NamedTuple):
     b: str
 
     def __str__(self) -> str:
-        return f"{self.claim}: A {self.a}, B {self.b}"
+        return str(Setting(*self))
 
 
 class Beside(NamedTuple):
@@ -97,15 +105,12 @@ class ResultsComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the compared metrics: point, method, metric, counts and the largest differences with their runs."""
-        rows = [
-            {
-                **{"point": each.point, "method": each.method, "metric": each.metric},
-                **{"n": each.n, "n_differ": each.n_differ},
-                **{"relative": each.relative.size, "relative_run": each.relative.run},
-                **{"absolute": each.absolute.size, "absolute_run": each.absolute.run, "n_apart": each.n_apart},
-            }
-            for each in self.trials.values
-        ]
+        rows = []
+        for each in self.trials.values:
+            found = {name: getattr(each, name) for name in ("point", "method", "metric", "n", "n_differ")}
+            for name, largest in (("relative", each.relative), ("absolute", each.absolute)):
+                found |= {name: largest.size, f"{name}_run": largest.run}
+            rows.append(found | {"n_apart": each.n_apart})
         return pd.DataFrame(rows)
 
     def __str__(self) -> str:
@@ -124,7 +129,7 @@ class ResultsComparison:
             what = "better than" if first.form == "share" else f"change of the {first.quantity} against"
             lines += ["", cut(without_formulas(f"{what} {first.baseline}"), width)]
             ways = ((None, True), (NAME, True), (None, False), (NAME, False))
-            lines += fitting((partial(_beside_lines, shown[:MOST_ROWS], *way) for way in ways), width)
+            lines += fitting(partial(_beside_lines, shown[:MOST_ROWS]), ways, width)
             lines += [f" and {len(shown) - MOST_ROWS} more"] if len(shown) > MOST_ROWS else []
         return "\n".join([*lines, "", *folded([*self._differing()], width)])
 
@@ -137,12 +142,10 @@ class ResultsComparison:
         text = f" {n} finding{'s' * (n > 1)} differ{'s' * (n == 1)}: --values." if n else ""
         if not self.beside:
             return f"{conclusion}{text}"
-        other = [each for each in self.beside if len(each.words) > 1]
         resolved = [each.name for each in self.beside if each.is_resolved]
-        said = "The verdicts are the same"
-        if other:
-            said = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
-            said = f"{len(other)} of {len(self.beside)} verdicts differ: {said}" if len(self.beside) > 1 else said
+        other = [f"{each.name} is {' in A and '.join(each.words)} in B" for each in self.beside if len(each.words) > 1]
+        count = f"{len(other)} of {len(self.beside)} verdicts differ: " * (len(self.beside) > 1)
+        said = f"{count}{other[0]}" if other else "The verdicts are the same"
         names = joined(resolved if len(resolved) <= 3 else [", ".join(resolved[:3]), f"{len(resolved) - 3} more"])
         gap = f"the difference between A and B is resolved for {names}"
         return f"{said}; {gap if resolved else 'no difference between A and B is resolved'}.{text}"
@@ -160,8 +163,7 @@ class ResultsComparison:
             yield from [f"   and {len(rest) - MOST_SETTINGS} more: --values"] * (len(rest) > MOST_SETTINGS)
         yield from (f" only in {line}" for line in _alone(self.trials)[:MOST_SETTINGS])
         if not self.equal:
-            seeds = ", as with other seeds" if any(each.path == "seed" for each in settings) else ""
-            differ = f" values of the runs differ{seeds}: --values lists them"
+            differ = f" values of the runs differ{', as with other seeds' * ('seed' in known)}: --values lists them"
             yield differ if self.trials.differing else " --values lists all"
 
     def _lines(self) -> Iterator[str]:
@@ -171,7 +173,7 @@ class ResultsComparison:
             "settings that differ": [*map(str, self.settings)],
             "only in one": _alone(self.trials),
             "statuses that differ": [
-                str(Setting(f"{_where(each.point, each.method)} run {each.run}", each.a, each.b))
+                f"{_where(each.point, each.method)} run {each.run}: A {each.a}, B {each.b}"
                 for each in self.trials.statuses
             ],
             "metrics that differ": [*map(_metric, self.trials.differing)],
@@ -228,13 +230,7 @@ def _alone(trials: TrialDifferences) -> list[str]:
 
 
 def _ranges(runs: Sequence[int]) -> str:
-    """Write ascending numbers, consecutive ones as a range.
-
-    Examples
-    --------
-    >>> _ranges([0, 1, 2, 7, 9, 10])
-    '0-2, 7, 9-10'
-    """
+    """Write ascending numbers, consecutive ones as a range, such as ``0-2, 7, 9-10``."""
     # Consecutive numbers have the same distance from their place.
     parts = [[run for _, run in part] for _, part in groupby(enumerate(runs), lambda each: each[1] - each[0])]
     texts = [str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts]
@@ -259,3 +255,132 @@ def _largest(each: Largest) -> str:
 
 def _where(point: str, method: str) -> str:
     return f"{point}: {method}" if point else method
+
+
+VERDICTS = {
+    str(Verdict.FAILS_MORE): "{method} alone fails more in A",
+    str(Verdict.DEPENDS_ON_AVERAGE): "which improvement is larger depends on the average",
+    str(Verdict.BETTER): "the improvement is larger in A",
+    str(Verdict.WORSE): "the improvement is smaller in A",
+    str(Verdict.BETTER_SIZE_UNCERTAIN): "the improvement is larger in A, size uncertain",
+    str(Verdict.WORSE_SIZE_UNCERTAIN): "the improvement is smaller in A, size uncertain",
+    str(Verdict.EQUIVALENT): "the improvements are equivalent (within {margin})",
+}  # on the improvement in A against that in B
+SHORT_AVERAGES = {"geometric": "geometric means of the paired ratios", "mean": "ratios of the means"}
+FEW_SETTINGS = 2  # differing settings that the sentence names itself
+
+
+@dataclass(frozen=True, eq=False)
+class ImprovementComparison:
+    """How much the improvement of a method differs between two experiments."""
+
+    rows: tuple[ImprovementDifference, ...]  # one per common point of the sweeps
+    info: MetricInfo
+    names: tuple[str, str]  # of the two experiments
+    settings: tuple[Setting, ...]  # what differs in the systems, the method and its baseline
+    tables: tuple[tuple[Trials, Trials], ...]  # of A and B at these points
+    redefined: bool = False  # whether the two define the metric differently
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence per point that can be quoted as it stands."""
+        return tuple(self._sentence(row, pair) for row, pair in zip(self.rows, self.tables, strict=True))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row per point and average; see `ImprovementDifference` and `AverageDifference`."""
+        names = ["point", "method", "baseline", "metric", "paired", "n_a", "n_b", "failed_a", "failed_b"]
+        names += ["superiority_a", "superiority_b", "verdict", "level"]
+        rows = []
+        for row in self.rows:
+            for each in row.averages or (AverageDifference("", *[Estimate(math.nan)] * 3),):
+                found = {name: getattr(row, name) for name in names} | {"average": each.average}
+                for name in ("in_a", "in_b", "difference", "ratio"):
+                    found |= zip((name, f"{name}_low", f"{name}_high"), getattr(each, name), strict=True)
+                rows.append(found)
+        return pd.DataFrame(rows)
+
+    def __str__(self) -> str:
+        parts = [[f"{letter}  {name}" for letter, name in zip("AB", self.names, strict=True)]]
+        parts += [["settings that differ", *(f"  {each}" for each in self.settings)]] if self.settings else []
+        for row, sentence in zip(self.rows, self.sentences, strict=True):
+            parts.append([sentence, *(f"  {line}" for line in self._details(row))])
+        parts += [[f"The two experiments define {self.info.name} differently."]] if self.redefined else []
+        first, pairing = self.rows[0], "Run i of A is paired with run i of B: equal seeds draw the same quantile of "
+        pairing += "every random quantity."
+        if not first.paired:
+            pairing = "The seeds differ, so the runs of A and B are not paired, and the intervals are Welch's."
+        larger = f"the improvement of {first.method} on {first.baseline} is larger in A"
+        parts.append([f"{pairing} Differences are A minus B; where they are above 0, {larger}."])
+        return "\n\n".join("\n".join(lines) for lines in parts)
+
+    def _sentence(self, row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
+        head, name = f"{row.point}: " if row.point else "", name_of_distance(self.info)
+        first, second = (f"with {name}" for name in self.names)
+        if 0 < len(self.settings) <= FEW_SETTINGS:
+            first = "with " + ", ".join(f"{each.path} = {each.a}" for each in self.settings)
+            second = "with " + ", ".join(f"{each.path} = {each.b}" for each in self.settings)
+        signed = bool(row.averages) and row.averages[0].average == "difference"
+        word = f": {_verdict(row, margin_of(tables[0], self.info, signed=signed))}" if row.verdict else ""
+        if not row.averages:
+            in_a, in_b, gap = _shares(row)
+            text = f"{row.method} is better than {row.baseline} in {name} in {in_a} of the runs {first} and in {in_b} "
+            text += f"{second} (ties count half): the difference is {gap}"
+            return f"{head}{text} ({_basis(row, tables)}){word}."
+        each = row.averages[0]
+        (verb, in_a), (other, in_b) = (
+            verb_and_size(one, self.info.unit if signed else "%") for one in (each.in_a, each.in_b)
+        )
+        gap = _estimate(each.difference, 1, self.info.unit if signed else "percentage points")
+        text = f"{row.method} {verb} {name} against {row.baseline} by {in_a} {first} and "
+        text += f"{other} it " * (verb != other)
+        average = SHORT_AVERAGES.get(each.average, "mean differences")
+        text += f"by {in_b} {second}: the difference of the improvements is {gap}"
+        text += "" if signed else f", the ratio of the ratios {interval_text(each.ratio)}"
+        return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
+
+    def _details(self, row: ImprovementDifference) -> Iterator[str]:
+        """Write the other average, superiority and failed runs."""
+        for each in row.averages[1:]:
+            in_a, in_b = (interval_text(one, "%", sign=True) for one in (each.in_a, each.in_b))
+            gap = _estimate(each.difference, 1, "percentage points")
+            yield f"{AVERAGES[each.average]}: {in_a} in A, {in_b} in B; difference {gap}"
+        in_a, in_b, gap = _shares(row)
+        yield f"better than {row.baseline} (ties count half): {in_a} of the runs in A, {in_b} in B; difference {gap}"
+        if row.failed_a or row.failed_b:
+            failed = f"{row.failed_a} in A, {row.failed_b} in B"
+            alone = f"{row.baseline} finished {row.alone_a} and {row.alone_b} of them"
+            yield f"failed runs of {row.method}: {failed} ({alone}); averages rest on runs that both finished"
+
+
+def _verdict(row: ImprovementDifference, margin: str) -> str:
+    """Write the verdict on the improvement in A against that in B."""
+    if row.verdict != Verdict.INCONCLUSIVE:
+        return VERDICTS[row.verdict].format(method=row.method, margin=margin)
+    if row.alone_b > row.alone_a and row.averages and row.averages[0].difference.high < 0:
+        return f"inconclusive, as {row.method} alone fails more in B"
+    numbers = ((row.runs_for_direction, "a direction"), (row.runs_for_equivalence, "equivalence"))
+    known = ", ".join(f"{about(n)} for {word}" for n, word in numbers if not math.isnan(n))
+    return f"inconclusive (runs needed: {known})" if known else "inconclusive"
+
+
+def _shares(row: ImprovementDifference) -> tuple[str, str, str]:
+    """Write the shares of runs in which the method is better, in A and B, and their difference."""
+    in_a, in_b = (f"{100 * share:.3g} %" for share in (row.superiority_a, row.superiority_b))
+    return in_a, in_b, _estimate(row.superiority, 100, "percentage points")
+
+
+def _estimate(each: Estimate, factor: float, unit: str) -> str:
+    text = interval_text(Estimate(*(factor * end for end in each)), unit, sign=True)
+    return f"{text}, without an interval" if math.isnan(each.low) and not math.isnan(each.value) else text
+
+
+def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
+    """Say what the numbers rest on: runs, pairing, level, and where the parameters of both methods come from."""
+    table = tables[0]
+    simultaneous = "simultaneous " if row.level > table.confidence else ""
+    level = f"{simultaneous}{100 * table.confidence:g} % intervals"
+    origins = [pair_text(each, row.method, row.baseline) for each in tables]
+    origin = origins[0] if origins[0] == origins[1] else f"in A {origins[0] or '-'}; in B {origins[1] or '-'}"
+    level += f"; {origin}" if origin else ""
+    pairs = f"{row.n_a} paired runs" if row.paired else f"unpaired: {row.n_a} and {row.n_b} runs with different seeds"
+    return f"{pairs}, {level}"

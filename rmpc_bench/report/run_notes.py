@@ -12,27 +12,28 @@ import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
+from rmpc_bench.types.report_choices import Column
 
 MOST_FILES = 20  # failed runs of a method that have a file of their own
 MOST_WARNINGS = 10  # different warnings of a method that tables/summary.md shows
 
 
-def held_cells(trials: Trials, methods: list[str]) -> list[str]:
-    """Return the share of held steps of every method, for a column of a table; none where no component holds steps."""
-    counts = {name: notes.n_held for name, notes in trials.notes.items() if notes.holds}
-    return _shares(trials, methods, counts) if counts.keys() & {*methods} else []
-
-
-def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
-    """Return the share of failed steps of every method, for a column of a table; none where no step has failed."""
-    counts = {name: notes.n_failed_steps for name, notes in trials.notes.items() if notes.optimises}
-    return _shares(trials, methods, counts) if any(counts.get(name) for name in methods) else []
-
-
-def _shares(trials: Trials, methods: list[str], counts: Mapping[str, int]) -> list[str]:
-    """Write numbers of steps as shares of all steps of the runs."""
+def step_cells(trials: Trials, methods: list[str]) -> dict[Column, list[str]]:
+    """Return the shares of held steps, where a method holds them, and of failed ones, where some failed, by method."""
     sizes = {name: max(1, notes.n_steps * len(trials.runs)) for name, notes in trials.notes.items()}
-    return [_percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
+    held = {name: notes.n_held for name, notes in trials.notes.items() if notes.holds}
+    failed = {name: notes.n_failed_steps for name, notes in trials.notes.items() if notes.optimises}
+    found: dict[Column, dict[str, int]] = {"held": held} if held.keys() & {*methods} else {}
+    found |= {"steps": failed} if any(failed.get(name) for name in methods) else {}
+    return {
+        column: [_percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
+        for column, counts in found.items()
+    }
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent: two digits, or three near 100, which two would round to 1e+02."""
+    return f"{share:.3g} %" if share >= 99.5 else f"{share:.2g} %"
 
 
 def step_times(trials: Trials, methods: list[str]) -> list[str]:
@@ -42,13 +43,7 @@ def step_times(trials: Trials, methods: list[str]) -> list[str]:
 
 
 def short_time(seconds: float) -> str:
-    """Write a time with two digits and a unit.
-
-    Examples
-    --------
-    >>> short_time(0.00672), short_time(3.1e-7), short_time(0.0123)
-    ('6.7 ms', '0.31 us', '12 ms')
-    """
+    """Write a time with two digits and a unit, such as ``6.7 ms``, ``0.31 us`` and ``12 ms``."""
     unit, size = next((each for each in (("s", 1.0), ("ms", 1e-3)) if seconds >= 0.9995 * each[1]), ("us", 1e-6))
     number = float(f"{seconds / size:.2g}")
     return f"{number:.{2 if number < 1 else 1 if number < 10 else 0}f} {unit}"
@@ -56,28 +51,20 @@ def short_time(seconds: float) -> str:
 
 def held_sentences(trials: Trials) -> list[str]:
     """Say how many steps of which method were held."""
-    n_runs = len(trials.runs)
-    return [
-        f"{method}: {notes.n_held:,} of {notes.n_steps * n_runs:,} steps held in {counted(len(notes.held), 'run')}"
-        for method, notes in trials.notes.items()
-        if notes.held
-    ]
+    held = {method: notes for method, notes in trials.notes.items() if notes.held}
+    sizes = {method: f"{notes.n_held:,} of {notes.n_steps * len(trials.runs):,}" for method, notes in held.items()}
+    return [f"{name}: {sizes[name]} steps held in {counted(len(notes.held), 'run')}" for name, notes in held.items()]
 
 
 def failed_sentences(trials: Trials) -> list[str]:
     """Say how many optimisations of which method failed, and in how many runs, of which every one went on."""
     sentences = []
     for method, notes in trials.notes.items():
-        if not notes.failed_steps:
-            continue
-        every, words = notes.n_steps * len(trials.runs), Counter[str]()
-        for counts in notes.failed_steps.values():
-            words.update(counts)
+        words = sum(map(Counter, notes.failed_steps.values()), Counter[str]())
         parts = ", ".join(f"{words[status.word]:,} {status.word}" for status in Status if words[status.word])
-        sentences.append(
-            f"{method}: the optimisation failed in {notes.n_failed_steps:,} of {every:,} steps ({parts}), "
-            f"in {counted(len(notes.failed_steps), 'run')}; the fallback was applied"
-        )
+        steps = f"{notes.n_failed_steps:,} of {notes.n_steps * len(trials.runs):,} steps ({parts})"
+        runs = f"in {counted(len(notes.failed_steps), 'run')}; the fallback was applied"
+        sentences += [f"{method}: the optimisation failed in {steps}, {runs}"] if notes.failed_steps else []
     return sentences
 
 
@@ -88,9 +75,18 @@ def sections_of(trials: Trials) -> dict[str, list[str]]:
         for method, notes in trials.notes.items()
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]
+    bad, failed = trials.frame[trials.frame["status"] != Status.OK.word], []
+    for method in trials.methods:
+        for word, n in sorted(bad.loc[bad["method"] == method, "status"].value_counts().items()):
+            status = Status.__members__.get(word.upper().replace("-", "_"))
+            meaning = f": {status.explanation}" if status is not None else ""
+            failed.append(f"{method}: {counted(n, 'run')} {word}{meaning}")
+    declared = {method: trials.expected_failures.get(method, {}) for method in trials.methods}
     return {
-        "Failed runs": status_lines(trials),
-        "Checks that are meant to fail": declared_lines(trials),
+        "Failed runs": failed,
+        "Checks that are meant to fail": [
+            f"{method}: `{check}` ({reason})" for method, checks in declared.items() for check, reason in checks.items()
+        ],
         "Limitations": _limitations(trials),
         "Held steps": held_sentences(trials),
         "Failed steps": failed_sentences(trials),
@@ -116,11 +112,7 @@ def _limitations(trials: Trials) -> list[str]:
 def failure_files(
     trials: Trials, directory: object, uncertainty: pd.DataFrame, versions: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the files on failed runs: name -> text, for the first runs of every method.
-
-    `uncertainty` has the sweep columns, ``run`` and one column per named uncertain quantity.  `versions` are those of
-    the packages that computed the trials.
-    """
+    """Return name -> text of the files on the first failed runs of every method; `versions` are those that computed."""
     files: dict[str, str] = {}
     for table in trials.each:
         counts = Counter[str]()
@@ -161,14 +153,9 @@ def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
 
 def ran_counts(trials: Trials) -> dict[str, tuple[int, int]]:
     """Return method -> its failed runs and all its runs, all points together."""
-    points = {name: [table for table in trials.each if name in table.methods] for name in trials.methods}
-    return {
-        name: (
-            sum(table.n_failed(name) for table in tables),
-            sum(int((table.frame["method"] == name).sum()) for table in tables),
-        )
-        for name, tables in points.items()
-    }
+    failed = {name: sum(table.n_failed(name) for table in trials.each) for name in trials.methods}
+    sizes = {name: sum(int((table.frame["method"] == name).sum()) for table in trials.each) for name in failed}
+    return {name: (failed[name], sizes[name]) for name in failed}
 
 
 def of_run(trials: Trials, method: str, run: int) -> str:
@@ -192,9 +179,7 @@ def _status(trials: Trials, method: str, run: int) -> str:
 
 
 def _at(trials: Trials, k: int | None) -> str:
-    if k is None:
-        return ""
-    return f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
+    return "" if k is None else f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
 
 
 def _failure_text(
@@ -224,37 +209,6 @@ def _failure_text(
 def _word(text: str) -> str:
     """Write a name so that it can be that of a file on every system."""
     return re.sub(r"[^\w.=,+-]+", "_", text)
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent: two digits, or three near 100, which two would round to 1e+02.
-
-    Examples
-    --------
-    >>> _percent(0.0234), _percent(2.5), _percent(87.5), _percent(100.0)
-    ('0.023 %', '2.5 %', '88 %', '100 %')
-    """
-    return f"{share:.3g} %" if share >= 99.5 else f"{share:.2g} %"
-
-
-def status_lines(trials: Trials) -> list[str]:
-    """List the failed runs by method and status; nothing where all runs ended well."""
-    failed, rows = trials.frame[trials.frame["status"] != Status.OK.word], []
-    for method in trials.methods:
-        for word, n in sorted(failed.loc[failed["method"] == method, "status"].value_counts().items()):
-            status = Status.__members__.get(word.upper().replace("-", "_"))
-            meaning = f": {status.explanation}" if status is not None else ""
-            rows.append(f"{method}: {counted(n, 'run')} {word}{meaning}")
-    return rows
-
-
-def declared_lines(trials: Trials) -> list[str]:
-    """List the checks that own components declare to fail, with the reason."""
-    return [
-        f"{method}: `{check}` ({reason})"
-        for method in trials.methods
-        for check, reason in trials.expected_failures.get(method, {}).items()
-    ]
 
 
 def counted(n: int, noun: str) -> str:

@@ -23,13 +23,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
 from rmpc_bench.report.latex_text import number_latex, to_latex
-from rmpc_bench.report.point_tables import (
-    PointSummary,
-    columns_from,
-    markdown_page,
-    markdown_table,
-    stacked_points,
-)
+from rmpc_bench.report.point_tables import PointSummary, columns_from, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.requirement import Requirement
@@ -58,10 +52,9 @@ def ensemble_rows(trials: Trials) -> list[dict[str, str]]:
 
 def _last(trials: Trials, quantity: str, method: str) -> Array | None:
     try:
-        last: Array = trials.matrix_series(quantity, method)[-1]
+        return np.asarray(trials.matrix_series(quantity, method)[-1])
     except KeyError:
         return None
-    return last
 
 
 def _numbers(values: Array) -> str:
@@ -106,15 +99,12 @@ def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]
 
 
 def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str, str]:
-    quantile = "5 %" if info.direction == "higher" else "95 %"
-    unit = f" [{info.unit}]" if info.unit else ""
-    worst = "-" if math.isnan(row["worst"]) else f"{row['worst']:.4g} (run {row['worst_run']})"
     return {
-        "metric": name_of_distance(info) + unit,
+        "metric": name_of_distance(info) + (f" [{info.unit}]" if info.unit else ""),
         "method": marked(trials, row["method"]),
-        "95 % quantile": _tail_text(row, "tail_quantile") + (f" ({quantile})" if quantile != "95 %" else ""),
+        "95 % quantile": _tail_text(row, "tail_quantile") + " (5 %)" * (info.direction == "higher"),
         "mean of the worst 5 %": _tail_text(row, "cvar"),
-        "worst finished run": worst,
+        "worst finished run": "-" if math.isnan(row["worst"]) else f"{row['worst']:.4g} (run {row['worst_run']})",
     }
 
 
@@ -161,13 +151,12 @@ class DriversTable:
 
     def to_markdown(self) -> str:
         """Return a table for every point; empty where nothing is uncertain."""
-        parts = _parts(self.points[:MOST_POINTS], lambda _, frame: _columns(frame))
+        parts = _parts(self.points[:MOST_POINTS], _columns)
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
         return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
 
-    def __str__(self) -> str:
-        return self.to_markdown()
+    __str__ = to_markdown
 
 
 def drivers_table(trials: Trials) -> DriversTable:
@@ -175,7 +164,7 @@ def drivers_table(trials: Trials) -> DriversTable:
     return DriversTable([(point, drivers(point)) for point in trials.each])
 
 
-def _columns(frame: pd.DataFrame) -> dict[str, list[str]]:
+def _columns(_: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
     """Return head -> cells, a row per method."""
     found = []
     for method, rows in frame[frame["response"] != "failed"].groupby("method", sort=False):
@@ -247,11 +236,7 @@ class RequirementsTable:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One sentence per requirement and method that can be quoted as it stands."""
-        return tuple(
-            (f"{trials.title}: " if trials.title else "") + _sentence(trials, row)
-            for trials, frame in self.points
-            for row in frame.to_dict("records")
-        )
+        return tuple(_sentence(trials, row) for trials, frame in self.points for row in frame.to_dict("records"))
 
     @property
     def gist(self) -> str:
@@ -280,13 +265,11 @@ def requirements_table(trials: Trials) -> RequirementsTable:
 
 
 def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
+    where = f"{trials.title}: " if trials.title else ""
     failed = f", {row['n_failed']} of them failed" if row["n_failed"] else ""
     met = f"meets {row['requirement']} in {row['passed']} of {row['n']} runs"
-    start = f"{row['method']} {met} ({share_text(row)}{failed})"
-    gap = difference_text(row)
-    if gap == "-":
-        return f"{start}."
-    return f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
+    start, gap = f"{where}{row['method']} {met} ({share_text(row)}{failed})", difference_text(row)
+    return f"{start}." if gap == "-" else f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
 
 
 REQUIREMENTS = "requirements"  # name of the table

@@ -20,7 +20,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
 from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, show_command
+from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark_lines, show_command
 from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
@@ -29,12 +29,12 @@ from rmpc_bench.types.texts import command_lines, cut, width_of, without_formula
 WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
 MOST_NOTES = 5  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
+# Notes in the order of their importance.
 _FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
-"""Notes in the order of their importance."""
+_PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
 _WHOLE = ("failed", "page")  # notes whose lines are not broken: a command or a path that is copied
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
 _GLUE = "\x01"  # stands for a blank at which a line does not end
-_CAPTIONS = {"share": ", ties count half"}  # what is said of intervals, by the form of a table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,20 +57,16 @@ class Screen:
 
     def text(self, width: int = WIDTH) -> str:
         """Lay out the screen for a terminal with some columns."""
-        head = self._head(width)
-        said = self._wrapped(plain(without_formulas(self._answer())), width)
-        table = self._table(width)
+        head, answered = self._head(width), plain(without_formulas(self._answer()))
+        # Lines do not end within an interval or a name.
+        answered = _INTERVAL.sub(lambda found: found[0].replace(" ", _GLUE), answered)
+        for name in self.trials.methods:
+            answered = answered.replace(name, name.replace(" ", _GLUE))
+        said = [line.replace(_GLUE, " ") for line in wrapped(answered, width)]
         blank = [""] * (len(head) + len(said) < 5)
-        above = [*head, *blank, *said, "", *table, ""]
+        above = [*head, *blank, *said, "", *self._table(width), ""]
         room = max(3, min(MOST_NOTES, MOST_LINES - len(above)))
         return "\n".join([*above, *self._notes(room, width)])
-
-    def _wrapped(self, text: str, width: int) -> list[str]:
-        """Break a text, but not within an interval or a name."""
-        text = _INTERVAL.sub(lambda found: found[0].replace(" ", _GLUE), text)
-        for name in self.trials.methods if " " in "".join(self.trials.methods) else ():
-            text = text.replace(name, name.replace(" ", _GLUE))
-        return [line.replace(_GLUE, " ") for line in wrapped(text, width)]
 
     def _head(self, width: int) -> list[str]:
         k, what = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
@@ -84,16 +80,12 @@ class Screen:
         return [line] if width_of(line) <= width else [cut(self.name, width), *wrapped(what, width, " ", " ")]
 
     def _tables(self, metric: str) -> list[ResultTable]:
-        points = [self.tables.pooled] if self.tables.pooled else self.tables.points
-        points = [point for point in points if len(point.trials.frame)]
         infos = [info for info in self.trials.metrics if info.name == metric]
-        return in_one_form([result_table(*point, info) for info in infos for point in points])
+        return in_one_form([result_table(*point, info) for info in infos for point in self.tables.with_runs])
 
     def _answer(self) -> str:
         primary = self.trials.primary_info
         tables = self._tables(primary.name if primary is not None else self.metric) or self._tables(self.metric)
-        if not tables:
-            return "Exact moments of the error; nothing is simulated."
         verdicts = () if self.reasons else self.verdicts
         return answer(tables, verdicts, unfinished=self.extent.is_unfinished, n_blank=len(self.extent.blank))
 
@@ -156,25 +148,30 @@ class Screen:
         elif tables:
             shown = "".join(row_lines(tables[0], width))
             bars = " and ".join(sign for sign, part in (("[ ]", "["), ("\u00b1", "\u00b1")) if part in shown)
-            level = f"{100 * self.trials.confidence:g} %{_CAPTIONS.get(tables[0].form, '')}"
-            parts.append(f"{bars}: {level}" if bars else level)
             simultaneous = any(float(row["ci_level"]) > self.trials.confidence for row in compared)
-            parts[-1] += ", changes simultaneous" if simultaneous else ""
+            parts.append(f"{bars}: {100 * self.trials.confidence:g} %")
+            parts[-1] += ", ties count half" * (tables[0].form == "share") + ", changes simultaneous" * simultaneous
         parts += [] if self.trials.planned is None else [self.trials.planned.text]
         look = max((int(row["look"]) for row in compared), default=1)
         parts += [f"look {look} at a growing number of runs"] if look > 1 else []
         parts += ["failed runs are left out of means and changes"] if compared and self.trials.n_failed_trials else []
-        return "; ".join([*parts, *filter(None, [_parameters(self.trials)])])
+        groups = parameter_groups(self.trials, self.trials.methods)
+        if len(groups) == 1:
+            return "; ".join([*parts, *(_PARAMETERS.get(word, f"parameters: {word}") for word in groups)])
+        origins = [
+            f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
+            for word, names in groups.items()
+        ]
+        return "; ".join([*parts, *([f"parameters {'; '.join(origins)}"] if origins else [])])
 
     def _driven(self) -> list[str]:
         if len(self.driven.points) != 1 or not self.trials.with_verdicts:
             return []
         text = gist(self.driven.points[0][1].to_dict("records"), self.trials.baseline)
         what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
-        if not text or text.startswith("little"):
-            return []
-        mostly, name = ("mostly ", text.removeprefix("mostly ")) if text.startswith("mostly ") else ("", text)
-        return [f"{what} depends {mostly}on {name}"]
+        mostly = "mostly " * text.startswith("mostly ")
+        found = f"{what} depends {mostly}on {text.removeprefix(mostly)}"
+        return [found] if text and not text.startswith("little") else []
 
     def _lost(self) -> list[str]:
         """Count the lost runs at the only point, where the configuration says what a lost run is."""
@@ -195,9 +192,8 @@ class Screen:
         table, _, run = next(each for each in found if each[1] == method)
         message = Counter(filter(None, (message_of(t, m, k) for t, m, k in found if m == method))).most_common(1)
         why = f", '{message[0][0]}'" if message else ""
-        left = len(counts) - 1
-        more = f" (and {left} more method{'s' * (left > 1)}: failures/)" if left else ""
-        text = f"failed: {method}, {n} run{'s' * (n > 1)}{why}{more}; the first again:"
+        more = f" (and {counted(len(counts) - 1, 'more method')}: failures/)" if len(counts) > 1 else ""
+        text = f"failed: {method}, {counted(n, 'run')}{why}{more}; the first again:"
         command = show_command(table, self.page.parent, method, run)
         return [*wrapped(plain(cut(text, 2 * (width - 1))), width - 1), *command_lines(command, width - 1)]
 
@@ -211,7 +207,7 @@ class Screen:
         if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
             [finding] = known
             n, ours = found[0][finding], found[1][finding]
-            texts = [f"{n} statement{'s' * (n > 1)} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
+            texts = [f"{counted(n, 'statement')} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
             return [f"{finding_words(finding)}: {', '.join(texts)} (claims.md)"]
         parts = []
         for name, counts in zip(("statements of the paper", "ours"), found, strict=True):
@@ -225,19 +221,3 @@ class Screen:
         found = [each for each in self.verdicts if each.differs]
         more = f" (and {len(found) - 1} more: claims.md)" if len(found) > 1 else ""
         return [f"recorded {each.claim.finding}, now {each.finding}{more}: {each.claim.says}" for each in found[:1]]
-
-
-_PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
-
-
-def _parameters(trials: Trials) -> str:
-    """Say where parameters come from: in two words where all methods are alike."""
-    groups = parameter_groups(trials, trials.methods)
-    if len(groups) == 1:
-        [word] = groups
-        return _PARAMETERS.get(word, f"parameters: {word}")
-    parts = [
-        f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
-        for word, names in groups.items()
-    ]
-    return f"parameters {'; '.join(parts)}" if parts else ""

@@ -9,6 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import Any
 
 from rmpc_bench.analysis.rank_rows import Ranking
 from rmpc_bench.analysis.result_rows import FAILS_MORE, NOT_COMPUTED, ResultRow, ResultTable
@@ -27,11 +28,11 @@ MOST_POINTS = 12  # points that have a line where a sweep has several paths
 _WORDS = (*ORDER, NOT_COMPUTED)
 
 
-def fitting(layouts: Iterable[Callable[[], list[str]]], width: int) -> list[str]:
-    """Return the first layout whose lines are not too long; the last one, cut, where there is none."""
+def fitting(layout: Callable[..., list[str]], ways: Iterable[Sequence[Any]], width: int) -> list[str]:
+    """Lay a table out in the first way whose lines are not too long; in the last one, cut, where there is none."""
     lines: list[str] = []
-    for layout in layouts:
-        lines = layout()
+    for way in ways:
+        lines = layout(*way)
         if max(map(width_of, lines), default=0) <= width:
             return lines
     return [cut(line, width) for line in lines]
@@ -41,12 +42,9 @@ def _cut_names(names: Sequence[str], size: int | None) -> list[str]:
     """Cut names; those that would become equal keep their ends."""
     if size is None:
         return [*names]
-    found = [cut(name, size) for name in names]
-    counts, half = Counter(found), size // 2 - 1
-    return [
-        f"{name[:half]}..{name[-half:]}" if counts[text] > 1 and text != name else text
-        for name, text in zip(names, found, strict=True)
-    ]
+    counts, half = Counter(cut(name, size) for name in names), size // 2 - 1
+    pairs = [(name, cut(name, size)) for name in names]
+    return [f"{name[:half]}..{name[-half:]}" if text != name and counts[text] > 1 else text for name, text in pairs]
 
 
 def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) -> tuple[int, list[str]]:
@@ -74,18 +72,16 @@ def row_lines(table: ResultTable, width: int) -> list[str]:
         return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
 
     ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
-    layouts = [partial(lines, *way) for way in ways]
-    return fitting([*layouts[:3], partial(lines, NAME, True, 1, None), *layouts[3:]], width) + left
+    layouts = [*ways[:3], (NAME, True, 1, None), *ways[3:]]
+    return fitting(lines, layouts, width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:
     """Write the word with its remark, with the failed runs only, or alone."""
     lost = f"{row.n_failed}/{row.n + row.n_failed}" if row.n_failed else ""
     oracle = " (oracle)" if row.is_oracle and "oracle" not in row.method else ""
-    if not remarks:
-        return row.word
-    if row.word == FAILS_MORE:
-        return f"{row.word} {lost}".strip() + oracle
+    if not remarks or row.word == FAILS_MORE:
+        return f"{row.word} {lost}".strip() + oracle if remarks else row.word
     if remarks == 1 or not row.remark:
         return f"{row.word}, {lost} failed{oracle}" if lost else f"{row.word}{oracle}"
     return f"{row.word}{oracle}, {row.remark.replace('by less than', '<')}"
@@ -100,7 +96,7 @@ def ran_lines(trials: Trials, width: int) -> list[str]:
     def lines(size: int | None) -> list[str]:
         return in_columns([*zip(_cut_names([name for name, _ in counts], size), words, strict=True)])
 
-    return fitting((lambda: lines(None), lambda: lines(NAME)), width) + left
+    return fitting(lines, ((None,), (NAME,)), width) + left
 
 
 def moment_lines(trials: Trials, width: int) -> list[str]:
@@ -116,7 +112,7 @@ def moment_lines(trials: Trials, width: int) -> list[str]:
         return in_columns([*zip(*columns, strict=True)], range(1, len(kept) + 1))
 
     ways = ((None, (1, 2, 3, 4)), (None, (3, 4)), (None, (3,)), (NAME, (3,)))
-    return fitting((partial(lines, *way) for way in ways), width) + left if found else []
+    return fitting(lines, ways, width) + left if found else []
 
 
 def rank_lines(found: Ranking, trials: Trials, width: int) -> list[str]:
@@ -136,7 +132,7 @@ def rank_lines(found: Ranking, trials: Trials, width: int) -> list[str]:
         ]
         return in_columns([*zip(*(each for each in columns if any(each[1:])), strict=True)], range(1, 3))
 
-    return fitting((lambda: lines(None), lambda: lines(NAME)), width) + left
+    return fitting(lines, ((None,), (NAME,)), width) + left
 
 
 def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
@@ -175,14 +171,18 @@ def _matrix(tables: Sequence[ResultTable], x: str, points: Sequence[str]) -> tup
     names = [row.method for row in first.ordered if not row.is_baseline]
     pairs = [*zip(tables, found, strict=True)]
     means = [_mean(t, rows[first.baseline]) if first.baseline in rows else "" for t, rows in pairs]
-    cells = [
-        [_hanging(plain(t.short_change(rows[name]))) if name in rows else "" for t, rows in pairs] for name in names
-    ]
+
+    def cell(table: ResultTable, row: ResultRow) -> str:
+        """Let the mark of a cell stand behind the column of numbers."""
+        text = plain(table.short_change(row))
+        return text if text.endswith((" ?", " =", " !")) else f"{text}  "
+
+    cells = [[cell(table, rows[name]) if name in rows else "" for table, rows in pairs] for name in names]
 
     def lines(size: int | None, with_mean: bool, *, down: bool) -> list[str]:
         texts = [_cut_names(points, size and 2 * size if down else size)]
         texts += [means] if with_mean or not names else []
-        # Marks of cells stand behind the column of numbers, and so do heads and means.
+        # Heads and means do not stand above marks.
         texts = texts if down else [[f"{text}  " for text in row] for row in texts]
         heads = [x, f"{first.baseline}, {first.mean_word}"][: len(texts)]
         heads += [f"{name}  " if down else name for name in _cut_names(names, size)]
@@ -198,11 +198,6 @@ def _mean(table: ResultTable, row: ResultRow) -> str:
     return f"{row.n_occurred} of {row.n}" if table.may_not_occur else plain(short(row.mean.value))
 
 
-def _hanging(cell: str) -> str:
-    """Let the mark of a cell stand behind the column of numbers."""
-    return cell if cell.endswith((" ?", " =", " !")) else f"{cell}  "
-
-
 def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     """Count the verdicts of every method over the points, with the smallest and the largest change."""
     first = tables[0]
@@ -211,7 +206,8 @@ def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
         found = [(table, row) for table in tables for row in table.rows if row.method == name]
         words = Counter(row.word for _, row in found)
         known = [pair for pair in found if not math.isnan(pair[0].rank(pair[1]))]
-        ends = [min(known, key=_change_of), max(known, key=_change_of)] if known else []
+        values = [(row.superiority if table.form == "share" else row.change).value for table, row in known]
+        ends = [known[values.index(end)] for end in (min(values), max(values))] if known else []
         changes = " to ".join(plain(table.short_change(row._replace(word=""))) for table, row in ends)
         rows.append([name, *(str(words[word] or "") for word in _WORDS), changes])
     kept = [k for k in range(len(rows[0])) if k == 0 or any(row[k] for row in rows[1:])]
@@ -227,9 +223,4 @@ def _counted_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
         )
 
     ways = ((None, True), (NAME, True), (None, False), (NAME, False))
-    return [cut(title, width), *fitting((partial(lines, *way) for way in ways), width), *left]
-
-
-def _change_of(pair: tuple[ResultTable, ResultRow]) -> float:
-    table, row = pair
-    return row.superiority.value if table.form == "share" else row.change.value
+    return [cut(title, width), *fitting(lines, ways, width), *left]

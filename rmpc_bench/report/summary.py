@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import pandas as pd
 
@@ -17,14 +16,12 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH
 from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
-from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import Points, PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, worst_runs_columns
-from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column
-
-BEST = {"zero": "best at 0", "one": "best at 1"}
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
@@ -36,7 +33,9 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     for info in trials.metrics:
         table = result_table(trials, summary, comparisons, info)
         rows = rows_of(table, everything=True)
-        parts.append(f"## {quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
+        best = {"zero": "best at 0", "one": "best at 1"}.get(info.direction, f"{info.direction} is better")
+        name = f"{info.label} ({info.name})" if info.label else info.name
+        parts.append(f"## {name}{f' [{info.unit}]' if info.unit else ''}, {best}")
         parts += filter(None, [markdown_table(rows.columns), note_of([table], n, rows)])
     demanded = requirement_columns(trials, pass_rates(trials))
     parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
@@ -47,23 +46,14 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     return markdown_page(parts)
 
 
-def quantity(info: MetricInfo) -> str:
-    """Write a metric with its unit."""
-    name = f"{info.label} ({info.name})" if info.label else info.name
-    return f"{name} [{info.unit}]" if info.unit else name
-
-
-MOST_ON_SCREEN = 6
-"""Points of a sweep of single runs that are shown one by one; of more the runs of all points are taken together."""
+MOST_ON_SCREEN = 6  # points of single runs that are shown one by one; of more all runs are taken together
 MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
-class Summary(NamedTuple):
+class Summary(Points):
     """A table of trials with its statistics, point by point."""
 
-    points: Sequence[PointSummary]
-    pooled: PointSummary | None = None
-    """The runs of all points together, where the points are many plants with the same methods."""
+    __slots__ = ()
 
     @property
     def described(self) -> pd.DataFrame:
@@ -76,13 +66,7 @@ class Summary(NamedTuple):
         return stacked_points([(point.trials, point.compared) for point in self.points])
 
     def shown(self, order: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Summary:
-        """Return the same statistics with fewer or reordered methods and metrics in the tables.
-
-        Parameters
-        ----------
-        order : methods to show; all if None
-        metrics : names of the metrics to show; all if None
-        """
+        """Return the same statistics with fewer or reordered methods and metrics in the tables; all where None."""
         points = [_reordered(point, order, metrics) for point in self.points]
         return Summary(points, self.pooled and _reordered(self.pooled, order, metrics))
 
@@ -111,8 +95,7 @@ class Summary(NamedTuple):
         """
         trials = self.points[0].trials
         wanted = metric or (trials.primary_info or trials.metrics[0]).name
-        known = [info.name for info in trials.metrics]
-        known += [ALL_METRICS] if len(known) > 1 else []
+        known = [*(info.name for info in trials.metrics), *([ALL_METRICS] if len(trials.metrics) > 1 else [])]
         if wanted not in known:
             raise DesignError(unknown(wanted, known, "metric"), "metric")
         tables = latex_tables(self, (), columns, width)

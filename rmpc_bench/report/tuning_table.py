@@ -17,13 +17,12 @@ from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
 from rmpc_bench.report.run_notes import counted
-from rmpc_bench.types.tuning import TunedParameter, Tuning
+from rmpc_bench.types.tuning import Tuning
 
 EXPLANATION = (
     "Columns of objectives and of the share of failed runs: tuning is on the runs of the search, test on those of the "
-    "experiment. "
-    "A run whose metric is not finite counts as failed. Best: the smallest objective on the test runs among all "
-    "values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
+    "experiment. A run whose metric is not finite counts as failed. Best: the smallest objective on the test runs "
+    "among all values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
     "Rank: order of the objectives on the test runs; equal methods share a rank. In brackets: smallest and largest "
     f"rank over {SETS} bootstrap sets of the tuning runs, in each of which every method chooses again among the values "
     "that it has tried."
@@ -36,21 +35,8 @@ def number(value: float | None) -> str:
 
 
 def percent(value: float) -> str:
-    """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known.
-
-    Examples
-    --------
-    >>> percent(2.345), percent(0.0), percent(1234.5), percent(float("nan"))
-    ('2.3 %', '0 %', '1234 %', '-')
-    """
-    if math.isnan(value):
-        return "-"
-    return f"{value:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
-
-
-def range_text(parameter: TunedParameter) -> str:
-    """Write the range of a parameter."""
-    return " to ".join(map(parameter.text, parameter.ends)) + ", whole numbers" * parameter.integer
+    """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known."""
+    return "-" if math.isnan(value) else f"{value:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
 
 
 def short_text(found: Outcome) -> str:
@@ -68,10 +54,9 @@ def short_text(found: Outcome) -> str:
 def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
     """Return head -> cells of the table of values at one point of the sweep, a line per method and parameter."""
     columns = columns_from(_cells(each, place) for each in found for place in range(len(each.search.parameters)))
-    if all(each.search.test is None for each in found):
-        # Without runs of the experiment there is nothing to say about them.
-        columns = {head: cells for head, cells in columns.items() if not head.startswith(("test", "best", "regret"))}
-    return columns
+    # Without runs of the experiment there is nothing to say about them.
+    hidden = ("test", "best", "regret") if all(each.search.test is None for each in found) else ()
+    return {head: cells for head, cells in columns.items() if not head.startswith(hidden)}
 
 
 def _cells(found: Outcome, place: int) -> dict[str, str]:
@@ -83,7 +68,7 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
     return {
         "method": search.method,
         "parameter": parameter.path,
-        "range": range_text(parameter),
+        "range": " to ".join(map(parameter.text, parameter.ends)) + ", whole numbers" * parameter.integer,
         "default": text(search.default[place]),
         "tuned": text(None if row is None else float(row[place])) + " (end of range)" * search.at_end[place],
         "best on test": text(found.best_values[place]),
@@ -100,25 +85,12 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
 def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
     """Return head -> cells of the table of ranks at one point of the sweep: every method after each budget."""
     columns = {"method": [*ranks.methods]}
-    words = [parameter_text(trials, name) for name in ranks.methods]
-    columns |= {"parameters": [word or "-" for word in words]} if any(words) else {}
+    words = [parameter_text(trials, name) or "-" for name in ranks.methods]
+    columns |= {"parameters": words} if {*words} != {"-"} else {}
     for index, n in enumerate(ranks.budgets):
         found = zip(ranks.ranks[index], ranks.smallest[index], ranks.largest[index], strict=True)
         columns[f"rank after {n} values"] = [f"{rank} ({low} to {high})" for rank, low, high in found]
     return columns
-
-
-def rank_sentences(ranks: TuningRanks) -> list[str]:
-    """Say how far the ranks at one point of the sweep depend on the tuning runs and on the budget."""
-    order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
-    texts = [
-        f"Other tuning runs: the order is the same in {order} of {SETS} bootstrap sets, the first rank in {winner}."
-    ]
-    if len(ranks.budgets) > 1:
-        budgets = ", ".join(map(str, ranks.budgets))
-        names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
-        texts.append(f"Ranks that change with the budget ({budgets} values): {'; '.join(names) or 'none'}.")
-    return texts
 
 
 MOST_NAMED = 3  # searches whose values the screen names
@@ -145,7 +117,7 @@ class TuningTable:
     def outcomes(self) -> dict[str, list[Outcome]]:
         """Title of a point -> what the searches there have found."""
         found: dict[str, list[Outcome]] = {}
-        for search in () if self.tuning is None else self.tuning.searches:
+        for search in self.tuning.searches if self.tuning else ():
             found.setdefault(search.point, []).append(outcome(search))
         return found
 
@@ -155,9 +127,9 @@ class TuningTable:
         tables, ranked = {table.title: table for table in self.trials.each}, dict[str, TuningRanks | str]()
         if self.tuning is None:
             return ranked
+        protocol = self.tuning.protocol
         for title, found in self.outcomes.items():
             searches, table, others = [each.search for each in found], tables.get(title), {}
-            protocol = self.tuning.protocol
             if table is not None and protocol.metric in [info.name for info in table.metrics]:
                 rest = [name for name in table.methods if name not in {search.method for search in searches}]
                 others = {name: table.column(protocol.metric, name) for name in rest}
@@ -184,9 +156,7 @@ class TuningTable:
         if self.tuning is None or not self.tuning.searches:
             return pd.DataFrame()
         table = tuning_frame(self.tuning)
-        table = table.join(
-            pd.DataFrame([self._rank_row(*pair) for pair in zip(table["point"], table["method"], strict=True)])
-        )
+        table = table.join(pd.DataFrame([*map(self._rank_row, table["point"], table["method"])]))
         table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float))
         table[_SHARES] = rounded(table[_SHARES].to_numpy(dtype=float), 100.0)
         for name in _RANKS:
@@ -200,36 +170,38 @@ class TuningTable:
         place = ranks.methods.index(method)
         last = (int(each[-1, place]) for each in (ranks.ranks, ranks.smallest, ranks.largest))
         texts = [f"{n}: {rank}" for n, rank in zip(ranks.budgets, ranks.ranks[:, place], strict=True)]
-        return {
-            **dict(zip(_RANKS, last, strict=True)),
-            "ranks": ", ".join(texts),
-            "same_order_pct": 100 * ranks.same_order,
-            "same_winner_pct": 100 * ranks.same_winner,
-        }
+        row: dict[str, object] = dict(zip(_RANKS, last, strict=True)) | {"ranks": ", ".join(texts)}
+        return row | {"same_order_pct": 100 * ranks.same_order, "same_winner_pct": 100 * ranks.same_winner}
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Sentences that can be quoted: how far the ranks can be relied on, or why there are none."""
-        return tuple(
-            f"{title}: {text}" if title else text for title in self.outcomes for text in self._sentences_at(title)
-        )
+        found = [(title, text) for title in self.outcomes for text in self._sentences_at(title)]
+        return tuple(f"{title}: {text}" if title else text for title, text in found)
 
     def _sentences_at(self, title: str) -> list[str]:
-        texts = [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
-        return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
+        if title not in self.ranks:
+            return [f"No ranks: {self.unranked[title]}."] if title in self.unranked else []
+        ranks = self.ranks[title]
+        order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
+        same = f"the order is the same in {order} of {SETS} bootstrap sets, the first rank in {winner}"
+        budgets = ", ".join(map(str, ranks.budgets))
+        names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
+        changing = f"Ranks that change with the budget ({budgets} values): {'; '.join(names) or 'none'}."
+        return [f"Other tuning runs: {same}.", *([changing] if len(ranks.budgets) > 1 else [])]
 
     @property
     def limitations(self) -> list[str]:
         """What the tuning of these methods leaves open; nothing where no method is tuned."""
         if self.tuning is None:
             return []
-        ends, lost = ", ".join(self._at_end), ", ".join(self._lost)
-        texts = [f"Tuned values at the end of their range: {ends}; a better value may lie outside."] if ends else []
-        texts += [f"Nothing could be tuned, so the defaults stay: {lost}."] if lost else []
         names = [name for ranks in self.ranks.values() for name in (*ranks.can_change, *ranks.changing)]
-        if names:
-            shown = ", ".join(dict.fromkeys(names))
-            texts.append(f"Ranks that change with the tuning runs or with the budget: {shown}.")
+        named = [
+            ("Tuned values at the end of their range: {}; a better value may lie outside.", self._at_end),
+            ("Nothing could be tuned, so the defaults stay: {}.", self._lost),
+            ("Ranks that change with the tuning runs or with the budget: {}.", [*dict.fromkeys(names)]),
+        ]
+        texts = [text.format(", ".join(names)) for text, names in named if names]
         return [*texts, "A larger budget, more tuning runs or wider ranges may change the order of the methods."]
 
     @property

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable
+from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.markdown import INFORMATIONAL
 from rmpc_bench.claims.papers import usual_parameters
@@ -15,15 +15,13 @@ from rmpc_bench.report.answer import answer
 from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, MOST_BESIDE_NARROW, Group, matrices_of
-from rmpc_bench.report.page.rows import Cell, Head, Row, Rows, label_behind, ranked_rows, rows_of
-from rmpc_bench.report.page.source import PageSource, Table, info_of, pooled_of, tables_of
+from rmpc_bench.report.page.rows import Cell, Head, Rows, ranked_rows, row_of, rows_of
+from rmpc_bench.report.page.source import PageSource, Table, info_of, tables_of
 from rmpc_bench.report.page.statements import claim_items, n_open, paper_link
 from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
 
-EXACT = "Exact moments of the error; nothing is simulated."
-FILES = ("comparisons.csv", "summary.csv", "trials.csv", "claims.md", "report.md")
-"""Files that the foot links, then directories."""
+FILES = ("comparisons.csv", "summary.csv", "trials.csv", "claims.md", "report.md")  # that the foot links
 
 
 class Main(NamedTuple):
@@ -46,7 +44,8 @@ class Main(NamedTuple):
 def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
     tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
-    pooled = pooled_of(source.tables, source.info)
+    all_plants = source.tables.pooled
+    pooled = result_table(*all_plants, source.info) if all_plants and source.info else None
     informational, paper = bool(source.overrides or source.incomplete), record["paper"] or ""
     address, identifier = paper_link(paper)
     directories = dict.fromkeys(f"{file.partition('/')[0]}/" for file in source.files if "/" in file)
@@ -81,11 +80,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
 
 def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent) -> str:
     """Answer from the tables of an experiment, and the findings that count, which method is better."""
-    tables = tables_of(summary, info_of(summary))
-    pooled = pooled_of(summary, info_of(summary))
-    if not tables:
-        return EXACT
-    tables = [pooled] if pooled else tables
+    info = info_of(summary)
+    tables = [] if info is None else [result_table(*point, info) for point in summary.with_runs]
     return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
 
 
@@ -95,10 +91,8 @@ def _banner(source: PageSource) -> tuple[str, str]:
     if not source.extent.is_unfinished:
         return "", ""
     runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"
-    return (
-        f"Unfinished: {source.extent.text}.",
-        f"The same command continues. The numbers are those of {runs} that every method has.",
-    )
+    text = f"The same command continues. The numbers are those of {runs} that every method has."
+    return f"Unfinished: {source.extent.text}.", text
 
 
 def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable | None) -> Main:
@@ -132,7 +126,7 @@ def _ran(trials: Trials) -> Rows:
         word = "failed" if failed else "ran" if n else NOT_COMPUTED
         text = f"{failed} of {n} runs failed" if failed else counted(n, "run")
         cell = Cell(f"v {'fails' if failed else 'base'}", word, "", text)
-        rows.append(Row(method, label_behind(method, trials.labels.get(method, "")), "", [cell]))
+        rows.append(row_of(trials, method, [cell])._replace(css=""))
     return Rows([Head("result", "v")], rows)
 
 
@@ -142,12 +136,14 @@ def _foot(source: PageSource) -> list[tuple[str, str]]:
     versions = manifest.get("versions") or {}
     known = [f"{name} {versions[key]}" for key, name in (("python", "Python"), ("numpy", "NumPy")) if key in versions]
     with_libraries = f" ({', '.join(known)})" if known else ""
-    items = [("seed", str(record["seed"])), ("hash", record["hash"][:12])]
-    items.append(("version", f"rmpc-bench {record['version']}, numerics {record['numerics']}{with_libraries}"))
-    sessions = [session for session in manifest.get("sessions", []) if isinstance(session.get("start"), str)]
-    date = sessions[0]["start"][:10] if sessions else ""
+    starts = [session["start"] for session in manifest.get("sessions", []) if isinstance(session.get("start"), str)]
     cite = f"rmpc-bench {record['version']}, {record['name']} ({record['hash'][:12]}), seed {record['seed']}"
-    return [*items, *([("computed", date)] if date else []), ("cite", f"{cite}, n = {record['runs']}")]
+    items = {
+        **{"seed": str(record["seed"]), "hash": record["hash"][:12]},
+        "version": f"rmpc-bench {record['version']}, numerics {record['numerics']}{with_libraries}",
+        **{"computed": starts[0][:10] if starts else "", "cite": f"{cite}, n = {record['runs']}"},
+    }
+    return [(name, text) for name, text in items.items() if text]
 
 
 def _picture(files: Sequence[str]) -> tuple[str, bool]:

@@ -20,7 +20,7 @@ from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
-from rmpc_bench.figures.captions import short_title
+from rmpc_bench.figures.captions import quantity, short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from
@@ -36,7 +36,7 @@ from rmpc_bench.report.run_tables import (
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 
-def settings_fold(source: PageSource) -> Fold:
+def _settings(source: PageSource) -> Fold:
     """Show the keys in which the methods differ, and what they share."""
     trials, differences, parts = source.trials, source.differences, list[Part]()
     keys = [*dict.fromkeys(key for row in differences.values() for key in row)]
@@ -50,26 +50,17 @@ def settings_fold(source: PageSource) -> Fold:
     if trials.points:
         parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
     if len(source.timings):
-
-        def text(value: Any) -> str:
-            return "" if pd.isna(value) else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-        columns = {str(name): [text(each) for each in source.timings[name]] for name in source.timings.columns}
+        texts = source.timings.map(
+            lambda each: "" if pd.isna(each) else f"{each:.3g}" if isinstance(each, float) else str(each)
+        )
+        columns = {str(name): [*texts[name]] for name in texts.columns}
         parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
     parts.append(Part(note="config.resolved.yaml has every key with its default."))
     n = len(trials.methods)
     uncertain = len(trials.each[0].uncertainty.columns) - 1
-    gist = f"{n} method{'s' * (n > 1)}"
+    gist = counted(n, "method")
     gist += f", {uncertain} uncertain quantit{'y' if uncertain == 1 else 'ies'}" if uncertain > 0 else ""
     return Fold("Settings", gist, parts)
-
-
-def limits_fold(source: PageSource) -> Fold:
-    """Say what the comparison cannot show."""
-    items = [*_limits(source)]
-    gist = "".join(text.rstrip(".").partition(". ")[0] for text in items[:1])
-    gist += f" (and {len(items) - 1} more)" if len(items) > 1 else ""
-    return Fold("Limits of this comparison", gist, [Part(items=items)] if items else [])
 
 
 def _limits(source: PageSource) -> Iterator[str]:
@@ -87,8 +78,14 @@ def _limits(source: PageSource) -> Iterator[str]:
     yield from (f"A figure is missing: {text}." for text in source.left_out)
     if (source.manifest.get("git") or {}).get("dirty"):
         yield "The working tree had uncommitted changes when this was computed."
-    if len(trials.methods) > 1:
-        yield from _untuned(trials)
+    groups = parameter_groups(trials, trials.methods) if len(trials.methods) > 1 else {}
+    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
+    if len(left) == len(groups) == 1:
+        word = next(iter(left)).removesuffix(", not tuned")
+        yield f"No parameter was tuned: all are {word}. Other parameters may change a verdict."
+    else:
+        others = "other parameters may change a verdict"
+        yield from (f"{', '.join(names)}: {word}; {others}." for word, names in left.items())
     yield from () if source.tuning is None else source.tuning.limitations
     yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
     yield from (f"{name} knows the true parameters; no real estimator can do that." for name in sorted(trials.oracles))
@@ -103,17 +100,6 @@ def _limits(source: PageSource) -> Iterator[str]:
         yield "All numbers hold for this plant and these laws of its uncertain quantities and noises only."
 
 
-def _untuned(trials: Trials) -> list[str]:
-    """Name the methods that are not tuned, by where their parameters come from."""
-    groups = parameter_groups(trials, trials.methods)
-    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
-    if len(left) == len(groups) == 1:
-        word = next(iter(left)).removesuffix(", not tuned")
-        return [f"No parameter was tuned: all are {word}. Other parameters may change a verdict."]
-    return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]
-
-
-OVER_TIME = ("signals",)  # kinds of figures that stand among the signals
 MOST_LISTED = 6  # entries of a list
 MOST_NAMED = 3  # metrics and limits that a title names
 MOST_POINTS = 12  # points of a sweep whose tables a fold has; CSV files have all
@@ -129,17 +115,23 @@ TAILS = (
 
 def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     """Return the folds that have content, in their order; `tables` are those of the primary metric."""
+    limits = [*_limits(source)]
+    gist = "".join(text.rstrip(".").partition(". ")[0] for text in limits[:1])
+    gist += f" (and {len(limits) - 1} more)" if len(limits) > 1 else ""
+    stand_above = not len(source.trials.frame) and len(source.trials.each) == 1
+    moments = None if stand_above else moments_of(source.trials)
+    in_short = "bias, variance and reported covariance by component"
     found = [
         _failures(source),
         _drivers(source),
         *_points(source, tables),
         _metrics(source),
-        Fold("Error at the end", "bias, variance and reported covariance by component", _moments(source)),
+        Fold("Error at the end", in_short, [Part(table=moments)] if moments else []),
         _requirements(source),
         _worst(source, tables),
         *_figures(source),
-        settings_fold(source),
-        limits_fold(source),
+        _settings(source),
+        Fold("Limits of this comparison", gist, [Part(items=limits)] if limits else []),
     ]
     return [fold for fold in found if fold is not None and fold.parts]
 
@@ -148,12 +140,11 @@ def _failures(source: PageSource) -> Fold:
     """Say which runs failed and why, with the command that computes the first one again; held and failed steps."""
     parts, trials = list[Part](), source.trials
     failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
-    counts = Counter(message_of(*each) for each in failed)
+    sections = [sections_of(table) for table in trials.each]
     lines = [
         f"{f'{short_title(table)}: ' if table.title else ''}{text}"
-        for table in trials.each
-        for title in ("Failed runs", "Checks that are meant to fail")
-        for text in sections_of(table)[title]
+        for table, found in zip(trials.each, sections, strict=True)
+        for text in (*found["Failed runs"], *found["Checks that are meant to fail"])
     ]
     left = [f"{len(lines) - MOST_POINTS} more: failures/"] if len(lines) > MOST_POINTS + 1 else []
     parts += [Part(items=[*lines[:MOST_POINTS], *left] if left else lines)] if lines else []
@@ -161,7 +152,6 @@ def _failures(source: PageSource) -> Fold:
         table, method, run = failed[0]
         parts.append(Part(text=f"First: {'; '.join(of_run(*each) for each in failed[:MOST_NAMED])}. See failures/."))
         parts.append(Part(command=show_command(table, source.place, method, run)))
-    sections = [sections_of(table) for table in trials.each]
     steps = [f"Held: {text}" for each in sections for text in each["Held steps"]]
     steps += [f"Steps: {text}" for each in sections for text in each["Failed steps"]]
     warned = dict.fromkeys(text for table in trials.each for notes in table.notes.values() for text in notes.warnings)
@@ -169,7 +159,7 @@ def _failures(source: PageSource) -> Fold:
     parts += [Part(items=steps[:MOST_LISTED])] if steps else []
     gist = steps[0].partition(";")[0] if steps else "checks that are meant to fail"
     if failed:
-        [(message, n)] = counts.most_common(1)
+        [(message, n)] = Counter(message_of(*each) for each in failed).most_common(1)
         names = {method for _, method, _ in failed}
         gist = f"{message} ({f'all {n}' if n == len(failed) else f'{n} of {len(failed)}'}"
         gist += f", {names.pop()})" if len(names) == 1 else ")"
@@ -215,9 +205,8 @@ def _points(source: PageSource, tables: Sequence[ResultTable]) -> Iterator[Fold]
     if source.ranked is not None or source.tables.pooled is not None:
         yield Fold("Points of the sweep", n, [Part(groups=matrices_of(tables))])
     columns = interval_rows(tables)
-    rows = sum(len(table.rows) for table in tables)
-    left = rows - len(next(iter(columns.values()), ()))
-    more = [Part(note=f"{left} more rows are in comparisons.csv.")] if left > 0 and columns else []
+    left = sum(len(table.rows) for table in tables) - len(columns.get("point", ()))
+    more = [Part(note=f"{left} more rows are in comparisons.csv.")] if left > 0 else []
     yield Fold("Intervals and means of all points", n, [Part(table=Table(columns)), *more] if columns else [])
 
 
@@ -236,14 +225,12 @@ def _metrics(source: PageSource) -> Fold | None:
         columns = {"method": methods}
         for (table,) in every.values():
             rows = {row.method: row for row in table.rows}
-            unit = f" [{table.info.unit}]" if table.info.unit else ""
-            occurred = "; occurred, median" if table.may_not_occur else ""
-            columns[f"{table.info.words}{unit}{occurred}"] = [table.mean_text(rows[name]) for name in methods]
+            head = quantity(table.info) + "; occurred, median" * table.may_not_occur
+            columns[head] = [table.mean_text(rows[name]) for name in methods]
         parts = [Part(table=Table(columns, by_method=True))]
     elif len(first) <= MOST_OPEN:
         for tables in every.values():
-            unit = f" [{tables[0].info.unit}]" if tables[0].info.unit else ""
-            parts += [Part(text=f"{tables[0].info.words}{unit}:"), Part(groups=matrices_of(tables))]
+            parts += [Part(text=f"{quantity(tables[0].info)}:"), Part(groups=matrices_of(tables))]
     else:
         parts = [Part(text="summary.csv and comparisons.csv have them at every point.")]
     return Fold("Other metrics", _best_of([*every.values()]), parts)
@@ -279,12 +266,6 @@ def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
             start = {"method": name.removesuffix(" (oracle)")} | _point(table)
             found.append(start | ({"mean square": named["mean square"]} if short else named))
     return Table(columns_from(found)) if found else None
-
-
-def _moments(source: PageSource) -> list[Part]:
-    table = moments_of(source.trials)
-    stands_above = not len(source.trials.frame) and len(source.trials.each) == 1
-    return [] if table is None or stands_above else [Part(table=table)]
 
 
 def _requirements(source: PageSource) -> Fold | None:
@@ -341,14 +322,14 @@ def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
 
 def _figures(source: PageSource) -> Iterator[Fold]:
     """Show signals, the tuned values, then what the configuration asks for."""
-    over_time = [each for each in source.figures if each.kind in OVER_TIME]
+    over_time = [each for each in source.figures if each.kind == "signals"]
     n = max((len(trace.runs) for table in source.trials.each for trace in table.traces.values()), default=0)
-    gist = f"{n} recorded run{'s' * (n > 1)}" if n else "series of the designs"
+    gist = counted(n, "recorded run") if n else "series of the designs"
     yield Fold("Signals", gist, [Part(figure=each) for each in over_time])
     yield _tuning(source, [each for each in source.figures if each.kind == "tuning"])
     others: dict[tuple[str, str], list[PageFigure]] = {}
     for figure in source.figures:
-        if figure not in over_time and figure.kind != "tuning":
+        if figure.kind not in ("signals", "tuning"):
             # What a caption says first.
             subject = re.split(r"[:;]\s|\.\s", figure.caption, maxsplit=1)[0].rstrip(".")
             others.setdefault((figure.kind, subject), []).append(figure)

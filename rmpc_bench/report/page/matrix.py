@@ -9,18 +9,12 @@ from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTabl
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.figures.captions import printed, short_title
 from rmpc_bench.figures.sweep_content import NAME, main_paths
+from rmpc_bench.report.point_tables import columns_from
 
-MOST_OPEN = 60
-"""Points of a sweep up to which a matrix is not folded."""
-MOST_METHODS = 6
-"""Methods, the baseline with them, of which no heat table is folded; of more the first ones are not."""
-FIRST_METHODS = 2
-MOST_BESIDE = 7
-"""Columns of a matrix that fits beside the lines."""
-MOST_BESIDE_NARROW = 11
-"""The same beside the small drawing of the lines."""
-MOST_ROWS = 600
-"""Rows of the list of intervals; comparisons.csv has all."""
+MOST_OPEN = 60  # points of a sweep up to which a matrix is not folded
+MOST_METHODS, FIRST_METHODS = 6, 2  # up to which no heat table is folded; else the first ones are not
+MOST_BESIDE, MOST_BESIDE_NARROW = 7, 11  # columns of a matrix that fits beside the lines, and beside the small drawing
+MOST_ROWS = 600  # of the list of intervals; comparisons.csv has all
 
 
 class MatrixCell(NamedTuple):
@@ -48,10 +42,8 @@ class Matrix(NamedTuple):
     heads: Sequence[MatrixCell]
     rows: Sequence[MatrixRow]
     caption: str = ""
-    method: str = ""
-    """The only method that it shows."""
-    names: bool = False
-    """Whether heads are names, which are broken into lines."""
+    method: str = ""  # the only one that it shows
+    names: bool = False  # whether heads are names, which are broken into lines
 
     @property
     def css(self) -> str:
@@ -63,10 +55,8 @@ class Matrix(NamedTuple):
     @property
     def columns(self) -> dict[str, list[str]]:
         """Head -> texts, as Markdown shows them."""
-        found = {self.corner or "point": [row.name for row in self.rows]}
-        for k, head in enumerate(self.heads):
-            found[head.text] = [row.cells[k].text for row in self.rows]
-        return found
+        heads = {head.text: [row.cells[k].text for row in self.rows] for k, head in enumerate(self.heads)}
+        return {self.corner: [row.name for row in self.rows]} | heads
 
 
 class Group(NamedTuple):
@@ -105,26 +95,25 @@ def _matrix(tables: Sequence[ResultTable]) -> Matrix:
     methods, first = methods_of(tables), tables[0]
     [path] = paths if len(paths := main_paths([table.trials.point for table in tables])) == 1 else [NAME]
     titles = [short_title(each.trials) if path == NAME else printed(each.trials.point[path]) for each in tables]
-    lowest = [_lowest(table) for table in tables]
+    # The best method of a point if it is better than the baseline, by its estimate.
+    nothing = 50 if first.form == "share" else 0
+    best = [table.best for table in tables]
+    lowest = [row.method if row and table.rank(row) < nothing else "" for table, row in zip(tables, best, strict=True)]
     places = [*zip(tables, titles, lowest, strict=True)]
-    cells = {row.method: [_cell(table, row.method, title, best) for table, title, best in places] for row in methods}
-    means = [_mean(table, table.baseline) for table in tables]
-    base = f"{first.baseline}, {first.mean_word}" if any(means) else ""
+    # The baseline has its means, the others their changes.
+    heads = [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
+    lines = [[_cell(table, row.method, title, best) for table, title, best in places] for row in methods]
+    means = [MatrixCell(_mean(table, table.baseline), "mean") for table in tables]
+    if any(mean.text for mean in means):
+        heads, lines = [MatrixCell(f"{first.baseline}, {first.mean_word}", "mean"), *heads], [means, *lines]
     if len(tables) >= len(methods):
-        heads = [*([MatrixCell(base, "mean")] if base else [])]
-        heads += [MatrixCell(row.method, "oracle" * row.is_oracle, row.method) for row in methods]
-        rows = [
-            MatrixRow(
-                title, [*([MatrixCell(means[k], "mean")] if base else []), *(cells[row.method][k] for row in methods)]
-            )
-            for k, title in enumerate(titles)
-        ]
+        rows = [MatrixRow(title, [line[k] for line in lines]) for k, title in enumerate(titles)]
         corner = "point" if path == NAME else _last(path)
         return Matrix(corner, heads, rows, names=len(heads) > MOST_BESIDE or max(map(len, titles)) > MOST_BESIDE)
-    rows = [MatrixRow(base, [MatrixCell(text) for text in means])] if base else []
-    for row in methods:
-        plain = [cell._replace(method="") for cell in cells[row.method]]
-        rows.append(MatrixRow(row.method, plain, "oracle" * row.is_oracle, row.method))
+    rows = [
+        MatrixRow(head.text, [cell._replace(method="") for cell in line], head.css, head.method)
+        for head, line in zip(heads, lines, strict=True)
+    ]
     return Matrix("method", [MatrixCell(title) for title in titles], rows, names=True)
 
 
@@ -138,12 +127,6 @@ def _mean(table: ResultTable, method: str) -> str:
     if row is None or not row.n:
         return ""
     return table.mean_text(row) if table.may_not_occur else short(row.mean.value)
-
-
-def _lowest(table: ResultTable) -> str:
-    """Name the best method of a point if it is better than the baseline, by its estimate."""
-    best = table.best
-    return best.method if best is not None and table.rank(best) < (50 if table.form == "share" else 0) else ""
 
 
 def _cell(table: ResultTable, method: str, title: str, lowest: str) -> MatrixCell:
@@ -186,9 +169,8 @@ def _heat_tables(tables: Sequence[ResultTable], paths: Sequence[str]) -> list[Gr
 def interval_rows(tables: Sequence[ResultTable]) -> dict[str, list[str]]:
     """Return head -> cells with point, method, mean, change and verdict of every row, `MOST_ROWS` at most."""
     rows = [(table, row) for table in tables for row in table.rows if row.n + row.n_failed]
-    columns: dict[str, list[str]] = {head: [] for head in ("point", "method", "mean", "change", "verdict")}
-    for table, row in rows[:MOST_ROWS]:
-        cells = (short_title(table.trials), row.method, table.mean_text(row), table.change_text(row), row.word)
-        for texts, text in zip(columns.values(), cells, strict=True):
-            texts.append(text)
-    return columns if any(map(any, columns.values())) else {}
+    return columns_from(
+        {"point": short_title(table.trials), "method": row.method}
+        | {"mean": table.mean_text(row), "change": table.change_text(row), "verdict": row.word}
+        for table, row in rows[:MOST_ROWS]
+    )

@@ -103,8 +103,7 @@ def _whole(html: str) -> str:
 def _code(text: str) -> str:
     """Write program text between as many backticks as it needs; a bar would end the cell of a table."""
     line = " ".join(text.split()).replace("|", r"\|")
-    longest = max((len(run) for run in re.findall("`+", line)), default=0)
-    mark = "`" * (longest + 1)
+    mark = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
     pad = " " if line.startswith("`") or line.endswith("`") else ""
     return f"{mark}{pad}{line}{pad}{mark}"
 
@@ -207,15 +206,11 @@ def _command(name: str, left: list[str]) -> str:
     if name in ACCENTS:
         base = _argument(left)
         return base[:1] + ACCENTS[name] + base[1:]
-    if name == "sqrt":
-        return f"\u221a{_grouped(_argument(left))}"
-    if name == "frac":
-        return f"{_grouped(_argument(left))}/{_grouped(_argument(left))}"
+    if name in ("sqrt", "frac"):
+        found = [_argument(left) for _ in range(1 + (name == "frac"))]
+        parts = [text if _SIMPLE.fullmatch(text) else f"({text})" for text in found]
+        return "/".join(parts) if name == "frac" else f"\u221a{parts[0]}"
     raise FormulaError(f"\\{name} is not covered")
-
-
-def _grouped(text: str) -> str:
-    return text if _SIMPLE.fullmatch(text) else f"({text})"
 
 
 def _words(left: list[str]) -> str:

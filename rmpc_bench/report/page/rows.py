@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
 from rmpc_bench.analysis.rank_rows import Ranking
-from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
+from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, Form, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.axes import Axis, Tick, difference_axis, ratio_axis, scaled_axis, share_axis, spaced
+from rmpc_bench.figures.axes import Axis, Tick, change_axis, scaled_axis, spaced
+from rmpc_bench.figures.captions import quantity
 from rmpc_bench.figures.points import shown_change
 from rmpc_bench.report.point_tables import columns_of, other_average
 from rmpc_bench.report.ranks_table import part_columns
@@ -80,21 +81,13 @@ class Changes(NamedTuple):
     band: Bar | None
 
     @classmethod
-    def on(cls, axis: Axis, nothing: float, edge: float) -> Changes:
-        """Draw on an axis on which `nothing` is no change; a band around it reaches to `edge` on both sides."""
-        size = axis.high - axis.low
-        ends = [(nothing + end - axis.low) / size for end in (-edge, edge)]
+    def of(cls, form: Form, changes: Sequence[Estimate], margin: float) -> Changes:
+        """Choose the axis of changes, and draw the margin around no change as a band."""
+        axis = change_axis(form, changes, margin)
+        nothing = 0.5 if form == "share" else 0.0
+        edge = 0.0 if form == "share" else margin if form == "difference" else math.log1p(margin)
+        ends = [(nothing + end - axis.low) / (axis.high - axis.low) for end in (-edge, edge)]
         return cls(axis, grid_of(axis, nothing), _bar("", *ends) if edge else None)
-
-    @classmethod
-    def of(cls, table: ResultTable) -> Changes:
-        """Choose the axis of the rows of a table."""
-        changes = [row.change for row in table.rows]
-        if table.form == "share":
-            return cls.on(share_axis(), 0.5, 0.0)
-        if table.form == "difference":
-            return cls.on(difference_axis(changes, table.margin), 0.0, table.margin)
-        return cls.on(ratio_axis(changes, table.margin), 0.0, math.log1p(table.margin))
 
     def strip(self, change: Estimate) -> Strip:
         """Draw a ratio, a difference or a share with its interval; the grid alone where there is none."""
@@ -119,9 +112,8 @@ def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None
 
 
 MANY = 10  # methods above which rows are low and labels are cut
-BETTER_IF = {"higher": "higher is better"}
+# Word of a verdict -> class of its cell, where it is not the word.
 STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
-"""Word of a verdict -> class of its cell, where it is not the word."""
 AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
 UNKNOWN = "Infinity"  # sorts a cell without a number behind the others
 
@@ -184,45 +176,43 @@ class Rows(NamedTuple):
         return found
 
 
-def style_of(word: str) -> str:
-    """Return the class of a cell with a verdict."""
-    return STYLES.get(word, word)
-
-
-def label_behind(method: str, label: str) -> str:
-    """Return what a label says besides the key, which stands in front of it."""
+def row_of(trials: Trials, method: str, cells: Sequence[Cell]) -> Row:
+    """Name a row by its method, with what its label says besides the key, which stands in front of it."""
+    css = " ".join(["base"] * (method == trials.baseline) + ["oracle"] * (method in trials.oracles))
+    label = trials.labels.get(method, "")
     rest = label.removeprefix(method)
-    return rest.lstrip(" ,:") if rest[:1] in (" ", ",", ":", "") else label
+    return Row(method, rest.lstrip(" ,:") if rest[:1] in (" ", ",", ":", "") else label, css, cells)
 
 
 def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     """Lay out the table of one point, for Markdown in the order of the configuration with every column."""
-    shown = [*table.rows] if everything else table.ordered
-    if not table.trials.with_verdicts:
-        return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
+    shown, trials, form = [*table.rows] if everything else table.ordered, table.trials, table.form
+    if not trials.with_verdicts:
+        rows = [row_of(trials, row.method, [_verdict(row, len(shown))]) for row in shown]
+        return Rows([Head("result", "v")], rows)
     axis = scaled_axis([each for row in shown for each in row.quantiles], "auto")
     axis = axis._replace(ticks=spaced(axis.ticks, partial(_are_apart, axis.high - axis.low)))
-    has_values = any(row.n_occurred for row in shown)
-    grid, changes = grid_of(axis) if has_values else [], Changes.of(table) if table.form != "alone" else None
+    grid = grid_of(axis) if any(row.n_occurred for row in shown) else []
     more = _more(table, shown, everything=everything)
-    unit = f" [{table.info.unit}]" if table.info.unit else ""
-    mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {table.info.words}{unit}"
+    mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {quantity(table.info)}"
     quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * axis.log}"
     heads = [Head(mean, "n m", True), Head(quantiles, "d0", strip=Strip(grid))]
-    if changes is not None:
-        heads += [_change_head(table, changes), Head("better in" if table.form == "share" else "change", "n c", True)]
-        heads += [Head("verdict", "v")]
+    changes = Changes.of(form, [shown_change(row, form) for row in table.rows], table.margin)
+    if form != "alone":
+        heads += [Head(_change_head(table), "s0", strip=Strip(changes.grid))]
+        heads += [Head("better in" if form == "share" else "change", "n c", True), Head("verdict", "v")]
     rows = []
     for k, row in enumerate(shown):
-        style = style_of(row.word) if not row.is_baseline else ""
+        style = STYLES.get(row.word, row.word) if not row.is_baseline else ""
         cells = [Cell("n m", table.mean_text(row), _number(row.mean.value))]
         cells.append(Cell(f"d0 {style}", strip=runs_strip(row, axis, grid)))
-        if changes is not None:
-            strip = changes.strip(shown_change(row, table.form)) if row.n else None
-            place = -table.rank(row) if table.form == "share" else 0.0 if row.is_baseline else row.change.value
+        if form != "alone":
+            strip = changes.strip(shown_change(row, form)) if row.n else None
+            place = -table.rank(row) if form == "share" else 0.0 if row.is_baseline else row.change.value
             change = Cell("n c", table.change_text(row) if row.n else "", _number(place))
             cells += [Cell(f"s0 {style}", strip=strip), change, _verdict(row, len(shown))]
-        rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
+        cells += [Cell("n more", texts[k]) for texts in more.values()]
+        rows.append(row_of(trials, row.method, cells))
     return Rows([*heads, *(Head(head, "n more") for head in more)], rows, everything)
 
 
@@ -231,41 +221,33 @@ def _are_apart(size: float, tick: Tick, last: Tick) -> bool:
     return abs(tick.at - last.at) >= size * (LABEL_GAP + LETTER * (len(tick.label) + len(last.label)) / 2)
 
 
-def _row(row: ResultRow, cells: Sequence[Cell]) -> Row:
-    css = " ".join(["base"] * row.is_baseline + ["oracle"] * row.is_oracle)
-    return Row(row.method, label_behind(row.method, row.label), css, cells)
-
-
 def _number(value: float) -> str:
     return UNKNOWN if math.isnan(value) else f"{value:.6g}"
 
 
-def _change_head(table: ResultTable, changes: Changes) -> Head:
+def _change_head(table: ResultTable) -> str:
     if table.form == "share":
-        text = f"better than {table.baseline}, share of the runs"
-    else:
-        unit = f" [{table.info.unit}]" if table.form == "difference" and table.info.unit else ""
-        what = "difference from" if table.form == "difference" else "change against"
-        text = f"{what} {table.baseline}{unit}, {BETTER_IF.get(table.info.direction, 'lower is better')}"
-    return Head(text, "s0", strip=Strip(changes.grid))
+        return f"better than {table.baseline}, share of the runs"
+    unit = f" [{table.info.unit}]" if table.form == "difference" and table.info.unit else ""
+    what = "difference from" if table.form == "difference" else "change against"
+    return f"{what} {table.baseline}{unit}, {'higher' if table.info.direction == 'higher' else 'lower'} is better"
 
 
 def _verdict(row: ResultRow, n: int) -> Cell:
     remark = row.remark if n <= MANY else ""
-    return Cell(f"v {style_of(row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
+    return Cell(f"v {STYLES.get(row.word, row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
 
 
 HEADS: dict[Column, str] = {
-    **{"median": "median (quartiles)", "counts": "won/lost/tied", "other": "", "superiority": "superiority"},
+    **{"median": "median (quartiles)", "counts": "won/lost/tied", "superiority": "superiority"},
     **{"lost": "lost", "held": "held steps", "steps": "failed steps"},
-}
-"""Columns that are shown on demand -> their heads."""
+}  # of columns that are shown on demand
 
 
 def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -> dict[str, list[str]]:
     """Return head -> cells of the columns that are shown on demand."""
     columns = columns_of(table, shown)
-    found = {head: columns[name] for name, head in HEADS.items() if name in columns and name != "other"}
+    found = {head: columns[name] for name, head in HEADS.items() if name in columns}
     if "other" in columns:
         found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
     found["worst run"] = [short(row.worst, 4) for row in shown]
@@ -282,27 +264,22 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
 
 def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     """Lay out the ranks: a row per method with its ratio to the baseline over all points, and the rank as verdict."""
-    ends = [(row.ratio.ratio, row.ratio.low, row.ratio.high) for row in found.rows]
-    ratios = [Estimate(*(100 * (end - 1) for end in each)) for each in ends]
-    axis = ratio_axis([each for each in ratios if not math.isnan(each.value)], trials.relevant)
-    changes = Changes.on(axis, 0.0, math.log1p(trials.relevant))
-    info = trials.primary_info
+    ratios = [Estimate(row.ratio.ratio, row.ratio.low, row.ratio.high) for row in found.rows]
+    changes, info = Changes.of("ratio", ratios, trials.relevant), trials.primary_info
     what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
     heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
     more = part_columns(found, trials.baseline) | {"runs": [_runs(row.n, row.n_failed) for row in found.rows]}
     heads += [Head(text, "n more") for text in more]
     rows = []
     for k, (row, ratio) in enumerate(zip(found.rows, ratios, strict=True)):
-        base = row.method == trials.baseline
-        style = "" if base else BETTER if ratio.high < 0 else WORSE if ratio.low > 0 else INCONCLUSIVE
-        text = "" if base else " ".join(filter(None, change_texts(ratio)))
-        cells = [Cell(f"s0 {style}", strip=changes.strip(Estimate() if base else Estimate(*ends[k])))]
-        cells.append(Cell("n c", text, _number(0.0 if base else ratio.value)))
+        base, change = row.method == trials.baseline, Estimate(*(100 * (end - 1) for end in ratio))
+        style = "" if base else BETTER if change.high < 0 else WORSE if change.low > 0 else INCONCLUSIVE
+        text = "" if base else " ".join(filter(None, change_texts(change)))
+        cells = [Cell(f"s0 {style}", strip=changes.strip(Estimate() if base else ratio))]
+        cells.append(Cell("n c", text, _number(0.0 if base else change.value)))
         rank = f"{row.rank_low} to {row.rank_high}" if row.rank_low < row.rank_high else f"{row.rank_low}"
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
-        cells += [Cell("n more", texts[k]) for texts in more.values()]
-        css = " ".join(["base"] * base + ["oracle"] * (row.method in trials.oracles))
-        rows.append(Row(row.method, label_behind(row.method, trials.labels.get(row.method, "")), css, cells))
+        rows.append(row_of(trials, row.method, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
     return Rows(heads, rows)
 
 

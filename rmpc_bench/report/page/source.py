@@ -83,11 +83,6 @@ def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
     return in_one_form([result_table(*each, info) for each in summary.points if len(each.trials.frame)])
 
 
-def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:
-    """Return the rows of a metric at all points together, where these are many plants."""
-    return None if info is None or summary.pooled is None else result_table(*summary.pooled, info)
-
-
 class Table(NamedTuple):
     """Columns, of which the first one names the rows."""
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rmpc_bench.claims.claim import Claim, Finding
+from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.evidence import evidence
 from rmpc_bench.claims.markdown import cases_text, limits
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.run_notes import counted
 
+# Statements that are not folded, the words of all of them, and those of them and the main table.
 MOST_OPEN, MOST_WORDS, WITH_TABLE = 8, 100, 240
-"""Statements that are not folded, the words of all of them, and those of them and the main table."""
 OURS = "ours, not in the paper"
 
 
@@ -23,14 +24,14 @@ class ClaimItem(NamedTuple):
     finding: str
     statement: str
     source: str
-    behind: str
-    """What the folded lines below it contain."""
+    behind: str  # what the folded lines below it contain
     lines: Sequence[str]
 
 
 def claim_items(verdicts: Sequence[ClaimVerdict]) -> list[ClaimItem]:
     """Return the statements of the paper, then additional results and suspected misprints."""
-    return [_item(verdict) for verdict in sorted(verdicts, key=lambda verdict: _order(verdict.claim))]
+    order = sorted(verdicts, key=lambda verdict: (not verdict.claim.of_paper, verdict.claim.is_misprint))
+    return [*map(_item, order)]
 
 
 def n_open(items: Sequence[ClaimItem], n_table: int) -> int:
@@ -43,24 +44,12 @@ def n_open(items: Sequence[ClaimItem], n_table: int) -> int:
     return min(len(items), MOST_OPEN)
 
 
-def _order(claim: Claim) -> int:
-    return 0 if claim.of_paper else 2 if claim.is_misprint else 1
-
-
 def _item(verdict: ClaimVerdict) -> ClaimItem:
     claim = verdict.claim
-    assumptions = [*claim.assumptions, *limits(verdict)]
-    grounds = [f"{name}: {ground}" for name, ground in claim.grounds.items()]
-    n = len(assumptions)
-    behind = f"{n} assumption{'s' * (n > 1)}" if n else "numbers"
-    lines = [*assumptions, *grounds, *_found(verdict)]
-    source = claim.source if claim.of_paper or claim.is_misprint else OURS
-    return ClaimItem(verdict.joined_words, _line(claim.says), _line(source), behind, [*map(_line, lines)])
-
-
-def _found(verdict: ClaimVerdict) -> list[str]:
-    """Say how the finding came about: joined with others, recorded, by interpretation, by case, and its numbers."""
-    claim, lines = verdict.claim, list[str]()
+    lines = [*claim.assumptions, *limits(verdict)]
+    behind = counted(len(lines), "assumption") if lines else "numbers"
+    lines += [f"{name}: {ground}" for name, ground in claim.grounds.items()]
+    # How the finding came about: joined with others, recorded, by interpretation, by case, and its numbers.
     if claim.quote:
         lines.append(f'The paper: "{claim.quote}"')
     if claim.elsewhere:
@@ -75,7 +64,8 @@ def _found(verdict: ClaimVerdict) -> list[str]:
         lines.append(f"{finding.sentence.capitalize()} at: {'; '.join(points)}.")
     lines += [cases_text(verdict)] if verdict.cases else []
     lines += [f"{each.text}{f' at {each.at}' if each.at else ''}: {evidence(each)}" for each in verdict.comparisons]
-    return lines
+    source = claim.source if claim.of_paper or claim.is_misprint else OURS
+    return ClaimItem(verdict.joined_words, _line(claim.says), _line(source), behind, [*map(_line, lines)])
 
 
 def _line(text: str) -> str:
@@ -88,21 +78,17 @@ KINDS = {
     "statement of the paper": "What the paper says",
     "additional result": "Additional results",
     "suspected misprint": "Suspected misprints",
-}
-"""Kinds of claims -> caption of their table."""
+}  # kinds of claims -> caption of their table
 
 
 class IndexEntry(NamedTuple):
-    """An experiment of the index."""
+    """An experiment of the index; page, relative to it, and answer are empty where its trials are not stored."""
 
-    group: str
-    """Its paper, or the directory that it stands in."""
+    group: str  # its paper, or the directory that it stands in
     record: ExperimentRecord
     claims: Sequence[ClaimRecord]
     page: str
-    """Its page, relative to the index; empty where its trials are not stored."""
     answer: str
-    """Its answer; empty where its trials are not stored."""
 
 
 def index_context(entries: Sequence[IndexEntry], version: str) -> dict[str, Any]:
@@ -120,7 +106,19 @@ def index_context(entries: Sequence[IndexEntry], version: str) -> dict[str, Any]
         "name": "rmpc-bench",
         "facts": f"{len(entries)} experiments, {n_pages} with a page; {n_claims} statements and results. Findings are "
         "those of each experiment as we interpret it, and no rating of a paper.",
-        "groups": [_group(name, groups[name]) for name in order],
+        "groups": [
+            {
+                "name": name,
+                "paper": paper_link(name),
+                "statements": [
+                    {"caption": caption, "rows": rows}
+                    for kind, caption in KINDS.items()
+                    if (rows := _statements(groups[name], kind))
+                ],
+                "experiments": [_experiment(entry) for entry in groups[name]],
+            }
+            for name in order
+        ],
     }
 
 
@@ -136,21 +134,12 @@ def paper_link(name: str) -> tuple[str, str]:
     return f"https://arxiv.org/abs/{number}" if scheme == "arXiv" else "", identifier
 
 
-def _group(name: str, entries: Sequence[IndexEntry]) -> dict[str, Any]:
-    tables = [{"caption": caption, "rows": _statements(entries, kind)} for kind, caption in KINDS.items()]
-    return {
-        "name": name,
-        "paper": paper_link(name),
-        "statements": [table for table in tables if table["rows"]],
-        "experiments": [_experiment(entry) for entry in entries],
-    }
-
-
 def _statements(entries: Sequence[IndexEntry], kind: str) -> list[dict[str, Any]]:
     """Return a row per statement of a kind, joined over the experiments that check it."""
     found: dict[tuple[str, ...], list[tuple[IndexEntry, ClaimRecord]]] = {}
-    for entry in filter(_counts, entries):
-        for claim in entry.claims:
+    for entry in entries:
+        # Findings count if they are those of the configuration as it stands, at full size.
+        for claim in entry.claims if entry.record["final"] else ():
             if claim["kind"] == kind:
                 found.setdefault(_key(entry, claim), []).append((entry, claim))
     rows = []
@@ -170,20 +159,12 @@ def _statements(entries: Sequence[IndexEntry], kind: str) -> list[dict[str, Any]
     return rows
 
 
-def _counts(entry: IndexEntry) -> bool:
-    """Whether the findings of an experiment count: it is the configuration as it stands, at full size."""
-    return bool(entry.record["final"])
-
-
 def _experiment(entry: IndexEntry) -> Mapping[str, Any]:
     record = entry.record
     answer = entry.answer or "No trials are stored here; findings are those of the kept claims.json."
-    if not _counts(entry):
+    if not record["final"]:
         answer = f"Modified or not at full size: findings do not count. {entry.answer}".rstrip()
     return {
-        "place": (entry.page, record["name"]),
-        "title": record["title"],
-        "runs": str(record["runs"]) if record["runs"] else "exact",
-        "answer": answer,
-        "command": "" if entry.answer or not _counts(entry) else record["command"],
+        **{"place": (entry.page, record["name"]), "title": record["title"], "runs": str(record["runs"] or "exact")},
+        **{"answer": answer, "command": "" if entry.answer or not record["final"] else record["command"]},
     }
