@@ -72,7 +72,7 @@ def ensemble_markdown(trials: Trials) -> str:
 FEWEST_RUNS = 20  # runs below which the worst 5 % are less than one run
 
 
-def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
+def tail_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
     """Return head -> cells at one point for some metrics or all; empty with few runs and where nothing is estimated."""
     if len(trials.runs) < FEWEST_RUNS or trials.alike or not trials.with_verdicts:
         return {}

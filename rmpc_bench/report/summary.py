@@ -18,7 +18,7 @@ from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
 from rmpc_bench.report.point_tables import Points, PointSummary, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted, sections_of
-from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, worst_runs_columns
+from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, tail_columns
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column
@@ -39,7 +39,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
         parts += filter(None, [markdown_table(rows.columns), note_of([table], n, rows)])
     demanded = requirement_columns(trials, pass_rates(trials))
     parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
-    worst = worst_runs_columns(trials)
+    worst = tail_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
     for head, entries in sections_of(trials).items():
         parts += [f"## {head}", "\n".join(f"- {text}" for text in entries)] if entries else []

@@ -16,7 +16,7 @@ from rmpc_bench.execution.evaluation import drivers, requirements
 from rmpc_bench.execution.store import Store
 from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.run_tables import lost_table, worst_runs_columns
+from rmpc_bench.report.run_tables import lost_table, tail_columns
 
 FAILS = """
 from rmpc_bench import SolverError, single_run
@@ -73,7 +73,7 @@ def numbers(results):
     frames = [tables.described, tables.compared, drivers(results).frame, requirements(results).frame]
     frames += [lost_table(results.trials), tails(results.trials)]
     texts = [frame.to_csv() for frame in frames]
-    return [*texts, tables.to_markdown(), claims_table(rmpc_bench.judge(results)), worst_runs_columns(results.trials)]
+    return [*texts, tables.to_markdown(), claims_table(rmpc_bench.judge(results)), tail_columns(results.trials)]
 
 
 def table_of(results):

@@ -26,13 +26,7 @@ from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Ta
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
-from rmpc_bench.report.run_tables import (
-    REQUIREMENTS_NOTE,
-    ensemble_rows,
-    requirement_columns,
-    worst_runs,
-    worst_runs_columns,
-)
+from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_rows, requirement_columns, tail_columns, worst_runs
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 
@@ -304,7 +298,7 @@ def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
     if len(points) > 1:
         columns["point"] = [short_title(trials) for _, _, trials in found.values()]
     else:
-        of_tails = worst_runs_columns(points[0], [tables[0].info])
+        of_tails = tail_columns(points[0], [tables[0].info])
         for head in ("95 % quantile", "mean of the worst 5 %") if of_tails else ():
             by_method = dict(zip(points[0].methods, of_tails[head], strict=True))
             columns[head] = [by_method[name] for name in found]

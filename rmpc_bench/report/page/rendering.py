@@ -206,10 +206,9 @@ def _command(name: str, left: list[str]) -> str:
     if name in ACCENTS:
         base = _argument(left)
         return base[:1] + ACCENTS[name] + base[1:]
-    if name in ("sqrt", "frac"):
-        found = [_argument(left) for _ in range(1 + (name == "frac"))]
-        parts = [text if _SIMPLE.fullmatch(text) else f"({text})" for text in found]
-        return "/".join(parts) if name == "frac" else f"\u221a{parts[0]}"
+    if n := {"sqrt": 1, "frac": 2}.get(name, 0):
+        parts = [text if _SIMPLE.fullmatch(text) else f"({text})" for text in (_argument(left) for _ in range(n))]
+        return "\u221a" * (name == "sqrt") + "/".join(parts)
     raise FormulaError(f"\\{name} is not covered")
 
 
