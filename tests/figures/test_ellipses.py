@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import ROUND
+from figure_tables import legend
 
 from rmpc_bench.figures.ellipses import Ellipse, Ellipses, outline
 from rmpc_bench.figures.files import save
@@ -64,10 +65,6 @@ def centre(figure, color):
 def dots(figure):
     lines = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
     return {line.get_color(): np.array(line.get_xydata()).T for line in lines}
-
-
-def legend(figure):
-    return [text for text in (text.get_text() for text in figure.legends[0].get_texts()) if text]
 
 
 def distances(points, centre, P):
@@ -190,9 +187,12 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends
     save(figure, tmp_path, shape)
 
 
-def test_centres_from_runs_where_there_are_no_exact_ones(trials):
+def test_centres_from_runs_and_points_of_a_sweep(trials, make_sweep):
+    """The mean over the runs where there are no exact ones; a point is named above the sample."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
     assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
+    sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
+    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
 
 
 def test_a_method_without_P(trials):
@@ -211,8 +211,3 @@ def test_a_method_without_P(trials):
         with pytest.raises(DesignError) as error:
             ellipses(replace(trials, series=series), **keys)
         assert str(error.value) == message and error.value.parameter == next(iter(keys), "")
-
-
-def test_a_point_of_a_sweep(trials, make_sweep):
-    sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
-    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"

@@ -122,8 +122,8 @@ def test_runs_beyond_the_whiskers_are_points(trials_of):
     assert len(dots) == MOST_DOTS and (dots[0], dots[-1]) == (values.min(), values.max())
 
 
-def test_an_event_that_never_occurs(make_trials):
-    """No mean and no change: superiority, counts, and an empty box or one that ends in an arrow."""
+def test_events_that_never_occur_and_metrics_that_are_best_at_0(make_trials):
+    """Superiority, counts, an empty box or one that ends in an arrow; differences on a linear axis with the unit."""
     rng = np.random.default_rng(0)
     values = {"A": [math.inf] * 20, "B": [*rng.uniform(1, 2, 15), *[math.inf] * 5], "C": list(rng.uniform(1, 2, 20))}
     trials = make_trials({"time": values}, (TIME,))
@@ -136,6 +136,11 @@ def test_an_event_that_never_occurs(make_trials):
     assert [text.get_text() for text in shares.texts] == ["0 of 20", "15 of 20", "20 of 20"]
     all_lost = make_trials({"time": {"A": [math.inf] * 5, "B": [math.inf] * 5}}, (TIME,))
     assert Rows().draw(all_lost) and Boxplot().draw(all_lost)
+    rng = np.random.default_rng(0)
+    trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
+    axes = Rows().draw(trials).axes[1]
+    assert axes.get_xlabel() == "difference from A [m]" and axes.get_xscale() == "linear"
+    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparisons(trials)["difference"])
 
 
 def test_shares_are_counted_with_wilson_intervals(make_trials):
@@ -175,14 +180,6 @@ def test_ranks_are_over_all_points(trials_of, make_sweep):
     assert of(changes.texts, "C") or of(changes.lines, "C")[1].get_xdata() == [ratio.ratio]
     with pytest.raises(DesignError, match="statistics"):
         Rows(show="rank").draw(replace(trials, ranked=None))
-
-
-def test_a_metric_that_is_best_at_0_has_differences_in_its_unit(make_trials):
-    rng = np.random.default_rng(0)
-    trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
-    axes = Rows().draw(trials).axes[1]
-    assert axes.get_xlabel() == "difference from A [m]" and axes.get_xscale() == "linear"
-    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparisons(trials)["difference"])
 
 
 def test_a_method_without_finished_runs_has_an_empty_row(make_trials):

@@ -311,11 +311,13 @@ def test_what_cannot_be_drawn(trials):
         assert error.value.parameter == next(iter(keys), "")
 
 
-def test_files_are_small(trials):
+def test_files_are_small_and_symbols_are_formulas(trials):
     """Noise is the worst case: 60 runs of three methods stay below the size of a fold."""
     figure = Signals().draw(trials)
     assert len(page_svg(figure, "signals")) <= 50_000
     assert sum(len(lines(axes, "run")[0]) for axes in figure.axes) <= 1.1 * MOST_THIN
+    shown = {("x_hat", ""): r"$\hat{x}$", ("Q_yw", "0,1"): "$(Q_{yw})_{0,1}$", ("load", "2"): "load[2]"}
+    assert {given: symbol(*given) for given in shown} == shown and symbol("theta", "") == r"$\theta$"
 
 
 def test_points_that_a_line_needs():
@@ -332,8 +334,3 @@ def test_points_that_a_line_needs():
     values[100:110] = np.nan
     kept = needed_points(t, values, 2.0, 0.01)
     assert {99, 110, *range(100, 110)} <= {*kept.tolist()}
-
-
-def test_symbols():
-    shown = {("x_hat", ""): r"$\hat{x}$", ("Q_yw", "0,1"): "$(Q_{yw})_{0,1}$", ("load", "2"): "load[2]"}
-    assert {given: symbol(*given) for given in shown} == shown and symbol("theta", "") == r"$\theta$"

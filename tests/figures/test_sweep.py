@@ -143,8 +143,8 @@ def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make
     assert {text.get_text() for text in axes.texts} == {"A", "B", "C", "far ▲"}
 
 
-def test_a_metric_that_is_best_at_0_has_a_linear_axis_of_differences(make_trials, make_sweep):
-    """Differences in the unit of the metric, around no difference."""
+def test_differences_have_a_linear_axis_and_events_are_shares_of_the_runs(make_trials, make_sweep):
+    """In the unit of the metric, around no difference; superiority from 0 to 1 where no average is defined."""
     rng = np.random.default_rng(0)
     values = {"A": list(rng.normal(size=30)), "B": list(rng.normal(0.5, 1.0, size=30))}
     trials = make_sweep(*[(point, make_trials({"gap": values}, (GAP,))) for point in over([1, 2, 3])])
@@ -152,10 +152,6 @@ def test_a_metric_that_is_best_at_0_has_a_linear_axis_of_differences(make_trials
     rows = comparisons(trials.each[0], levels(trials))
     assert axes.get_yscale() == "linear" and axes.get_title(loc="left").startswith("difference of")
     assert lines(axes)["B"][0, 1] == pytest.approx(rows["difference"][0])
-
-
-def test_an_event_that_never_occurs_is_drawn_as_shares_of_the_runs(make_trials, make_sweep):
-    """Superiority from 0 to 1, where no average is defined; at points with averages too."""
     rng = np.random.default_rng(0)
     never, times = [math.inf] * 10, list(rng.uniform(1, 2, size=10))
     points = [{"A": never, "B": never}, {"A": times, "B": [0.5 * each for each in times]}, {"A": never, "B": times}]
@@ -165,13 +161,17 @@ def test_an_event_that_never_occurs_is_drawn_as_shares_of_the_runs(make_trials, 
     assert [text.get_text() for text in axes.get_yticklabels()] == ["0 %", "25 %", "equal", "75 %", "100 %"]
 
 
-def test_a_method_without_finished_runs_has_no_line(make_trials, make_sweep):
-    """Its name does not stand there either; the others are drawn."""
+def test_a_method_without_finished_runs_has_no_line_and_a_single_one_its_values(make_trials, make_sweep, sweep_of):
+    """Its name does not stand there either; the others are drawn.  The caption is a sentence."""
     values = {"A": [1.0, 2.0, 3.0], "B": ["diverged"] * 3, "C": [0.5, 1.0, 1.6]}
     trials = make_sweep(*[(point, make_trials({"length": values}, (LENGTH,))) for point in over([1, 2])])
     (axes,) = Sweep().draw(trials).axes
     assert set(lines(axes)) == {"C"} and {text.get_text() for text in axes.texts} == {"A", "C"}
     assert Sweep(show="value").draw(trials).axes[0].texts
+    trials = sweep_of(["A"], over([1, 2, 3]))
+    assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
+    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
+    assert Sweep().caption(trials) == words
 
 
 def test_values_are_those_of_the_summary(sweep_of):
@@ -263,10 +263,3 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
         renderer = figure._get_renderer()
         boxes = [text.get_window_extent(renderer) for text in figure.axes[0].get_xticklabels()]
     assert len(boxes) > 1 and all(b.x0 - a.x1 > 0.5 * APART for a, b in zip(boxes, boxes[1:], strict=False))
-
-
-def test_one_method_shows_its_values(sweep_of):
-    trials = sweep_of(["A"], over([1, 2, 3]))
-    assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
-    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
-    assert Sweep().caption(trials) == words

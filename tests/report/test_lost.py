@@ -23,15 +23,12 @@ def trials():
     return table({"KF": [1.0, 1.1, 0.9, 1.0], "X": [1.0, 50.0, 0.9, 1.2]}, lost=10.0)
 
 
-def test_the_markdown_has_the_share_beside_the_mean(trials):
+def test_the_markdown_has_the_share_in_the_table_of_the_primary_metric(trials, make_trials):
     page = summarise(trials).to_markdown()
     assert "| lost |" in page and f"| {SHARE} |" in page
     without = replace(trials, lost=None)
     assert "| lost |" not in summarise(without).to_markdown() and lost_table(without).empty
     assert not any("Lost" in text for text in latex_tables(summarise(without))["m"])
-
-
-def test_only_the_table_of_the_primary_metric_has_it(make_trials):
     values = {"KF": [1.0, 1.0], "X": [1.0, 50.0]}
     infos = (MetricInfo("mse", "", "lower"), MetricInfo("cost", "", "lower"))
     made = replace(make_trials({"mse": values, "cost": values}, infos), primary="cost", lost=10.0)

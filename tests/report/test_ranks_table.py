@@ -73,7 +73,8 @@ def test_numbers(sweep):
     assert (rows["n"] == 30 * 16).all() and not rows["n_failed"].any()
 
 
-def test_a_rank_is_never_a_number_alone(sweep):
+def test_a_rank_is_never_a_number_alone_and_claims_nothing_beyond_its_points(sweep):
+    """In the table, on the screen and in sentences; one point needs no such words."""
     table = ranks_table(sweep())
     assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
@@ -82,6 +83,12 @@ def test_a_rank_is_never_a_number_alone(sweep):
     assert first.split()[-3:] == ["1", "to", "1"]
     assert [*table.columns][3:6] == ["ratio to KF", "modelled", "biased"]
     assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
+    table = ranks_table(sweep())
+    assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
+    assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
+    single = sweep()
+    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
+    assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
 
 
 def test_the_page_has_a_row_per_method_with_its_rank(sweep):
@@ -94,16 +101,6 @@ def test_the_page_has_a_row_per_method_with_its_rank(sweep):
     assert [row.cells[0].css for row in (good, same, bad)] == ["s0 better", "s0 inconclusive", "s0 worse"]
     assert good.cells[1].text.startswith("\u2212") and base.cells[1].text == "" and base.css == "base"
     assert [head.text for head in rows.heads][3:5] == ["modelled", "biased"] and good.cells[3].text == "\u00d70.609"
-
-
-def test_a_rank_claims_nothing_beyond_its_points(sweep):
-    """In every sentence that can be quoted, and below the table; one point needs no such words."""
-    table = ranks_table(sweep())
-    assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
-    assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
-    single = sweep()
-    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
-    assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
 
 
 def test_failures_stand_first_and_the_rest_is_said(sweep):
@@ -140,7 +137,7 @@ def test_only_where_it_is_asked_for(sweep, make_trials):
         assert ranks_table(trials).columns == {}
 
 
-def test_files_and_page(tmp_path):
+def test_files_and_page_and_metrics_without_ratios(tmp_path):
     """An experiment without a sweep: ranks.csv, tables/ranks.md, the section of the page with its limitations."""
     out = tmp_path / "out"
     result = cli("run", write(tmp_path, statistics="{ranks: true}"), "-o", out, "-j", 1, "--progress", "none")
@@ -150,9 +147,6 @@ def test_files_and_page(tmp_path):
     assert "| method | change | rank |" in (out / "report.md").read_text()
     page = (out / "report.html").read_text()
     assert all(text in page for text in LIMITATIONS)
-
-
-def test_a_metric_without_ratios_is_refused(tmp_path):
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)

@@ -74,7 +74,7 @@ def shown(trials, width=80, **others):
     return lines
 
 
-def test_the_rows_of_one_point():
+def test_the_rows_of_one_point_and_marks_that_are_explained():
     lines = shown(one(TWO, parameters=dict.fromkeys(TWO, "default")))
     assert lines[0] == "tiny   40 of 40 runs, 0 failed" and lines[1] == ""
     assert lines[2].startswith("WKF is better than KF: its estimation MSE is 2") and lines[2].endswith("lower.")
@@ -82,6 +82,9 @@ def test_the_rows_of_one_point():
     assert lines[5].split()[0] == "KF" and lines[5].endswith("baseline") and lines[6].endswith("better")
     assert lines[8] == " same draws for all; [ ] and \u00b1: 95 %; default parameters"
     assert lines[9:] == [" results/tiny/report.html"]
+    trials = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"])
+    text = "\n".join(shown(trials))
+    assert " ? inconclusive; intervals: tables/summary.md" in text and "equivalent" not in text
 
 
 @pytest.mark.parametrize("width", [80, 60, 40])
@@ -150,12 +153,6 @@ def test_several_paths_have_a_line_per_point_or_counts(n):
     assert any(line.split()[:2] == ["WKF", "30"] for line in lines) == (n == 30)
 
 
-def test_marks_are_explained_where_they_occur():
-    trials = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"])
-    text = "\n".join(shown(trials))
-    assert " ? inconclusive; intervals: tables/summary.md" in text and "equivalent" not in text
-
-
 def test_failures_have_one_command():
     bad = np.where((np.arange(N) >= 3) & (np.arange(N) < 13), np.nan, noisy(0.9))
     kind = {"status": 1, "component": "estimator", "k": 33, "message": "Matrix is not positive definite"}
@@ -181,11 +178,13 @@ def test_a_replay_command_and_the_page_are_copied_whole():
     assert f" {directory / 'report.html'}" in lines and end - start == 3
 
 
-def test_an_unfinished_experiment():
+def test_unfinished_experiments_one_method_and_one_run():
     trials = one(TWO)
     lines = shown(trials, extent=extent_of(trials, 1000))
     assert lines[0] == "tiny   INTERRUPTED at 40 of 1000 runs, 0 failed; run it again to go on"
     assert lines[2].startswith("So far WKF is better")
+    assert "The mean estimation MSE is" in shown(one({"KF": BASE}))[2]
+    assert shown(one({"KF": BASE[:1], "A": BASE[:1]}))[2]
 
 
 def test_a_smoke_run_says_what_ran():
@@ -233,8 +232,3 @@ def test_higher_is_better_a_difference_and_an_event():
     assert any("occurred; median estimation MSE [s]" in line and "better than KF in" in line for line in event)
     assert any(line.split()[:5] == ["KF", "10", "of", "40;", "-"] for line in event)
     assert any("ties count half" in line for line in event)
-
-
-def test_one_method_and_one_run():
-    assert "The mean estimation MSE is" in shown(one({"KF": BASE}))[2]
-    assert shown(one({"KF": BASE[:1], "A": BASE[:1]}))[2]
