@@ -160,7 +160,7 @@ RENAMED_FIGURES = {
     "heat-map": "is now 'sweep'",
     "means": "is now 'signals' with the quantity mean, or 'rows' with show: mean",
     "paired": "is now 'rows'",
-    "ranking": "is now 'sweep', or 'rows' with show: rank",
+    "ranking": "is now 'rows' with show: rank",
     "shares": "is now 'rows' with show: share",
     "sweep-lines": "is now 'sweep'",
 }

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.analysis.failures import BOUND, FACTOR
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import is_signed
 from rmpc_bench.analysis.rounding import significant_text
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
 
@@ -34,7 +34,7 @@ def size_text(row: Mapping[str, Any], info: MetricInfo, average: str = "") -> st
         names, unit = (f"{average}_pct", f"{average}_low", f"{average}_high"), "%"
     else:
         names, unit = ("change_pct", "ci_low", "ci_high"), "%"
-    return interval_text(*(float(row[name]) for name in names), unit=unit)
+    return interval_text(Estimate(*(float(row[name]) for name in names)), unit, sign=True)
 
 
 def contradicting(row: Mapping[str, Any]) -> bool:

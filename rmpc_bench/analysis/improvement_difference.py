@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,22 +24,14 @@ from rmpc_bench.analysis.intervals import NONE, Interval, student, welch, wilson
 from rmpc_bench.analysis.looks import unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, worst_finished
 from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
+from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.analysis.simultaneous import held_level
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
 from rmpc_bench.types import Array, MetricInfo
 
-
-class Estimate(NamedTuple):
-    """A number with its interval; NaN where there is none."""
-
-    value: float
-    low: float = math.nan
-    high: float = math.nan
-
-
-NO_ESTIMATE = Estimate(math.nan)
+NO_ESTIMATE = Estimate()
 
 _Both = tuple[Array, Array]
 """Numbers of the runs of A and of B."""

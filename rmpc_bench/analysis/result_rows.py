@@ -14,7 +14,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, margin_of
 from rmpc_bench.analysis.intervals import quantiles
-from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.shown_numbers import (
     Estimate,
     change_texts,
@@ -28,7 +28,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
 
-__all__ = ["WORDS", "ResultRow", "ResultTable", "result_table"]
+__all__ = ["WORDS", "ResultRow", "ResultTable", "in_one_form", "result_table"]
 
 WORDS = {
     Verdict.BETTER: "better",
@@ -82,8 +82,6 @@ class ResultRow(NamedTuple):
     """Stands behind the word: what is uncertain, or how many runs failed."""
     compared: Mapping[str, Any]
     """The row of comparisons.csv; empty for the baseline."""
-    described: Mapping[str, Any]
-    """The row of summary.csv."""
 
     @property
     def counts(self) -> str:
@@ -184,8 +182,13 @@ class ResultTable(NamedTuple):
         return change_texts(row.change, mirrored=mirrored)
 
     def short_change(self, row: ResultRow) -> str:
-        """Write the change of a cell: in whole per cent or as a factor, with a mark where it is not better or worse."""
+        """Write the change of a cell: in whole per cent or as a factor, with a mark where it is not better or worse.
+
+        A row without a change has its word.
+        """
         text = self.change_texts(row)[0]
+        if not text or not row.n:
+            return row.word
         if self.form == "ratio" and not math.isnan(row.change.value) and is_per_cent(row.change):
             text = f"{number(row.change.value, 0, sign=True)} %"
         return f"{text} {MARKS.get(row.word, '')}".strip()
@@ -209,6 +212,17 @@ def result_table(trials: Trials, described: pd.DataFrame, compared: pd.DataFrame
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())
     rows = [_row(trials, info, name, of_summary.get(name, _NONE), of_pairs.get(name, {})) for name in _names(trials)]
     return ResultTable(trials, info, rows, _form(of_pairs), may_not_occur)
+
+
+def in_one_form(tables: Sequence[ResultTable]) -> list[ResultTable]:
+    """Give the points of a sweep one form: that of all with two methods, else shares of the runs, which always exist.
+
+    A point whose baseline, or whose other methods, have no finished run has no changes and no say.
+    """
+    known = [t for t in tables if t.form != "alone" and {True, False} <= {row.is_baseline for row in t.rows if row.n}]
+    forms: set[Form] = {table.form for table in known} or {table.form for table in tables} - {"alone"}
+    form: Form = forms.pop() if len(forms) == 1 else "share"
+    return [table if table.form == "alone" else table._replace(form=form) for table in tables]
 
 
 _NONE = {"n": 0, "n_failed": 0, "mean": math.nan, "ci_low": math.nan, "ci_high": math.nan}
@@ -246,7 +260,8 @@ def _row(
     finite = values[np.isfinite(values)]
     label = trials.labels.get(method, method)
     word, remark = _word(trials, info, method, described, compared)
-    worst = math.nan if not len(values) else values.min() if info.direction == "higher" else values.max()
+    far = distance_from_best(-values if info.direction == "higher" else values, info.direction)
+    worst = values[far.argmax()] if len(values) else math.nan
     return ResultRow(
         method=method,
         label="" if label == method else label,
@@ -263,7 +278,6 @@ def _row(
         word=word,
         remark=remark,
         compared=compared,
-        described=described,
     )
 
 

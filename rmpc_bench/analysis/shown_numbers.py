@@ -18,8 +18,8 @@ PLAIN = (-4, 6)
 """Exponents of the leading digit that are written without a power of ten: from the first to below the second."""
 AS_PER_CENT = (0.2, 2.0)
 """Ratios from the first to the second are written as a change in per cent, others as a factor."""
-_MOST_PLACES = 2
-"""Decimals of a change in per cent."""
+_MOST_PLACES, _FINEST = 2, 12
+"""Decimals of a change in per cent, and of any number where an end would print as 0."""
 _ASCII = {ord(MINUS): "-", ord(TIMES): "x", ord(THIN): " ", 0x2248: "=", 0x2032: "'"}
 
 
@@ -72,12 +72,12 @@ def short(x: float, digits: int = 3) -> str:
 
     Examples
     --------
-    >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7)
-    ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7')
+    >>> short(0.117389), short(1287.4), short(69100.0, 4), short(1.5e-9), short(-2.34e7), short(-0.0)
+    ('0.117', '1290', '69100', '1.5e\u22129', '\u22122.34e7', '0')
     """
     if math.isnan(x):
         return "-"
-    text = f"{x:.{digits}g}"
+    text = f"{x + 0.0:.{digits}g}"
     start, _, power = text.partition("e")
     if power:
         text = f"{float(text):.0f}" if PLAIN[0] <= int(power) < PLAIN[1] else f"{start}e{int(power)}"
@@ -105,21 +105,26 @@ def mean_text(mean: Estimate) -> str:
     return f"{number(mean.value, d)} {PLUS_MINUS} {number(half, d)}"
 
 
-def interval_text(x: Estimate) -> str:
-    """Write a number with its interval in brackets.
+def interval_text(x: Estimate, unit: str = "", *, sign: bool = False) -> str:
+    """Write a number with its unit and its interval in brackets; with `sign`, positive ones have a plus.
 
     Examples
     --------
-    >>> interval_text(Estimate(0.117389, 0.112445, 0.122332))
-    '0.117 [0.112, 0.122]'
+    >>> interval_text(Estimate(0.117389, 0.112445, 0.122332)), interval_text(Estimate(9.1, 7.2, 11.0), "%", sign=True)
+    ('0.117 [0.112, 0.122]', '+9.1 % [+7.2, +11.0]')
     """
+    if math.isnan(x.value):
+        return "-"
+    unit = f" {unit}" if unit else ""
     if math.isnan(x.half) or x.half <= NOISE * abs(x.value):
-        return short(x.value, 4)
-    size = math.floor(math.log10(max(abs(x.value), x.half))) if math.isfinite(x.half) else 0
-    if not PLAIN[0] <= size < PLAIN[1]:
-        return f"{short(x.value)} [{short(x.low)}, {short(x.high)}]"
-    d = places(x.half)
-    return f"{number(x.value, d)} [{number(x.low, d)}, {number(x.high, d)}]"
+        return f"{'+' * (sign and x.value > 0)}{short(x.value, 4)}{unit}"
+    sizes = [math.floor(math.log10(abs(end))) for end in x if end and math.isfinite(end)]
+    if math.isinf(x.half) or not PLAIN[0] <= max(sizes, default=0) < PLAIN[1]:
+        texts = [f"{'+' * (sign and end > 0)}{short(end)}" for end in x]
+    else:
+        d = _with_both_ends(x, min(places(x.half), _FINEST))
+        texts = [number(end, d, sign=sign) for end in x]
+    return f"{texts[0]}{unit} [{texts[1]}, {texts[2]}]"
 
 
 def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]:
@@ -141,11 +146,12 @@ def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]
     if not is_per_cent(change):
         factor, *factors = (_factor(1 + each / 100) for each in change)
         return f"{TIMES}{factor}", "" if math.isnan(change.half) else f"[{', '.join(factors)}]"
-    d = _change_places(change)
+    unknown = math.isnan(change.half)
+    d = 1 if unknown else _with_both_ends(change, max(0, min(places(change.half), _MOST_PLACES)))
     value, low, high = _mirrored(change) if mirrored else change
     signed = not mirrored
     ends = f"[{number(low, d, sign=signed)}, {number(high, d, sign=signed)}]"
-    return f"{number(value, d, sign=signed)} %", "" if math.isnan(change.half) else ends
+    return f"{number(value, d, sign=signed)} %", "" if unknown else ends
 
 
 def _mirrored(change: Estimate) -> Estimate:
@@ -158,12 +164,9 @@ def is_per_cent(change: Estimate) -> bool:
     return low * (1 - NOISE) <= 1 + change.value / 100 <= high * (1 + NOISE)
 
 
-def _change_places(change: Estimate) -> int:
-    """Decimals of a change: 0 to 2 from its interval, one more where an end that excludes 0 would print as 0."""
-    if math.isnan(change.half):
-        return 1
-    d = max(0, min(places(change.half), _MOST_PLACES))
-    while d < _MOST_PLACES and change.low * change.high > 0 and 0 in (round(change.low, d), round(change.high, d)):
+def _with_both_ends(x: Estimate, d: int) -> int:
+    """Add decimals until no end of an interval that excludes 0 prints as 0."""
+    while d < _FINEST and x.low * x.high > 0 and 0 in (round(x.low, d), round(x.high, d)):
         d += 1
     return d
 
@@ -192,15 +195,14 @@ def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False
     --------
     >>> difference_texts(Estimate(0.00121, -0.0003, 0.0027), "rad")
     ('+0.0012 rad', '[\u22120.0003, +0.0027]')
+    >>> difference_texts(Estimate(-6.2e6, -8.4e6, -4.3e6), "m")
+    ('\u22126.2e6 m', '[\u22128.4e6, \u22124.3e6]')
     """
     if math.isnan(change.value):
         return "", ""
-    value, low, high = _mirrored(change) if mirrored else change
-    d, signed = min(places(change.half), 12), not mirrored
-    known = not math.isnan(change.half)
-    first = number(value, d, sign=signed) if known else short(value)
-    ends = f"[{number(low, d, sign=signed)}, {number(high, d, sign=signed)}]"
-    return f"{first} {unit}".strip(), ends if known else ""
+    shown = _mirrored(change) if mirrored else change
+    text, bracket, ends = interval_text(shown, sign=not mirrored and not math.isnan(change.half)).partition(" [")
+    return f"{text} {unit}".strip(), f"{bracket.strip()}{ends}"
 
 
 def plain(text: str) -> str:

@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import math
 
-from rmpc_bench.analysis.number_text import decimals
 from rmpc_bench.analysis.rounding import STABLE, decimal_text, significant, significant_text
 from rmpc_bench.claims.comparison import ComparisonResult
 from rmpc_bench.claims.decision import Change
 
+_MOST_PLACES = 12
 _MIN_DIGITS, _MAX_DIGITS = 4, 9
 """Significant digits; beyond the second limit two numbers count as equal."""
+
+
+def _decimals(uncertainty: float) -> int:
+    """Count the decimal places that show an uncertainty with two digits: 0 to 12, and 3 where it is 0 or unknown.
+
+    >>> _decimals(0.0123), _decimals(4.5), _decimals(160.0)
+    (3, 1, 0)
+    """
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return 3
+    return min(_MOST_PLACES, max(0, 1 - math.floor(math.log10(uncertainty))))
 
 
 def evidence(comparison: ComparisonResult) -> str:
@@ -110,4 +121,4 @@ def number_text(value: float | None, uncertainty: float = math.nan, digits: int 
         return str(value)
     if not (math.isfinite(uncertainty) and uncertainty > 0 and 1e-4 <= abs(value) < 1e6):
         return significant_text(value, digits)
-    return decimal_text(value, decimals(significant(uncertainty, STABLE)))
+    return decimal_text(value, _decimals(significant(uncertainty, STABLE)))

@@ -34,6 +34,7 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
         raise click.UsageError("--metric needs --of METHOD")
     if method is not None and tol is not None:
         raise click.UsageError("--tol compares all trials, and --of one method: give one of them")
+    from rmpc_bench.analysis.shown_numbers import plain
     from rmpc_bench.execution.results import load_results
     from rmpc_bench.execution.two_results import compare_improvements, compare_results
     from rmpc_bench.types import DesignError
@@ -46,7 +47,7 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
         return 0 if found.equal else exits.FINDING_DIFFERS
     try:
         text = str(compare_improvements(first, second, method, metric=metric))
-        click.echo("\n".join(folded(text.split("\n"), screen_width())))
+        click.echo("\n".join(folded(plain(text).split("\n"), screen_width())))
     except DesignError as error:
         raise click.UsageError(str(error)) from None
     return 0

@@ -18,8 +18,7 @@ from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table
-from rmpc_bench.report.requirements_table import RequirementsTable, requirements_table
-from rmpc_bench.report.run_tables import DriversTable, drivers_table
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
 from rmpc_bench.types import DesignError, Figure, Problem
 
 

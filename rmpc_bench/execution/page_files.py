@@ -24,8 +24,7 @@ from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import RequirementsTable
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import ConfigError

@@ -33,9 +33,8 @@ from rmpc_bench.figures.style import Rendering, remark_on
 from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
 from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.run_tables import DriversTable, lost_table
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, lost_table
 from rmpc_bench.report.screen import WIDTH, Screen
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable

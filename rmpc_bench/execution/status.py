@@ -16,7 +16,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from rmpc_bench.analysis.number_text import with_error
+from rmpc_bench.analysis.shown_numbers import plain, short
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, read
 from rmpc_bench.execution.running_mean import RunningMean
@@ -333,7 +333,7 @@ def _mean_lines(status: ExperimentStatus) -> list[str]:
     rows = [(status.metric, "mean so far", "standard error", "trials")] + [
         (
             f"{method}   {point}".strip(),
-            with_error(mean.mean, mean.se),
+            plain(short(mean.mean, 4)),
             f"{100.0 * _relative(mean):.2g} %" if math.isfinite(_relative(mean)) else "-",
             str(mean.n) + (f" (and {mean.n_other} without a value)" if mean.n_other else ""),
         )

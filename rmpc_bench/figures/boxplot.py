@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import LINEAR, literal, metric_label, names_of_columns, wrapped
+from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
+from rmpc_bench.figures.labels import LINEAR, literal, metric_label, name_of, names_of_columns, wrapped
 from rmpc_bench.figures.palette import DIM
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, fix_layout, new_figure, style
@@ -75,7 +75,7 @@ class Boxplot(SweepFigure):
         axis = scaled_axis([each for panel in values for column in panel for each in column.tolist()], self.log)
         with style():
             slot = (self.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
-            names, how, tall = names_of_columns([label_of(first.trials, row.method) for row in rows[0]], slot)
+            names, how, tall = names_of_columns([name_of(first.trials, row.method) for row in rows[0]], slot)
             size = self.size(FIRST + PANEL * (len(tables) - 1) + max(0.0, tall / POINTS_PER_INCH - 0.3))
             figure = new_figure(size)
             panels = list(figure.subplots(len(tables), sharex=True, sharey=True, squeeze=False)[:, 0])

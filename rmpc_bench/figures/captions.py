@@ -1,7 +1,6 @@
 """Captions of figures, and the titles of points of a sweep.
 
-A caption is plain text with formulas as ``$..$``.  Its numbers are written by the functions that write those of the
-tables, so that the same number has the same digits everywhere.
+A caption is plain text with formulas as ``$..$``.
 """
 
 from __future__ import annotations
@@ -9,6 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
+
+from rmpc_bench.figures.labels import name_of
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -31,11 +32,6 @@ def quantity(info: MetricInfo) -> str:
     return f"{info.words} [{info.unit}]" if info.unit else info.words
 
 
-def label_of(trials: Trials, method: str) -> str:
-    """Return the text that stands for a method in figures."""
-    return trials.labels.get(method, method)
-
-
 def at_point(title: str) -> str:
     """Name the point of a sweep that a figure of one point shows; empty without a sweep."""
     return f" at {title}" if title else ""
@@ -49,7 +45,7 @@ def runs_sentence(points: Sequence[Trials], methods: Sequence[str]) -> str:
     failed = []
     for point in points:
         where = f" at {short_title(point)}" if len(points) > 1 else ""
-        failed += [f"{label_of(point, name)} {point.n_failed(name)}{where}" for name in methods if point.n_failed(name)]
+        failed += [f"{name_of(point, name)} {point.n_failed(name)}{where}" for name in methods if point.n_failed(name)]
     if not failed:
         return f"{n} {noun} of every method; no run failed"
     return f"{n} {noun} of every method; failed runs are left out ({', '.join(failed)})"

@@ -6,13 +6,20 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rmpc_bench.analysis.result_rows import BETTER, EQUIVALENT, FAILS_MORE, INCONCLUSIVE, WORSE
+from rmpc_bench.analysis.result_rows import BETTER, INCONCLUSIVE, MARKS, WORSE
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
 from rmpc_bench.figures.axes import NONE
-from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.labels import literal, names_of_columns, on_two_lines, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.labels import (
+    literal,
+    name_of,
+    names_of_columns,
+    on_two_lines,
+    typeset,
+    width,
+    with_unit,
+    wrapped,
+)
 from rmpc_bench.figures.palette import GROUND, INK, PRINT
-from rmpc_bench.figures.points import row_of
 from rmpc_bench.figures.row_columns import VERDICT_COLOURS
 from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, lay_out, new_figure, style
 
@@ -32,7 +39,6 @@ PAD, SMALLEST = 2.0, 5.0
 """Free width of a cell beside its text, and smallest size of the text; below it cells have colours only [pt]."""
 TINT, MOST_TINT = 0.16, 0.45
 """Opacity of the colour of a verdict, and of the largest value."""
-MARKS = {INCONCLUSIVE: "?", EQUIVALENT: "≈", FAILS_MORE: "!"}
 
 
 class Cell(NamedTuple):
@@ -100,11 +106,11 @@ def _matrix(content: SweepContent) -> Block:
     """Arrange points and methods; the longer ones go down, and the means of the baseline are first."""
     (points,) = content.panels.values()
     cell = _cells(content)
-    names = [label_of(content.trials, name) for name in content.methods]
+    names = [name_of(content.trials, name) for name in content.methods]
     cells = [[cell(table, name) for name in content.methods] for table in points.values()]
     base = content.trials.baseline
     if content.show == "change":
-        names = [f"{label_of(content.trials, base)}, mean", *names]
+        names = [f"{name_of(content.trials, base)}, mean", *names]
         cells = [[_mean(table, base), *row] for row, table in zip(cells, points.values(), strict=True)]
     titles = [literal(text) for text in points]
     if len(titles) >= len(content.methods):
@@ -120,7 +126,7 @@ def _grids(content: SweepContent) -> list[Block]:
     for name in content.methods:
         tables = [[content.panels[y].get(x) for x in across] for y in down]
         cells = [[None if table is None else cell(table, name) for table in row] for row in tables]
-        title = label_of(content.trials, name)
+        title = name_of(content.trials, name)
         found.append(Block(title, [literal(text) for text in down], [literal(text) for text in across], cells))
     return found
 
@@ -128,7 +134,7 @@ def _grids(content: SweepContent) -> list[Block]:
 def _cells(content: SweepContent) -> Any:
     """Return the function that makes the cell of a method in a table."""
     if content.show == "change":
-        return lambda table, name: _changed(content, table, row_of(table, name))
+        return lambda table, name: _changed(content, table, table.row_of(name))
     values = {(id(t), name): content.number(t, name) for t in content.tables for name in content.methods}
     finite = [each.value for each in values.values() if math.isfinite(each.value)] or [0.0]
     low, high = min(finite), max(finite)
@@ -154,9 +160,11 @@ def _text(value: Estimate) -> str:
 
 def _changed(content: SweepContent, table: ResultTable, row: ResultRow | None) -> Cell | None:
     """Make the cell of a change: without decimals, with the colour of the verdict."""
-    if row is None or math.isnan(content.number(table, row.method).value):
+    if row is None or not row.n + row.n_failed:
         return None
     value = content.number(table, row.method)
+    if math.isnan(value.value):
+        return Cell("failed" if not row.n else row.word, INK, GROUND, 0.0, f"method-{row.method}")
     if content.form == "share":
         text = f"{number(100 * value.value, 0)} %"
     elif content.form == "difference":
@@ -180,7 +188,7 @@ def _direction(content: SweepContent, value: Estimate) -> str:
 
 
 def _mean(table: ResultTable, method: str) -> Cell | None:
-    row = row_of(table, method)
+    row = table.row_of(method)
     if row is None or not row.n:
         return None
     mean = row.quantiles[2] if table.may_not_occur else row.mean.value

@@ -11,8 +11,8 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import dress_small
-from rmpc_bench.figures.captions import at_point, joined, label_of, sentence
-from rmpc_bench.figures.labels import symbol
+from rmpc_bench.figures.captions import at_point, joined, sentence
+from rmpc_bench.figures.labels import name_of, symbol
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.palette import are_rough, line_styles, sample
 from rmpc_bench.figures.points import point_at
@@ -92,7 +92,7 @@ class Elements(OnePointFigure):
     def caption(self, results: Trials) -> str:
         """Name the matrix, its methods, the run and the axes; see `Figure.caption`."""
         made = self._content(results)
-        names = joined(label_of(made.point, name) for name in made.matrices)
+        names = joined(name_of(made.point, name) for name in made.matrices)
         return sentence(
             f"Elements of the matrix {symbol(self.signal)} of {names} in run {self.run}{at_point(made.title)}, "
             f"{made.window.words}, with one vertical axis for the diagonal and another one for all others",
@@ -152,7 +152,7 @@ class Content(NamedTuple):
     @property
     def failed(self) -> list[str]:
         """Methods that failed in the run, with their status."""
-        return [f"{label_of(self.point, name)} {each.failure}" for name, each in self.matrices.items() if each.failure]
+        return [f"{name_of(self.point, name)} {each.failure}" for name, each in self.matrices.items() if each.failure]
 
 
 def matrix_of(point: Trials, name: str, signal: str, run: int, window: TimeWindow) -> RecordedMatrix:
@@ -194,4 +194,4 @@ def _draw_elements(grid: Any, made: Content) -> list[Handle]:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)
     looks = {name: styles[name].line(rough=all(rough.values())) for name in values}
-    return [(label_of(made.point, name), sample(**look)) for name, look in looks.items()]
+    return [(name_of(made.point, name), sample(**look)) for name, look in looks.items()]

@@ -12,9 +12,9 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import at_point, joined, label_of, quantity, runs_sentence, sentence
+from rmpc_bench.figures.captions import at_point, joined, quantity, runs_sentence, sentence
 from rmpc_bench.figures.curves import Curve, components
-from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
+from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of, name_of
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.palette import DIM, LineStyle, grouped, line_styles, paler, sample
 from rmpc_bench.figures.points import point_at
@@ -154,7 +154,7 @@ class Ellipses(OnePointFigure):
         x, y = (metric_of(point, name) for name in (self.x, self.y))
         k, ellipses = ellipses_of(point, methods, self.components, self.k)
         radii = joined(f"{radius:g}" for radius in self.sigmas)
-        names = joined(label_of(point, name) + REMARKS[ellipse.shape] for name, ellipse in ellipses.items())
+        names = joined(name_of(point, name) + REMARKS[ellipse.shape] for name, ellipse in ellipses.items())
         return sentence(
             f"Ellipses of the covariance $P$ that {names} report at k = {k}{at_point(title)}, with the radii {radii} "
             "standard deviations about the mean of the estimates (crosses), and dots of the runs in the plane of "
@@ -181,7 +181,7 @@ class Ellipses(OnePointFigure):
                 look = styles[name]
                 with grouped(axes, look.gid):
                     keys_of = _draw_ellipse(axes, ellipse, self.sigmas, look.color, look.zorder)
-                handles.append((label_of(point, name) + REMARKS[ellipse.shape], sample(**keys_of, gid=look.gid)))
+                handles.append((name_of(point, name) + REMARKS[ellipse.shape], sample(**keys_of, gid=look.gid)))
             radii = zip(self.sigmas, RINGS, strict=False)
             keys: list[Handle] = [(rf"${radius:g}\sigma$", sample(color=DIM, **ring)) for radius, ring in radii]
             keys += _draw_dots(axes, dots, styles)

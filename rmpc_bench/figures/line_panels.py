@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.figures.axes import NONE, Axis, change_axis, draw_no_change, scaled_axis, set_axis, stacked_panels
-from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.labels import LINEAR, literal, shortened, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.labels import LINEAR, literal, name_of, shortened, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.palette import DIM, INK, LineStyle, line_styles
 from rmpc_bench.figures.style import LINE_HEIGHT, POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types import Array
@@ -88,7 +87,7 @@ def _draw(axes: Axes, content: SweepContent, panel: str, axis: Axis, styles: dic
         base = content.trials.baseline
         draw_no_change(axes, content.form, content.margin, upright=True, gid=f"method-{base}")
         place = axis.place(NONE.get(content.form, 0.0))
-        names.append(Name(label_of(content.trials, base), place, INK, f"method-{base}"))
+        names.append(Name(name_of(content.trials, base), place, INK, f"method-{base}"))
     for name in content.methods:
         line = content.line(panel, name)
         if not line:
@@ -103,7 +102,7 @@ def _draw(axes: Axes, content: SweepContent, panel: str, axis: Axis, styles: dic
             axes.vlines(x, low, high, color=look.color, lw=0.9, zorder=2.4, gid=look.gid)
         marks: dict[str, Any] = {} if look.color == DIM else {"marker": look.marker, "ms": 3.2}
         axes.plot(x, middle, **look.line(), **marks)
-        names.append(Name(label_of(content.trials, name), axis.place(float(middle[-1])), look.color, look.gid))
+        names.append(Name(name_of(content.trials, name), axis.place(float(middle[-1])), look.color, look.gid))
     return names
 
 

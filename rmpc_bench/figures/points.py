@@ -61,7 +61,7 @@ _tables: WeakKeyDictionary[Trials, dict[tuple[MetricInfo, Levels], ResultTable]]
 def tables_of(results: Trials, points: Sequence[Trials], info: MetricInfo) -> list[ResultTable]:
     """Collect the rows of a metric at points of the results, with the levels of intervals that all results have."""
     from rmpc_bench.analysis.comparison import comparisons, levels
-    from rmpc_bench.analysis.result_rows import result_table
+    from rmpc_bench.analysis.result_rows import in_one_form, result_table
     from rmpc_bench.analysis.statistics import summary
 
     of, found = levels(results), []
@@ -72,13 +72,12 @@ def tables_of(results: Trials, points: Sequence[Trials], info: MetricInfo) -> li
             one = point.with_numbers(point.frame, metrics=(info,), primary=primary)
             known[info, of] = result_table(one, summary(one), comparisons(one, of), info)
         found.append(known[info, of])
-    return found
+    return in_one_form(found)
 
 
 def common_form(tables: Sequence[ResultTable]) -> Form:
-    """Find what compares the rows of all tables; shares of the runs where they differ, as these always exist."""
-    forms = {table.form for table in tables} - {"alone"}
-    return forms.pop() if len(forms) == 1 else "share" if forms else "alone"
+    """Return what compares the rows of tables in one form."""
+    return next((table.form for table in tables if table.form != "alone"), "alone")
 
 
 def shown_change(row: ResultRow, form: Form) -> Estimate:
@@ -86,11 +85,6 @@ def shown_change(row: ResultRow, form: Form) -> Estimate:
     if form == "share":
         return Estimate(*(each / 100 for each in row.superiority))
     return Estimate(*(1 + each / 100 for each in row.change)) if form == "ratio" else row.change
-
-
-def row_of(table: ResultTable, method: str) -> ResultRow | None:
-    """Return the row of a method; None where the point does not have it."""
-    return next((row for row in table.rows if row.method == method), None)
 
 
 def first_tables(figure: SweepFigure, metric: str | None, results: Trials) -> tuple[list[ResultTable], str]:
@@ -108,7 +102,7 @@ def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | No
 
     found = []
     for name in order or [row.method for row in first.ordered]:
-        row, named = row_of(table, name), row_of(first, name)
+        row, named = table.row_of(name), first.row_of(name)
         if row is None and named is not None:
             row = named._replace(n=0, mean=Estimate(), quantiles=(), word=NOT_COMPUTED, compared={})
         found += [] if row is None else [row]

@@ -13,8 +13,7 @@ from rmpc_bench.analysis.rank_rows import ranking
 from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
 from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis, spaced
-from rmpc_bench.figures.captions import label_of
-from rmpc_bench.figures.labels import LINEAR, metric_label, typeset, width, with_unit, wrapped
+from rmpc_bench.figures.labels import LINEAR, metric_label, name_of, typeset, width, with_unit, wrapped
 from rmpc_bench.figures.palette import BAND, GROUND, INK, PRINT
 from rmpc_bench.figures.points import common_form, shown_change
 from rmpc_bench.figures.style import POINTS_PER_INCH
@@ -163,7 +162,7 @@ def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]])
     found = [shown_change(row, form) for _, row in shown]
     axis = change_axis(form, found, margin)
     unit = first.info.unit if form == "difference" else ""
-    label = with_unit(typeset(COMPARED[form].format(label_of(first.trials, first.baseline))), unit)
+    label = with_unit(typeset(COMPARED[form].format(name_of(first.trials, first.baseline))), unit)
 
     def draw(axes: Axes, table: ResultTable, row: ResultRow, place: int) -> None:
         if row.compared and row.quantiles:
@@ -255,5 +254,5 @@ def _ratios(results: Trials) -> Column:
         word = BETTER if value.high < 1 else WORSE if value.low > 1 else ""
         _change(axes, axis, value, _text("ratio", value, ""), place, VERDICT_COLOURS.get(word, INK), row.method)
 
-    label = typeset(COMPARED["ratio"].format(label_of(results, results.baseline)))
+    label = typeset(COMPARED["ratio"].format(name_of(results, results.baseline)))
     return Column(axis, label, draw, lambda axes: draw_no_change(axes, "ratio", results.relevant))

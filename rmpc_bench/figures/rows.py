@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.figures.axes import Log
-from rmpc_bench.figures.captions import label_of, quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import literal, on_two_lines, shortened
+from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
+from rmpc_bench.figures.labels import literal, name_of, on_two_lines, shortened
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types.figure import Inches, SweepFigure
@@ -147,7 +147,7 @@ def _name_rows(panels: Sequence[Axes], table: ResultTable, rows: Sequence[Result
     """Name the rows at the left, an oracle in italics, and rule them."""
     first = panels[0]
     write = on_two_lines if len(rows) <= DENSE else shortened
-    names = [write(label_of(table.trials, row.method), limit) for row in rows]
+    names = [write(name_of(table.trials, row.method), limit) for row in rows]
     first.set_yticks(range(len(rows)), names, linespacing=1.0)
     first.set_ylim(len(rows) - 0.4, -0.6)
     for label, row in zip(first.get_yticklabels(), rows, strict=True):

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.shown_numbers import MINUS, Estimate
 from rmpc_bench.figures.axes import WIDE, Log, value_axis
 from rmpc_bench.figures.captions import short_title
 from rmpc_bench.figures.labels import literal, width
-from rmpc_bench.figures.points import common_form, row_of, shown_change
+from rmpc_bench.figures.points import common_form, shown_change
 from rmpc_bench.figures.style import POINTS_PER_INCH
 from rmpc_bench.types import Array
 
@@ -158,7 +158,7 @@ class SweepContent(NamedTuple):
 
     def number(self, table: ResultTable, method: str) -> Estimate:
         """Return the number of a method at a point with its spread; NaN where there is none."""
-        row = row_of(table, method)
+        row = table.row_of(method)
         if row is None:
             return Estimate()
         if self.show == "change":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -22,14 +21,16 @@ from rmpc_bench.analysis.result_rows import (
 from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.figures.captions import joined
+from rmpc_bench.figures.sweep_content import SweepAxis, axis_of
+from rmpc_bench.report.run_notes import counted
 
 MOST_WORDS = 45
 ENOUGH = 25  # words for the points of a sweep, below which the findings are counted in fewer words
 MOST_RANGES = 2  # ranges of points that are named; of more the points are counted
 SMOKE = "A smoke run shows that everything works; its numbers mean nothing."
 ORDER = (BETTER, EQUIVALENT, WORSE, INCONCLUSIVE, FAILS_MORE)
-_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")
-"""Words in front of which the answer does not begin with the name of a method."""
+_BEGINNINGS = ("Of ", "Better ", "No ", "The ", "All ", "Both ", "Statements ", "Every ")  # no names of methods
 _FORMS = {BETTER: "better than {}", WORSE: "worse than {}", EQUIVALENT: "equivalent to {}"}
 _FINDINGS = {
     Finding.CONFIRMED_SMALLER: "confirmed with a smaller effect",
@@ -38,8 +39,7 @@ _FINDINGS = {
     Finding.EQUAL: "equal to the printed digits",
     Finding.CLOSE: "close to the printed number",
     Finding.DIFFERENT: "different from the printed number",
-}
-"""Words behind a form of ``be``, where those of the finding itself do not fit."""
+}  # behind a form of `be`, where the words of the finding itself do not fit
 
 
 class Sweep(NamedTuple):
@@ -59,17 +59,18 @@ def answer(
     claims, room = _claims(verdicts), MOST_WORDS - 2 * unfinished
     if len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
-        text = f"{found} {_of_points(tables, n_blank, room - len(found.split()))}".strip()
+        text = f"{found} {_of_points(in_order(tables), n_blank, room - len(found.split()))}".strip()
     else:
-        text = _first_fitting(claims, *_of_rows(tables[0]), room=room)
+        # One wording of each part, the first ones that fit together; the first part is the first to be shortened.
+        choices = sorted(
+            product(*map(enumerate, (claims, *_of_rows(tables[0])))),
+            key=lambda chosen: (sum(k for k, _ in chosen), -chosen[0][0]),
+        )
+        texts = [" ".join(text for _, text in chosen if text) for chosen in choices]
+        text = next((text for text in texts if len(text.split()) <= room), texts[-1])
     if not unfinished:
         return text
     return f"So far {text[0].lower()}{text[1:]}" if text.startswith(_BEGINNINGS) else f"So far {text}"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas and a final ``and``."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def _claims(verdicts: Sequence[ClaimVerdict]) -> list[str]:
@@ -95,13 +96,6 @@ def finding_words(finding: Finding) -> str:
     return _FINDINGS.get(finding, finding.sentence)
 
 
-def _first_fitting(*parts: Sequence[str], room: int) -> str:
-    """Join one wording of each part, the first ones that fit together; the first part is the first to be shortened."""
-    choices = sorted(product(*map(enumerate, parts)), key=lambda chosen: (sum(k for k, _ in chosen), -chosen[0][0]))
-    texts = [" ".join(text for _, text in chosen if text) for chosen in choices]
-    return next((text for text in texts if len(text.split()) <= room), texts[-1])
-
-
 def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
     """Return the answer for one point and what is said of failures, each in ever fewer words."""
     rows = table.compared
@@ -122,10 +116,10 @@ def _alone(table: ResultTable) -> str:
         return "Every run failed." if any(row.n_failed for row in table.rows) else "No run is finished."
     if table.may_not_occur:
         parts = [f"{row.n_occurred} of {row.n} runs of {row.method} have a {table.quantity}" for row in rows]
-        return f"{listed(parts)}."
+        return f"{joined(parts)}."
     unit = f" {table.info.unit}" if table.info.unit else ""
     parts = [f"{mean_text(row.mean)}{unit} for {row.method}" for row in rows]
-    return f"The mean {table.quantity} is {listed(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
+    return f"The mean {table.info.words} is {joined(parts)} ({rows[0].n} run{'s' * (rows[0].n > 1)})."
 
 
 def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
@@ -134,25 +128,23 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     for word, form in (*_FORMS.items(), (INCONCLUSIVE, INCONCLUSIVE), (NOT_COMPUTED, NOT_COMPUTED)):
         names = [row.method for row in rows if row.word == word]
         if names:
-            n = f" with {rows[0].n + rows[0].n_failed} runs" if word == INCONCLUSIVE and not parts else ""
+            n = f" with {counted(rows[0].n + rows[0].n_failed, 'run')}" if word == INCONCLUSIVE and not parts else ""
             are = "are" if len(names) > 1 else "is"
-            parts.append(f"{listed(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
+            parts.append(f"{joined(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
     text = "; ".join(parts)
     best = table.best
     if best is None or best.word != BETTER:
         return [f"{text}." if text else ""]
-    sized = _occurrence(table, best, text) if table.form == "share" else _with_size(table, best, text, len(rows) == 1)
-    return [sized, f"{text}."]
-
-
-def _occurrence(table: ResultTable, best: ResultRow, text: str) -> str:
-    """Compare how often the event did not occur; where that is the same, in how many runs the best is better."""
+    if table.form != "share":
+        return [_with_size(table, best, text, len(rows) == 1), f"{text}."]
+    # How often the event did not occur; where that is the same, in how many runs the best is better.
     base = next(row for row in table.rows if row.is_baseline)
     lost = [(row, row.n - row.n_occurred) for row in (base, best)]
     if lost[0][1] == lost[1][1]:
-        return f"{text}. {best.method} is better in {table.change_text(best)} of the runs."
-    parts = [f"{k or 'none'} of {row.n} runs of {row.method}" for row, k in lost]
-    return f"{text}: there is no {table.quantity} in {listed(parts)}."
+        return [f"{text}. {best.method} is better in {table.change_text(best)} of the runs.", f"{text}."]
+    (_, before), (_, after) = lost
+    counts = f"{before} of {base.n} runs, {best.method} in {after} of {best.n}"
+    return [f"{text}: {base.method} has no {table.quantity} in {counts}.", f"{text}."]
 
 
 def _with_size(table: ResultTable, best: ResultRow, text: str, alone: bool) -> str:
@@ -178,18 +170,19 @@ def _counted(table: ResultTable, rows: Sequence[ResultRow]) -> str:
     if not parts:
         return ""
     n, _, word = parts[0].partition(" ")
+    parts = [text.replace("fails", "fail") if text[:2] != "1 " else text for text in parts]
     if word == FAILS_MORE:
-        parts[0] = f"{n} fail{'s' * (n == '1')} more than {table.baseline}"
+        parts[0] = f"{parts[0]} than {table.baseline}"
     else:
         parts[0] = f"{n} {'is' if n == '1' else 'are'} {_FORMS.get(word, word).format(table.baseline)}"
-    return f"Of {len(rows)} methods, {listed(parts)}."
+    return f"Of {len(rows)} methods, {joined(parts)}."
 
 
 def _failures(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     """Say which methods fail more, and in how many runs, in ever fewer words."""
     base, found = table.row_of(table.baseline), [row for row in rows if row.word == FAILS_MORE]
     if base is not None and base.n_failed and not base.n:
-        return [f"Every run of {base.method} failed."]
+        return [f"Every run{f' of {base.method}' if any(row.n for row in rows) else ''} failed."]
     if not found:
         return [""]
     lost = base.n_failed if base else 0
@@ -206,8 +199,8 @@ def _few(names: Sequence[str], n: int) -> str:
     """Name up to n methods and count the others."""
     left = len(names) - n
     if left <= 0:
-        return listed(names)
-    return listed([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
+        return joined(names)
+    return joined([*names[:n], f"{left} other{'s' * (left > 1)}"]) if n else f"{left} method{'s' * (left > 1)}"
 
 
 def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
@@ -219,7 +212,9 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     if not any(computed):
         return "No run is finished."
     if not words:
-        return f"{first.baseline} has no other method to compare with."
+        means = [first.mean_text(row) for first in tables for row in first.rows if row.n]
+        ends = f" is {means[0]} at the first point, {means[-1]} at the last" if len(means) > 1 else " is in the table"
+        return f"The mean {first.info.words} of {first.baseline}{ends}; it has no other method to compare with."
     heads = {BETTER: f"Better than {first.baseline} in {first.quantity}:", WORSE: "Worse:", FAILS_MORE: "Fails more:"}
     kept = [(head, groups) for word, head in heads.items() if (groups := _groups(words, word, sweep, computed))]
     if not kept or kept[0][0] != heads[BETTER]:
@@ -237,17 +232,26 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     return " ".join(f"{part}." for part in parts)
 
 
+def in_order(tables: Sequence[ResultTable]) -> Sequence[ResultTable]:
+    """Sort the points of a sweep over numbers of one path by these."""
+    axis = _axis(tables)
+    if axis is None or axis.numbers is None:
+        return tables
+    return sorted(tables, key=lambda table: axis.place(table.trials.point[axis.path]))
+
+
 def sweep_of(tables: Sequence[ResultTable]) -> Sweep:
     """Name the points of a sweep: by the value of the only path, or by all their values."""
-    trials = [table.trials for table in tables]
-    paths = {path for point in trials for path in point.point}
-    if len(paths) != 1:
+    axis, trials = _axis(tables), [table.trials for table in tables]
+    if axis is None:
         return Sweep([point.title for point in trials], ordered=False)
-    names = [str(next(iter(point.point.values()))) for point in trials]
-    try:
-        return Sweep(names, ordered=all(math.isfinite(float(name)) for name in names))
-    except ValueError:
-        return Sweep(names, ordered=False)
+    return Sweep([point.point[axis.path] for point in trials], ordered=axis.numbers is not None)
+
+
+def _axis(tables: Sequence[ResultTable]) -> SweepAxis | None:
+    points = [table.trials.point for table in tables]
+    paths = {path for point in points for path in point}
+    return axis_of(points, paths.pop()) if len(paths) == 1 else None
 
 
 class _Group(NamedTuple):
@@ -295,14 +299,7 @@ def _fitting(groups: Sequence[_Group], room: int) -> str:
 
 
 def ranges(points: Sequence[str], chosen: Sequence[bool]) -> str:
-    """Say at which points of a sweep something holds; of three ranges or more the points are counted.
-
-    Examples
-    --------
-    >>> points = ["0", "0.1", "0.2", "0.3"]
-    >>> ranges(points, [False, True, True, True]), ranges(points, [True, False, False, True])
-    ('from 0.1', 'at 0 and at 0.3')
-    """
+    """Say at which points something holds, such as ``at 0 and from 0.3``; of three ranges or more count the points."""
     found: list[tuple[int, int]] = []
     for k, yes in enumerate(chosen):
         if yes and found and found[-1][1] == k - 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,9 +12,9 @@ import pandas as pd
 from rmpc_bench.analysis import comparison_text
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.comparison_text import margin_text, size_text
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.point_tables import markdown_table, stacked_points
 from rmpc_bench.types import DesignError, MetricInfo
@@ -62,16 +63,16 @@ def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
         return ""
     name = name_of_distance(info)
     value = float(row["difference"] if row["average"] == "difference" else row["change_pct"])
-    if "[" not in size:
-        return f"changes {name} by {size}, without an interval"
     low, high = ("difference_low", "difference_high") if row["average"] == "difference" else ("ci_low", "ci_high")
+    if math.isnan(row[low]):
+        return f"changes {name} by {size}, without an interval"
     if row[low] <= 0 <= row[high] or value == 0:
         return f"changes {name} by {size}"
     if value > 0:
         return f"raises {name} by {size.replace('+', '')}"
     ends = -value, -float(row[high]), -float(row[low])
     unit = info.unit if row["average"] == "difference" else "%"
-    return f"lowers {name} by {interval_text(*ends, unit=unit, sign=False)}"
+    return f"lowers {name} by {interval_text(Estimate(*ends), unit)}"
 
 
 def explanation(trials: Trials) -> str:

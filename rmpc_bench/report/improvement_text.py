@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import pandas as pd
 
 from rmpc_bench.analysis.comparison_text import about, margin_of
-from rmpc_bench.analysis.improvement_difference import AverageDifference, Estimate, ImprovementDifference
-from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.improvement_difference import AverageDifference, ImprovementDifference
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.report.comparison_table import AVERAGES
@@ -89,7 +89,7 @@ class ImprovementComparison:
         average = SHORT_AVERAGES.get(each.average, "mean differences")
         text += f"by {in_b} {second}: the difference of the improvements is {gap}"
         if each.average != "difference":
-            text += f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
+            text += f", the ratio of the ratios {interval_text(each.ratio)}"
         return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
 
     def _experiments(self) -> list[str]:
@@ -141,12 +141,12 @@ def _changed(change: Estimate, each: AverageDifference, info: MetricInfo, *, sig
     """Write a change; a reduction as a positive number unless signs are shown."""
     unit = info.unit if each.average == "difference" else "%"
     if sign or _verb(change) != "lowers":
-        return interval_text(*change, unit=unit, sign=sign or _verb(change) == "changes")
-    return interval_text(-change.value, -change.high, -change.low, unit=unit, sign=False)
+        return interval_text(change, unit, sign=sign or _verb(change) == "changes")
+    return interval_text(Estimate(-change.value, -change.high, -change.low), unit)
 
 
 def _estimate(each: Estimate, factor: float, unit: str) -> str:
-    text = interval_text(*(factor * end for end in each), unit=unit)
+    text = interval_text(Estimate(*(factor * end for end in each)), unit, sign=True)
     return f"{text}, without an interval" if math.isnan(each.low) and not math.isnan(each.value) else text
 
 

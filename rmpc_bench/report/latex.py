@@ -13,9 +13,8 @@ from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed, short_title
 from rmpc_bench.figures.labels import typeset, wrapped
-from rmpc_bench.report.columns import average_of, columns_of, mean_alone
 from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
-from rmpc_bench.report.point_tables import Points, PointSummary
+from rmpc_bench.report.point_tables import Points, PointSummary, average_of, columns_of, value_text
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
@@ -73,7 +72,7 @@ def head_of(table: ResultTable, column: Column) -> str:
         return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
     heads: dict[Column, list[str]] = {
         "lost": ["Lost", r"[\%]"],
-        "median": ["Median", f"[quartiles] {unit}".strip()],
+        "median": ["Median", f"(quartiles) {unit}".strip()],
         "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
         "counts": ["Won/lost/", "tied"],
         "superiority": ["Superiority"],
@@ -214,7 +213,11 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[s
     means: dict[str, list[str]] = {}
     for table in (result_table(*point, info) for info in infos):
         for row in table.rows:
-            text = f"{row.n_occurred}/{row.n}" if table.may_not_occur and row.n else mean_alone(row)
+            text = (
+                f"{row.n_occurred}/{row.n}"
+                if table.may_not_occur and row.n
+                else value_text(row.mean.value, row.mean.half)
+            )
             means.setdefault(row.method, []).append(number_latex(text))
     return means
 

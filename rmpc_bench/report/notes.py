@@ -6,6 +6,7 @@ captions of tables in capitals; the note below the table defines every column in
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -16,13 +17,12 @@ from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import printed
 from rmpc_bench.report import latex
-from rmpc_bench.report.columns import other_average
 from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.latex import WIDTH, capitalised, paper_table
 from rmpc_bench.report.page.rows import Rows
-from rmpc_bench.report.point_tables import Points
-from rmpc_bench.report.requirements_table import latex_requirements
+from rmpc_bench.report.point_tables import Points, other_average
 from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.run_tables import latex_requirements
 from rmpc_bench.types.report_choices import Column
 
 LONGEST = 285  # characters of two lines
@@ -82,7 +82,8 @@ def _marks(tables: Sequence[ResultTable], lowest: str) -> str:
 
 def _drawn(table: ResultTable, rows: Rows | None) -> str:
     if table.form in ("alone", "share"):
-        return "Arrow: runs without the event." if table.form == "share" else ""
+        infinite = any(not math.isfinite(row.quantiles[-1]) for row in table.rows if row.quantiles)
+        return "Arrow: runs without the event." if table.form == "share" and infinite else ""
     strips = [cell.strip for row in (rows.rows if rows else ()) for cell in row.cells]
     arrow = "Arrow: beyond the axis." if any(strip is not None and strip.arrow for strip in strips) else ""
     band = "Margin" if rows and rows.everything else "Grey band"
@@ -120,7 +121,7 @@ DEFINITIONS: dict[Column, str] = {
     "mean": "Mean: average over the finished runs, with half its {level} interval.",
     "lost": "Lost: share of the runs that failed or whose {metric} exceeds {lost} times that of {baseline} in the same "
     "run, with its {level} interval.",
-    "median": "Median: of the finished runs, with the quartiles in brackets.",
+    "median": "Median: of the finished runs, with the quartiles in parentheses.",
     "n": "Runs/failed: number of finished runs and of failed runs.",
     "held": "Held steps: share of the steps in which a failed component kept its last value.",
     "steps": "Failed steps: share of the steps in which the optimisation failed and the fallback was applied.",

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
 import pandas as pd
 
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
-from rmpc_bench.analysis.shown_numbers import short
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.point_tables import markdown_page, markdown_table
@@ -172,7 +172,7 @@ def _interval(ratio: Ratio, is_baseline: bool) -> str:
         return "1"
     if math.isnan(ratio.ratio):
         return "-"
-    return interval_text(ratio.ratio, ratio.low, ratio.high, sign=False)
+    return interval_text(Estimate(ratio.ratio, ratio.low, ratio.high))
 
 
 def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:
@@ -180,7 +180,11 @@ def part_columns(found: Ranking, baseline: str) -> dict[str, list[str]]:
     parts: dict[tuple[str, str], dict[str, Ratio]] = {}
     for each in (ratio for row in found.rows for ratio in row.by_value):
         parts.setdefault((each.axis, each.value), {})[each.method] = each
-    columns = {value: [_factor(of.get(row.method)) for row in found.rows] for (_, value), of in parts.items()}
+    seen = Counter(value for _, value in parts)
+    # Two paths may have the same value.
+    heads = [value if seen[value] == 1 else f"{axis.rpartition('.')[2]}={value}" for axis, value in parts]
+    cells = [[_factor(of.get(row.method)) for row in found.rows] for of in parts.values()]
+    columns = dict(zip(heads, cells, strict=True))
     if found.n_values < 2:
         return columns
     others = [None if row.method == baseline else row for row in found.rows]

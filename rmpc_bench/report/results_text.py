@@ -14,7 +14,7 @@ from rmpc_bench.analysis.improvement_difference import ImprovementDifference
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, plain
 from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, TrialDifferences
-from rmpc_bench.report.answer import listed
+from rmpc_bench.figures.captions import joined
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
 
@@ -143,7 +143,7 @@ class ResultsComparison:
         if other:
             said = f"{other[0].name} is {other[0].words[0]} in A and {other[0].words[1]} in B"
             said = f"{len(other)} of {len(self.beside)} verdicts differ: {said}" if len(self.beside) > 1 else said
-        names = listed(resolved if len(resolved) <= 3 else [", ".join(resolved[:3]), f"{len(resolved) - 3} more"])
+        names = joined(resolved if len(resolved) <= 3 else [", ".join(resolved[:3]), f"{len(resolved) - 3} more"])
         gap = f"the difference between A and B is resolved for {names}"
         return f"{said}; {gap if resolved else 'no difference between A and B is resolved'}.{text}"
 

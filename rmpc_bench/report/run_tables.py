@@ -1,28 +1,38 @@
-"""Tables beside those of the metrics: error at the end, worst runs, lost runs, and what drives the differences."""
+"""Tables beside those of the metrics: requirements, drivers, worst runs, lost runs and the error at the end."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.driver_text import share_text
+from rmpc_bench.analysis.comparison_text import per_cent
+from rmpc_bench.analysis.driver_text import share_text as driver_share
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
 from rmpc_bench.analysis.lost_runs import lost_runs
-from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
+from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
+from rmpc_bench.report.latex_text import number_latex, to_latex
+from rmpc_bench.report.point_tables import (
+    PointSummary,
+    columns_from,
+    markdown_page,
+    markdown_table,
+    stacked_points,
+)
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.texts import inert_markdown
+from rmpc_bench.types.requirement import Requirement
 
 
 def ensemble_rows(trials: Trials) -> list[dict[str, str]]:
@@ -60,12 +70,10 @@ def _numbers(values: Array) -> str:
 
 def ensemble_markdown(trials: Trials) -> str:
     """Lay the table out as Markdown; empty where there is none."""
+    head = f"## Ensemble of the error at the end{f': {trials.title}' if trials.title else ''}"
     rows = ensemble_rows(trials)
-    if not rows:
-        return ""
-    title = f": {trials.title}" if trials.title else ""
-    head = inert_markdown(f"## Ensemble of the error at the end{title}")
-    return "\n".join([head, "", markdown_table(columns_from(rows)), "", "Bias, variance and P by component.", ""])
+    parts = [head, markdown_table(columns_from(rows)), "Bias, variance and P by component."] if rows else []
+    return markdown_page(parts)
 
 
 FEWEST_RUNS = 20  # runs below which the worst 5 % are less than one run
@@ -107,10 +115,8 @@ def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str
 
 
 def _tail_text(row: Mapping[Any, Any], name: str) -> str:
-    value = float(row[name])
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    return interval_text(value, float(row[f"{name}_low"]), float(row[f"{name}_high"]), sign=False)
+    value, low, high = (float(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
+    return f"{value}" if math.isinf(value) else interval_text(Estimate(value, low, high))
 
 
 def lost_table(trials: Trials) -> pd.DataFrame:
@@ -130,6 +136,14 @@ DRIVERS_NOTE = (
 )
 
 
+def _parts(
+    points: Sequence[tuple[Trials, pd.DataFrame]], columns: Callable[[Trials, pd.DataFrame], Mapping[str, list[str]]]
+) -> list[str]:
+    """Return the title and the table in Markdown of every point that has rows."""
+    found = [(trials.title, markdown_table(columns(trials, frame))) for trials, frame in points if len(frame)]
+    return [text for title, table in found for text in ([f"# {title}", table] if title else [table])]
+
+
 @dataclass(frozen=True, eq=False)
 class DriversTable:
     """Drivers of the primary metric."""
@@ -139,14 +153,11 @@ class DriversTable:
     @property
     def frame(self) -> pd.DataFrame:
         """Content of drivers.csv: sweep columns, then one row per method and quantity."""
-        return stacked_points(list(self.points))
+        return stacked_points(self.points)
 
     def to_markdown(self) -> str:
         """Return a table for every point; empty where nothing is uncertain."""
-        parts = []
-        for trials, frame in self.points[:MOST_POINTS]:
-            if len(frame):
-                parts += [f"# {trials.title}"] * bool(trials.title) + [markdown_table(_columns(frame))]
+        parts = _parts(self.points[:MOST_POINTS], lambda _, frame: _columns(frame))
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
         return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
@@ -163,12 +174,162 @@ def drivers_table(trials: Trials) -> DriversTable:
 def _columns(frame: pd.DataFrame) -> dict[str, list[str]]:
     """Return head -> cells, a row per method."""
     found = []
-    shares = frame[frame["response"] != "failed"]
-    for method, rows in shares.groupby("method", sort=False):
+    for method, rows in frame[frame["response"] != "failed"].groupby("method", sort=False):
         records = rows.to_dict("records")
         # Heads of two words cannot be names of quantities.
         cells = {"variance of": f"{method}: {records[0]['response']} of {records[0]['metric']}"}
-        cells |= {"not explained" if row["quantity"] == REST else row["quantity"]: share_text(row) for row in records}
+        cells |= {"not explained" if row["quantity"] == REST else row["quantity"]: driver_share(row) for row in records}
         cells |= {"number of runs": str(records[0]["n"]), "failed runs left out": str(records[0]["n_failed"])}
         found.append(cells)
     return columns_from(found)
+
+
+REQUIREMENTS_NOTE = (
+    "A failed run does not meet a requirement. Share: Wilson interval; difference in percentage points: paired score "
+    "interval of Tango, which contains 0 where the exact McNemar test does not reject equal shares."
+)
+
+
+def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = False) -> dict[str, list[str]]:
+    """Return head -> cells by the pass rates of one point; a plain table has no backticks around requirements."""
+    rows = frame.to_dict("records")
+    if not rows:
+        return {}
+    columns = {
+        "requirement": [str(row["requirement"]) if plain else f"`{row['requirement']}`" for row in rows],
+        "method": [row["method"] if plain else marked(trials, row["method"]) for row in rows],
+        "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
+        "share": [share_text(row) for row in rows],
+        "miss it, at most (95 %)": [per_cent(row["miss_upper"]) for row in rows],
+    }
+    if len(trials.methods) > 1:
+        columns[f"difference from {trials.baseline}"] = [difference_text(row) for row in rows]
+        columns["met by the method only / by the baseline only"] = [
+            "-" if row["method"] == row["baseline"] else f"{row['method_only']} / {row['baseline_only']}"
+            for row in rows
+        ]
+    return columns
+
+
+def share_text(row: Mapping[Hashable, Any]) -> str:
+    """Write the share of runs that meet a requirement with its interval."""
+    return interval_text(Estimate(row["pass_pct"], row["pass_low"], row["pass_high"]), "%")
+
+
+def difference_text(row: Mapping[Hashable, Any]) -> str:
+    """Write the paired difference from the baseline in percentage points; "-" for the baseline."""
+    values = (row["difference_pct"], row["difference_low"], row["difference_high"])
+    return interval_text(Estimate(*values), "points", sign=True)
+
+
+MOST_NAMED = 4  # methods that the screen names
+_SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
+
+
+@dataclass(frozen=True, eq=False)
+class RequirementsTable:
+    """Pass rates at every point of a sweep."""
+
+    trials: Trials
+    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its pass rates, see `rmpc_bench.analysis.requirements`
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """Content of requirements.csv: sweep columns, then one row per requirement and method."""
+        table = stacked_points(self.points)
+        table[_SHARES] = rounded(table[_SHARES].to_numpy(dtype=float), 100.0)
+        return table
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence per requirement and method that can be quoted as it stands."""
+        return tuple(
+            (f"{trials.title}: " if trials.title else "") + _sentence(trials, row)
+            for trials, frame in self.points
+            for row in frame.to_dict("records")
+        )
+
+    @property
+    def gist(self) -> str:
+        """In how many runs each method meets the first requirement; empty without one, or with several points."""
+        known = [frame for _, frame in self.points if len(frame)]
+        if len(known) != 1:
+            return "requirements: tables/requirements.md" if known else ""
+        first = known[0]["requirement"].iloc[0]
+        rows = known[0][known[0]["requirement"] == first].to_dict("records")[:MOST_NAMED]
+        others = known[0]["requirement"].nunique() > 1 or len(known[0]) > len(rows)
+        met = ", ".join(f"{row['passed']} ({row['method']})" for row in rows)
+        return f"{first} in {met} of {rows[0]['n']} runs{': tables/requirements.md' * others}"
+
+    def to_markdown(self) -> str:
+        """Return a table per point; empty without requirements."""
+        parts = _parts(self.points, requirement_columns)
+        return markdown_page([*parts, REQUIREMENTS_NOTE] if parts else [])
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+
+def requirements_table(trials: Trials) -> RequirementsTable:
+    """Count the runs that meet each requirement at every point of a sweep."""
+    return RequirementsTable(trials, [(point, pass_rates(point)) for point in trials.each])
+
+
+def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
+    failed = f", {row['n_failed']} of them failed" if row["n_failed"] else ""
+    met = f"meets {row['requirement']} in {row['passed']} of {row['n']} runs"
+    start = f"{row['method']} {met} ({share_text(row)}{failed})"
+    gap = difference_text(row)
+    if gap == "-":
+        return f"{start}."
+    return f"{start}: {gap} against {trials.baseline} ({row['n_pairs']} paired runs)."
+
+
+REQUIREMENTS = "requirements"  # name of the table
+
+
+def latex_requirements(points: Sequence[PointSummary], comments: Sequence[str], width: float) -> dict[str, PaperTable]:
+    """Return name -> table of requirements for a paper; empty without requirements."""
+    tables = [point.trials for point in points if point.trials.requirements]
+    if not tables:
+        return {}
+    first = tables[0]
+    where = f" at {len(tables)} points of a sweep" if len(tables) > 1 else ""
+    named = ", ".join(dict.fromkeys(_named(trials, each) for trials in tables for each in trials.requirements))
+    caption = f"Runs that pass, which is to have {named}; {len(first.runs)} runs per method{where}."
+    level = f"{100 * first.confidence:g} %"
+    note = [f"Share: with its {level} interval of Wilson in brackets."]
+    if len(first.methods) > 1:
+        base = first.labels.get(first.baseline, first.baseline.replace("$", r"\$"))
+        note.append(f"Each run is paired with the run of {base} that has the same random numbers.")
+        what = f"share minus that of {base} in percentage points"
+        note.append(f"Difference: {what}, with the paired {level} score interval.")
+    failed = {name: sum(trials.n_failed(name) for trials in tables) for name in first.methods}
+    counts = ", ".join(f"{first.labels.get(name, name)} {n}" for name, n in failed.items() if n)
+    note.append(f"Failed runs: {counts}; they do not pass." if counts else "No run failed.")
+    body = fitting_body([_body(tables, short=short) for short in (False, True)], width)
+    return {REQUIREMENTS: paper_table(REQUIREMENTS, body, caption, " ".join(note), comments)}
+
+
+def _named(trials: Trials, requirement: Requirement) -> str:
+    """Write a requirement with the unit of its metric."""
+    units = {info.name: info.unit for info in trials.metrics}
+    return f"{requirement.text} {units.get(requirement.metric, '')}".rstrip().replace("$", r"\$")
+
+
+def _body(tables: Sequence[Trials], *, short: bool) -> Body:
+    """Lay out a group of rows per point and requirement."""
+    paired = len(tables[0].methods) > 1
+    head = ["Method", "Pass", stacked(["Share", r"[\%]"]), *([stacked(["Difference", "[points]"])] if paired else [])]
+    groups = []
+    for trials in tables:
+        rates = pass_rates(trials)
+        for requirement in trials.requirements:
+            rows = []
+            for row in rates[rates["requirement"] == requirement.text].to_dict("records"):
+                texts = [f"{row['passed']}/{row['n']}", share_text(row).replace(" %", "", 1)]
+                texts += [difference_text(row).replace(" points", "", 1)] if paired else []
+                rows.append([row_label(trials, row["method"], short=short), *map(number_latex, texts)])
+            title = ", ".join(filter(None, [title_of(trials), to_latex(_named(trials, requirement))]))
+            groups.append((title, rows))
+    return Body(head, groups)

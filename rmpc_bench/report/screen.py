@@ -12,7 +12,7 @@ from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.driver_text import gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.parameter_text import parameter_groups
-from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, result_table
+from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
 from rmpc_bench.analysis.shown_numbers import plain
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
@@ -20,9 +20,8 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
 from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import MOST_NAMED, RequirementsTable
 from rmpc_bench.report.run_notes import failed_runs, message_of, remark_lines, show_command
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
@@ -86,8 +85,9 @@ class Screen:
 
     def _tables(self, metric: str) -> list[ResultTable]:
         points = [self.tables.pooled] if self.tables.pooled else self.tables.points
+        points = [point for point in points if len(point.trials.frame)]
         infos = [info for info in self.trials.metrics if info.name == metric]
-        return [result_table(*point, info) for info in infos for point in points if len(point.trials.frame)]
+        return in_one_form([result_table(*point, info) for info in infos for point in points])
 
     def _answer(self) -> str:
         primary = self.trials.primary_info
@@ -129,7 +129,7 @@ class Screen:
     def _texts(self, width: int) -> Iterator[tuple[str, list[str]]]:
         """Yield the notes in the order in which they are shown, each as its name and texts that begin a line."""
         if self.trials.with_verdicts and self.extent.planned:
-            yield "note", [self._note()]
+            yield "note", [self._note(width)]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
             yield "tuned", [*filter(None, [self.tuned.gist])]
@@ -139,10 +139,10 @@ class Screen:
         yield "claims", self._claims()
         yield "differs", [cut(text, width - 1) for text in self._differing()]
         yield "driven", self._driven()
-        yield "remarks", [cut(text, width - 1) for text in remark_lines(self.trials)[:1]]
+        yield "remarks", [cut(text, 2 * width - 4) for text in remark_lines(self.trials)[:1]]
         yield "page", [str(self.page)]
 
-    def _note(self) -> str:
+    def _note(self, width: int) -> str:
         """Say what runs share, what brackets are, and where parameters come from."""
         tables = self._tables(self.metric)
         compared = [row.compared for table in tables for row in table.rows if row.compared]
@@ -154,8 +154,10 @@ class Screen:
             marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if word in words)
             parts = [f"{marks}; intervals: tables/summary.md".removeprefix("; ")]
         elif tables:
-            bars = "[ ] and \u00b1" if compared and not tables[0].may_not_occur else "[ ]" if compared else "\u00b1"
-            parts.append(f"{bars}: {100 * self.trials.confidence:g} %{_CAPTIONS.get(tables[0].form, '')}")
+            shown = "".join(row_lines(tables[0], width))
+            bars = " and ".join(sign for sign, part in (("[ ]", "["), ("\u00b1", "\u00b1")) if part in shown)
+            level = f"{100 * self.trials.confidence:g} %{_CAPTIONS.get(tables[0].form, '')}"
+            parts.append(f"{bars}: {level}" if bars else level)
             simultaneous = any(float(row["ci_level"]) > self.trials.confidence for row in compared)
             parts[-1] += ", changes simultaneous" if simultaneous else ""
         parts += [] if self.trials.planned is None else [self.trials.planned.text]

@@ -15,6 +15,7 @@ from rmpc_bench.analysis.result_rows import FAILS_MORE, NOT_COMPUTED, ResultRow,
 from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.captions import quantity
 from rmpc_bench.report.answer import ORDER, sweep_of
 from rmpc_bench.report.run_notes import ran_counts
 from rmpc_bench.report.run_tables import ensemble_rows
@@ -56,10 +57,10 @@ def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) ->
 def row_lines(table: ResultTable, width: int) -> list[str]:
     """Lay out the methods at one point: mean, change and verdict."""
     n, left = _shown(len(table.rows), "methods")
-    rows, shares, unit = table.ordered[:n], table.form == "share", table.quantity_with_unit
+    rows, shares, unit = table.ordered[:n], table.form == "share", quantity(table.info)
 
     def lines(size: int | None, with_mean: bool, remarks: int) -> list[str]:
-        what = without_formulas(unit if size is None else cut(table.quantity, size))
+        what = without_formulas(unit if size is None else cut(table.info.words, size))
         base = table.baseline if size is None else cut(table.baseline, size)
         columns = [["method", *_cut_names([row.method for row in rows], size)]]
         if with_mean:
@@ -143,7 +144,7 @@ def sweep_lines(tables: Sequence[ResultTable], width: int) -> list[str]:
     x = paths[0].rpartition(".")[2] if len(paths) == 1 else "point"
     by = "" if len(paths) > 1 else f" by {x}" if x == paths[0] else f" by {x} = {paths[0]}"
     what = "share of runs better than" if first.form == "share" else f"change of the {first.quantity} against"
-    title = f"mean {first.quantity_with_unit}" if first.form == "alone" else f"{what} {first.baseline}"
+    title = f"mean {quantity(first.info)}" if first.form == "alone" else f"{what} {first.baseline}"
     down, across = _matrix(tables, x, sweep.points)
     points_first = sweep.ordered or len(tables) >= len(first.rows) - 1
     numbers = [str(k + 1) for k in range(len(tables))]

@@ -18,9 +18,8 @@ from rmpc_bench.report.latex import ALL_METRICS, WIDTH
 from rmpc_bench.report.notes import latex_tables, note_of
 from rmpc_bench.report.page.rows import rows_of
 from rmpc_bench.report.point_tables import PointSummary, markdown_page, markdown_table, stacked_points
-from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import counted, sections_of
-from rmpc_bench.report.run_tables import ensemble_markdown, worst_runs_columns
+from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, worst_runs_columns
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.issue import unknown
 from rmpc_bench.types.report_choices import Column

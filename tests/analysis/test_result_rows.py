@@ -8,7 +8,7 @@ import pytest
 from comparison_tables import table as trials_of
 
 from rmpc_bench.analysis.comparison import comparisons, levels
-from rmpc_bench.analysis.result_rows import result_table
+from rmpc_bench.analysis.result_rows import in_one_form, result_table
 from rmpc_bench.analysis.statistics import summary
 
 N = 60
@@ -152,3 +152,24 @@ def test_averages_that_disagree_are_inconclusive():
     _, rows = rows_of({"KF": np.ones(2000), "A": ratios})
     assert rows["A"].compared["verdict"] == "depends-on-average"
     assert (rows["A"].word, rows["A"].remark) == ("inconclusive", "averages disagree")
+
+
+def test_points_of_a_sweep_have_one_form():
+    """A point where the baseline or the method is lost has the form of the others; a baseline of 0 makes all shares."""
+    usual, lost = {"KF": BASE, "A": 0.8 * BASE * NOISE}, np.full(N, math.nan)
+    tables = [rows_of(each)[0] for each in (usual, {"KF": lost, "A": BASE}, {"KF": BASE, "A": lost})]
+    assert [table.form for table in in_one_form(tables)] == ["ratio"] * 3
+    shown = [table.short_change(table.row_of("A")) for table in in_one_form(tables)]
+    assert shown == ["\u221220 %", "better", "fails more"]
+    zero = rows_of({"KF": np.zeros(N), "A": BASE})[0]
+    assert [table.form for table in in_one_form([tables[0], zero])] == ["share", "share"]
+
+
+def test_the_worst_run_is_the_farthest_from_the_best_value():
+    values = np.array([-5.0, *[1.0] * 59])
+    for direction, worst in (("zero", -5.0), ("lower", 1.0), ("higher", -5.0)):
+        _, rows = rows_of({"KF": values, "A": values}, direction=direction)
+        assert rows["A"].worst == worst
+    ratios = np.array([0.1, *[2.0] * 59])
+    _, rows = rows_of({"KF": ratios, "A": ratios}, direction="one")
+    assert rows["A"].worst == 0.1

@@ -46,6 +46,7 @@ def test_means(mean, text):
         (0.00012345, 3, "0.000123"),
         (0.000012345, 3, "1.23e\u22125"),
         (1.5, 3, "1.5"),
+        (-0.0, 3, "0"),
         (math.inf, 3, "inf"),
         (math.nan, 3, "-"),
     ],
@@ -59,6 +60,7 @@ def test_numbers_without_an_interval(x, digits, text):
     ("change", "text"),
     [
         ((-11.1105, -15.2737, -6.74284), "-11 % [-15, -7]"),
+        ((-0.002, -0.003, -0.001), "-0.002 % [-0.003, -0.001]"),
         ((-10.53, -19.93, -0.04), "-10.53 % [-19.93, -0.04]"),
         ((161, 107, 228), "x2.6 [2.1, 3.3]"),
         ((40000, 30000, 54000), "x401 [301, 541]"),
@@ -78,6 +80,9 @@ def test_a_mirrored_change_is_a_positive_reduction():
     """Its ends are in order; there is no change without a value."""
     assert change_texts(Estimate(-11.1105, -15.2737, -6.74284), mirrored=True) == ("11 %", "[7, 15]")
     assert difference_texts(Estimate(-0.02, -0.03, -0.01), "rad", mirrored=True) == ("0.020 rad", "[0.010, 0.030]")
+    large, small = Estimate(-6.2e6, -8.4e6, -4.3e6), Estimate(0.0012, 1e-5, 0.0024)
+    assert difference_texts(large, "m") == ("\u22126.2e6 m", "[\u22128.4e6, \u22124.3e6]")
+    assert difference_texts(small) == ("+0.00120", "[+0.00001, +0.00240]")
     assert change_texts(Estimate()) == difference_texts(Estimate()) == ("", "")
 
 

@@ -19,9 +19,8 @@ from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.columns import columns_of
 from rmpc_bench.report.comparison_table import sentence
-from rmpc_bench.report.point_tables import markdown_table
+from rmpc_bench.report.point_tables import columns_of, markdown_table
 from rmpc_bench.report.screen import WIDTH
 from rmpc_bench.report.screen_tables import ran_lines, row_lines
 from rmpc_bench.types import Array, MetricInfo
@@ -233,7 +232,7 @@ def row_of_runs(table: ResultTable) -> dict[str, str]:
     names = [row.method for row in table.rows]
     return {
         "metric": f"{table.info.name} [{table.info.unit}]",
-        **{f"median of {name} [quartiles]": cell for name, cell in zip(names, found["median"], strict=True)},
+        **{f"median of {name} (quartiles)": cell for name, cell in zip(names, found["median"], strict=True)},
         **{f"n/n_failed of {name}": cell for name, cell in zip(names, found["n"], strict=True)},
         "pairs": found.get("pairs", ["", ""])[1],
     }

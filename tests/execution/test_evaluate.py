@@ -171,7 +171,6 @@ def test_moments_where_there_are_none_beside_runs(tmp_path):
             {"figures": "[{kind: signals, signals: [variance]}]"},
             "figures.0.signals: 'variance' needs ensemble moments: evaluate: [runs, moments]",
         ),
-        ({"figures": "[means]"}, "figures.0: needs ensemble moments"),
         ({"claims": "[{says: a, check: 'last(trace(cov(e[KF]))) < 3'}]"}, "claims.0.check: cov(e[KF]) is not there"),
     ],
 )

@@ -70,4 +70,4 @@ def test_check_prints_time_memory_and_shards(tmp_path):
     assert "MB of memory in the process that writes the report" in found.stdout
     assert "4, each of at most 100 runs" in found.stdout
     assert "time limit for a batch script: 00:0" in found.stdout
-    assert "--deep measures it" in cli("check", path).stdout
+    assert "measure time and model mismatch: rmpc-bench check ... --deep" in " ".join(cli("check", path).stdout.split())

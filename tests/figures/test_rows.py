@@ -15,6 +15,7 @@ from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.boxplot import MOST_DOTS, Boxplot
 from rmpc_bench.figures.palette import INK, PRINT
 from rmpc_bench.figures.rows import Rows
+from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.types import DesignError, MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")
@@ -235,3 +236,17 @@ def test_captions_are_one_sentence(trials_of):
         "length [m]: changes against A with 95 % intervals, beyond the axis as arrows, means with 95 % intervals; "
         "n = 100 runs of every method; no run failed."
     )
+
+
+@pytest.mark.parametrize("kind", [Rows, Boxplot])
+def test_a_label_stands_in_files_for_papers_only(trials_of, kind):
+    """Everywhere else a method has its key."""
+    trials = replace(trials_of(["A", "B"]), labels={"B": "Label of B"})
+
+    def texts():
+        figure = kind().draw(trials)
+        return {text.get_text() for axes in figure.axes for text in (*axes.get_yticklabels(), *axes.get_xticklabels())}
+
+    assert "B" in texts() and "Label of B" not in texts()
+    with rendered(Rendering(labels=True)):
+        assert {"Label of B", "Label\nof B"} & texts() and "B" not in texts()

@@ -11,7 +11,7 @@ from rmpc_bench.config.reader import parse
 from rmpc_bench.figures.labels import typeset
 from rmpc_bench.received.names import wrong_experiment, wrong_formula, wrong_method, wrong_metric, wrong_text
 from rmpc_bench.received.plain_files import MANIFEST, checked
-from rmpc_bench.report.rich_text import FormulaError, formula_html
+from rmpc_bench.report.page.rendering import FormulaError, formula_html
 from rmpc_bench.types import ConfigError
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u061c", "\u202e", "\u2066", "\ud800"]

@@ -21,7 +21,7 @@ def row(method, word, change=NONE, *, n=60, failed=0, superiority=NONE, occurred
     is_baseline = method in ("KF", "S-MPC")
     counts = is_baseline, oracle, n - failed, failed
     values = mean, (7.4,) * 5, n - failed if occurred is None else occurred, 1.0, change, superiority
-    return ResultRow(method, "", *counts, *values, word, "", {} if is_baseline else {"average": "geometric"}, {})
+    return ResultRow(method, "", *counts, *values, word, "", {} if is_baseline else {"average": "geometric"})
 
 
 def better(method, *change, **others):
@@ -107,8 +107,7 @@ EVENT = {"form": "share", "may_not_occur": True, "name": "settling_time"}
         ([KF, better("A", -5.0)], "A is better than KF: its estimation MSE is 5.0 % lower."),
         (
             [MPC._replace(n_occurred=18), R, RS, EVENT],
-            "R-MPC and RS-MPC are better than S-MPC: there is no settling time in 42 of 60 runs of S-MPC "
-            "and none of 60 runs of R-MPC.",
+            "R-MPC and RS-MPC are better than S-MPC: S-MPC has no settling time in 42 of 60 runs, R-MPC in 0 of 60.",
         ),
         ([MPC, R, EVENT], "R-MPC is better than S-MPC. R-MPC is better in 85 % [77, 91] of the runs."),
         (
@@ -234,6 +233,34 @@ NONE_BETTER = "No method is better than KF in estimation MSE at any point."
 )
 def test_a_sweep_of_a_number(words, text):
     assert said(*sweep(words)) == text
+
+
+@pytest.mark.parametrize(
+    ("points", "letters", "where"),
+    [
+        (["1", "0.1", "0.01", "0.001"], "bbww", "B from 0.1. Worse: B up to 0.01"),
+        (["0.3", "0.1", "0.2"], "wbb", "B up to 0.2. Worse: B at 0.3"),
+        (["5%", "20%", "10%"], "wbb", "B from 10%. Worse: B at 5%"),
+    ],
+)
+def test_a_sweep_that_is_not_ascending(points, letters, where):
+    """Its points are in the order of their numbers, which may be per cent."""
+    text = said(*sweep({"B": letters}, points))
+    assert text == f"Better than KF in estimation MSE: {where}."
+
+
+def test_words_of_a_mean_a_count_and_runs_that_all_failed():
+    """A mean has its sign; one run is no runs; several that fail more do so in the plural."""
+    alone = table(row("KF", "", mean=Estimate(-1.05, -1.06, -1.04)), direction="zero", unit="rad", name="bias")
+    assert said(alone) == "The mean bias is -1.050 \u00b1 0.010 rad for KF (60 runs)."
+    assert said(table(KF, row("A", "inconclusive", n=1))) == "A is inconclusive with 1 run."
+    failed = [row("S1", "fails more", failed=6), row("S2", "fails more", failed=6)]
+    worse = [row(f"W{k}", "worse") for k in range(6)]
+    assert said(table(KF, *worse, *failed)).startswith("Of 8 methods, 6 are worse than KF and 2 fail more.")
+    lost = table(row("KF", "baseline", failed=60), row("A", "inconclusive", failed=60))
+    assert said(lost).endswith("Every run failed.")
+    one = [table(row("KF", "baseline", mean=Estimate(k, k - 0.1, k + 0.1)), form="alone") for k in (1.0, 2.0)]
+    assert "is 1.00 \u00b1 0.10 at the first point, 2.00 \u00b1 0.10 at the last" in answer(one)
 
 
 def test_a_sweep_of_names_and_points_without_runs():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,9 +11,10 @@ from claim_tables import make_trials as make_trials
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
+from rmpc_bench.analysis.rank_rows import Ratio
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.report.page.rows import ranked_rows
-from rmpc_bench.report.ranks_table import LIMITATIONS, ranks_table
+from rmpc_bench.report.ranks_table import LIMITATIONS, part_columns, ranks_table
 from rmpc_bench.report.screen_tables import rank_lines
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import Tuning, TuningProtocol, TuningSearch
@@ -161,3 +163,13 @@ def test_ranks_say_where_parameters_come_from(sweep):
     assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
     alike = ranks_table(replace(sweep(), parameters=words))
     assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
+
+
+def test_two_paths_with_the_same_values_keep_their_columns():
+    def ratio(axis, value, x):
+        return Ratio(axis, value, "A", x, x, x, 1, 1)
+
+    places = [("plant.n", "1"), ("plant.n", "2"), ("noise.m", "1"), ("noise.m", "3")]
+    values = [ratio(axis, value, 0.5) for axis, value in places]
+    found = SimpleNamespace(rows=[SimpleNamespace(method="A", by_value=values)], n_values=1)
+    assert [*part_columns(found, "KF")] == ["n=1", "2", "m=1", "3"]

@@ -13,8 +13,7 @@ from comparison_tables import table as trials_of
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.report.ranks_table import ranks_table
-from rmpc_bench.report.requirements_table import requirements_table
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import DriversTable, requirements_table
 from rmpc_bench.report.screen import MOST_LINES, Screen
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable

@@ -48,16 +48,16 @@ def changed(value, low, high, verdict, **others):
         ({"verdict": ""}, f"lowers mse by 10.2 % [9.0, 11.3] {GEOMETRIC}."),
         (
             changed(5.0, 0.8, 9.0, "worse-size-uncertain", ci_level=0.97),
-            f"raises mse by 5.0 % [0.8, 9.0] {GEOMETRIC}: worse, size uncertain.".replace("95", "simultaneous 95"),
+            f"raises mse by 5 % [1, 9] {GEOMETRIC}: worse, size uncertain.".replace("95", "simultaneous 95"),
         ),
         (
             changed(-3.9, -7.6, 0.02, "inconclusive", runs_for_direction=421),
-            f"changes mse by -3.9 % [-7.6, 0.0] {GEOMETRIC}: inconclusive {NEEDED}.",
+            f"changes mse by −3.9 % [−7.6, 0.0] {GEOMETRIC}: inconclusive {NEEDED}.",
         ),
         (
             changed(20.1, 15.8, 24.9, "depends-on-average") | MEANS,
-            f"raises mse by 20.1 % [15.8, 24.9] {GEOMETRIC}; the ratio of the means changes by -23.0 % "
-            "[-31.0, -15.0]: depends on the average.",
+            f"raises mse by 20 % [16, 25] {GEOMETRIC}; the ratio of the means changes by −23 % "
+            "[−31, −15]: depends on the average.",
         ),
         (
             {"failed_only": 60, "verdict": "fails-more", "n_pairs": 140},

@@ -21,13 +21,18 @@ from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.captions import short_title
-from rmpc_bench.report.page.matrix import MOST_OPEN, interval_rows, matrices_of
+from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
-from rmpc_bench.report.requirements_table import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
-from rmpc_bench.report.run_tables import ensemble_rows, worst_runs, worst_runs_columns
+from rmpc_bench.report.run_tables import (
+    REQUIREMENTS_NOTE,
+    ensemble_rows,
+    requirement_columns,
+    worst_runs,
+    worst_runs_columns,
+)
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 
@@ -146,11 +151,12 @@ def _failures(source: PageSource) -> Fold:
     counts = Counter(message_of(*each) for each in failed)
     lines = [
         f"{f'{short_title(table)}: ' if table.title else ''}{text}"
-        for table in trials.each[:MOST_POINTS]
+        for table in trials.each
         for title in ("Failed runs", "Checks that are meant to fail")
         for text in sections_of(table)[title]
     ]
-    parts += [Part(items=lines)] if lines else []
+    left = [f"{len(lines) - MOST_POINTS} more: failures/"] if len(lines) > MOST_POINTS + 1 else []
+    parts += [Part(items=[*lines[:MOST_POINTS], *left] if left else lines)] if lines else []
     if failed:
         table, method, run = failed[0]
         parts.append(Part(text=f"First: {'; '.join(of_run(*each) for each in failed[:MOST_NAMED])}. See failures/."))
@@ -177,7 +183,7 @@ def _drivers(source: PageSource) -> Fold | None:
     baseline = source.trials.baseline
     found: list[Mapping[str, str]] = []
     every: list[Mapping[Any, Any]] = []
-    for trials, frame in source.drivers.points[:MOST_POINTS]:
+    for trials, frame in source.drivers.points:
         rows = frame[(frame["quantity"] != REST) & (frame["response"] != FAILED)].to_dict("records")
         gist = drivers_gist(rows, baseline)
         rows = [row for row in rows if row["method"] != baseline] or rows
@@ -189,8 +195,11 @@ def _drivers(source: PageSource) -> Fold | None:
             found.append(cells | dict(zip((row["quantity"] for row in of_method), shares, strict=True)))
     if not found:
         return None
-    by_method = Table(columns_from(found), by_method=True)
-    return Fold("What drives the change", drivers_gist(every, baseline), [Part(table=by_method), Part(note=SHARES)])
+    left = [Part(note=f"{len(found) - MOST_ROWS} more rows are in drivers.csv.")] if len(found) > MOST_ROWS else []
+    by_method = Table(columns_from(found[:MOST_ROWS]), by_method=True)
+    return Fold(
+        "What drives the change", drivers_gist(every, baseline), [Part(table=by_method), *left, Part(note=SHARES)]
+    )
 
 
 def _point(trials: Trials) -> dict[str, str]:
@@ -251,7 +260,9 @@ def _best_of(every: Sequence[Sequence[ResultTable]]) -> str:
         sign = -1.0 if direction == "higher" else 1.0
         rows = [row for row in table.rows if row.n and not row.is_oracle]
         medians = sign * distance_from_best(np.array([row.quantiles[2] for row in rows]), direction)
-        if len(table.rows) > 1 and np.isfinite(medians.min(initial=math.inf)):
+        least = medians.min(initial=math.inf)
+        # Of equal ones none is the best.
+        if len(table.rows) > 1 and np.isfinite(least) and np.count_nonzero(medians == least) == 1:
             best = "highest" if direction == "higher" else "lowest"
             words.append((best, f"{table.quantity}: {rows[int(medians.argmin())].method}"))
     said = [f"{best} {text}" if k == 0 or best != words[k - 1][0] else text for k, (best, text) in enumerate(words)]

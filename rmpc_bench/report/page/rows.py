@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
 from rmpc_bench.analysis.rank_rows import Ranking
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.axes import Axis, difference_axis, ratio_axis, share_axis, value_axis
-from rmpc_bench.report.columns import columns_of, other_average, value_text
+from rmpc_bench.figures.axes import Axis, Tick, difference_axis, ratio_axis, scaled_axis, share_axis, spaced
+from rmpc_bench.figures.points import shown_change
+from rmpc_bench.report.point_tables import columns_of, other_average
 from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
 from rmpc_bench.types.report_choices import Column
+
+LABEL_GAP, LETTER = 0.03, 0.032
+"""Space between two labels of the axis of runs, and the width of a letter, as shares of the narrowest column."""
 
 
 class Line(NamedTuple):
@@ -101,13 +106,6 @@ class Changes(NamedTuple):
             return strip._replace(arrow="right" if value > 1 else "left")
         bars = [] if math.isnan(change.half) else [_bar("", low, high)]
         return strip._replace(bars=bars, dot=per_cent(value))
-
-
-def drawn_change(row: ResultRow, table: ResultTable) -> Estimate:
-    """Return the ratio, the difference or the share that a row shows."""
-    if table.form == "share":
-        return Estimate(*(each / 100 for each in row.superiority))
-    return row.change if table.form == "difference" else Estimate(*(1 + each / 100 for each in row.change))
 
 
 def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None:
@@ -202,7 +200,8 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     shown = [*table.rows] if everything else table.ordered
     if not table.trials.with_verdicts:
         return Rows([Head("result", "v")], [_row(row, [_verdict(row, len(shown))]) for row in shown])
-    axis = value_axis([each for row in shown for each in row.quantiles])
+    axis = scaled_axis([each for row in shown for each in row.quantiles], "auto")
+    axis = axis._replace(ticks=spaced(axis.ticks, partial(_are_apart, axis.high - axis.low)))
     grid, changes = grid_of(axis), Changes.of(table) if table.form != "alone" else None
     more = _more(table, shown, everything=everything)
     unit = f" [{table.info.unit}]" if table.info.unit else ""
@@ -218,12 +217,17 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
         cells = [Cell("n m", table.mean_text(row), _number(row.mean.value))]
         cells.append(Cell(f"d0 {style}", strip=runs_strip(row, axis, grid)))
         if changes is not None:
-            strip = changes.strip(drawn_change(row, table)) if row.n else None
+            strip = changes.strip(shown_change(row, table.form)) if row.n else None
             place = -table.rank(row) if table.form == "share" else 0.0 if row.is_baseline else row.change.value
             change = Cell("n c", table.change_text(row) if row.n else "", _number(place))
             cells += [Cell(f"s0 {style}", strip=strip), change, _verdict(row, len(shown))]
         rows.append(_row(row, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
     return Rows([*heads, *(Head(head, "n more") for head in more)], rows, everything)
+
+
+def _are_apart(size: float, tick: Tick, last: Tick) -> bool:
+    """Whether the labels of two ticks have room in the column of runs, which a phone does not show."""
+    return abs(tick.at - last.at) >= size * (LABEL_GAP + LETTER * (len(tick.label) + len(last.label)) / 2)
 
 
 def _row(row: ResultRow, cells: Sequence[Cell]) -> Row:
@@ -251,7 +255,7 @@ def _verdict(row: ResultRow, n: int) -> Cell:
 
 
 HEADS: dict[Column, str] = {
-    **{"median": "median [quartiles]", "counts": "won/lost/tied", "other": "", "superiority": "superiority"},
+    **{"median": "median (quartiles)", "counts": "won/lost/tied", "other": "", "superiority": "superiority"},
     **{"lost": "lost", "held": "held steps", "steps": "failed steps"},
 }
 """Columns that are shown on demand -> their heads."""
@@ -263,7 +267,7 @@ def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -
     found = {head: columns[name] for name, head in HEADS.items() if name in columns and name != "other"}
     if "other" in columns:
         found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
-    found["worst run"] = [value_text(row.worst, row) for row in shown]
+    found["worst run"] = [short(row.worst, 4) for row in shown]
     if any(row.word == INCONCLUSIVE for row in shown):
         needed = [row.compared.get("runs_for_direction") if row.word == INCONCLUSIVE else None for row in shown]
         found["runs needed"] = ["" if n is None or math.isnan(n) else about(float(n)) for n in needed]

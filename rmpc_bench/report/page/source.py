@@ -10,14 +10,13 @@ import pandas as pd
 
 from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.rank_rows import Ranking
-from rmpc_bench.analysis.result_rows import ResultTable, result_table
+from rmpc_bench.analysis.result_rows import ResultTable, in_one_form, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.page.matrix import Group
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.requirements_table import RequirementsTable
-from rmpc_bench.report.run_tables import DriversTable
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
@@ -79,7 +78,9 @@ def info_of(summary: Summary) -> MetricInfo | None:
 
 def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
     """Return the rows of a metric at every point with runs."""
-    return [] if info is None else [result_table(*each, info) for each in summary.points if len(each.trials.frame)]
+    if info is None:
+        return []
+    return in_one_form([result_table(*each, info) for each in summary.points if len(each.trials.frame)])
 
 
 def pooled_of(summary: Summary, info: MetricInfo | None) -> ResultTable | None:

@@ -16,7 +16,7 @@ from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure
 from rmpc_bench.report.page.statements import ClaimItem, n_open
-from rmpc_bench.report.requirements_table import requirements_table
+from rmpc_bench.report.run_tables import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo

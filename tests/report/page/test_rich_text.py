@@ -2,8 +2,7 @@
 
 import pytest
 
-from rmpc_bench.report.page.rendering import said, unbroken
-from rmpc_bench.report.rich_text import FormulaError, formula_html, to_html, to_markdown
+from rmpc_bench.report.page.rendering import FormulaError, formula_html, said, to_html, to_markdown, unbroken
 
 HOSTILE = "<script>alert(1)</script> \"x\" 'y' & [a](javascript:b) ![c](http://d) `e` | *f* _g_ $<img src=x>$"
 
