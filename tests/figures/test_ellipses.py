@@ -116,7 +116,7 @@ def test_radii_and_components(trials):
 
 
 def test_values_that_depend_on_the_method(trials, runs):
-    """Each method has its own dots, in a paler colour of its own; runs that failed have none and are counted."""
+    """Each method has its own dots, paler; failed runs have none and do not make values depend on the method."""
     frame = trials.frame.copy()
     robust = frame["method"] == "robust"
     frame.loc[robust, "x0_end"] += 1
@@ -127,9 +127,6 @@ def test_values_that_depend_on_the_method(trials, runs):
     assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
     assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 did not occur" and "27 to 30 runs" in legend(figure)
-
-
-def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, runs):
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
     figure = ellipses(replace(trials, frame=frame))

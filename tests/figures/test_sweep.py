@@ -124,12 +124,16 @@ def test_names_stand_at_the_ends_of_lines_and_not_on_each_other(sweep_of):
     assert all(box.x1 <= figure.bbox.x1 for box in boxes)
 
 
-def test_names_are_moved_as_little_as_possible():
-    """Least squares with a smallest distance, within 0 and 1."""
+def test_names_are_moved_as_little_as_possible_and_paths_tell_points_apart():
+    """Least squares with a smallest distance, within 0 and 1; names determine the values that change with them."""
     assert apart([0.2, 0.8], 0.1) == [0.2, 0.8]
     assert apart([0.5, 0.5], 0.1) == pytest.approx([0.45, 0.55])
     assert apart([1.0, 1.0, 0.0], 0.1) == pytest.approx([0.9, 1.0, 0.0])
     assert apart([0.0, 0.01, 0.02], 0.5) == pytest.approx([0.0, 0.5, 1.0])
+    assert main_paths([{"name": "p", "a": "1"}, {"name": "q", "a": "2"}]) == ["name"]
+    assert main_paths([{"a": "1", "b": "3"}, {"a": "2", "b": "5"}]) == ["a"]
+    assert main_paths([{"a": a, "b": b} for a in "12" for b in "34"]) == ["a", "b"]
+    assert main_paths([{}]) == []
 
 
 def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make_sweep):
@@ -188,14 +192,6 @@ def test_values_are_those_of_the_summary(sweep_of):
     assert Sweep(show="value", log=False).draw(trials).axes[0].get_yscale() == "linear"
 
 
-def test_another_path_makes_panels_on_the_same_axes(sweep_of):
-    """In the order of the sweep, with the other coordinate as title."""
-    grid = [{"plant.a": a, "model.b": b} for b in ("wide", "narrow") for a in ("1", "2", "3")]
-    first, second = Sweep(path="plant.a").draw(sweep_of(["A", "B"], grid)).axes
-    assert first.get_title(loc="left").endswith("b=wide") and second.get_title(loc="left") == "b=narrow"
-    assert first.get_ylim() == second.get_ylim() and len(lines(second)["B"]) == 3
-
-
 def cells(axes):
     """Text of every cell by row and column."""
     return {(int(text.get_position()[1]), int(text.get_position()[0])): text.get_text() for text in axes.texts}
@@ -220,8 +216,8 @@ def test_names_are_a_matrix_whose_longer_side_goes_down(sweep_of):
         Sweep(order=["A"]).draw(trials)
 
 
-def test_two_paths_are_a_table_per_method(sweep_of):
-    """Points that the sweep leaves out stay empty."""
+def test_two_paths_are_a_table_per_method_or_panels_on_the_same_axes(sweep_of):
+    """Points that the sweep leaves out stay empty; panels have the other coordinate as title."""
     grid = [{"plant.a": a, "model.b": b} for a in ("1", "2", "3") for b in ("x", "y")][:-1]
     trials = sweep_of(["A", "B", "C"], grid)
     figure = Sweep().draw(trials)
@@ -230,14 +226,10 @@ def test_two_paths_are_a_table_per_method(sweep_of):
     values = Sweep(show="value", path=["model.b", "plant.a"]).draw(trials)
     assert [axes.get_title(loc="left") for axes in values.axes] == ["A", "B", "C"]
     assert [text.get_text() for text in values.axes[0].get_xticklabels()] == ["x", "y"]
-
-
-def test_the_paths_that_tell_points_apart():
-    """Names determine the values that change with them, and of values that change together one is enough."""
-    assert main_paths([{"name": "p", "a": "1"}, {"name": "q", "a": "2"}]) == ["name"]
-    assert main_paths([{"a": "1", "b": "3"}, {"a": "2", "b": "5"}]) == ["a"]
-    assert main_paths([{"a": a, "b": b} for a in "12" for b in "34"]) == ["a", "b"]
-    assert main_paths([{}]) == []
+    grid = [{"plant.a": a, "model.b": b} for b in ("wide", "narrow") for a in ("1", "2", "3")]
+    first, second = Sweep(path="plant.a").draw(sweep_of(["A", "B"], grid)).axes
+    assert first.get_title(loc="left").endswith("b=wide") and second.get_title(loc="left") == "b=narrow"
+    assert first.get_ylim() == second.get_ylim() and len(lines(second)["B"]) == 3
 
 
 def test_the_page_has_two_drawings_of_a_sweep_of_one_number(sweep_of):

@@ -114,8 +114,8 @@ def test_failures_stand_first_and_the_rest_is_said(sweep):
     assert ranks_table(sweep()).rest == ""
 
 
-def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
-    """Equal searches count once; a method without a time is explained."""
+def test_the_cost_of_tuning_times_that_are_not_known_and_sources_of_parameters(sweep):
+    """Equal searches count once; a column where methods differ, and the word of a baseline that is not tuned."""
     protocol, trials = TuningProtocol(3, 5, "mse"), sweep()
     rest = np.zeros((3, 0)), ("grid",) * 3, np.ones((3, 5)), None, 0, protocol
     search = TuningSearch("", "good", (), (), *rest, seconds=2.0, key="a")
@@ -127,6 +127,13 @@ def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
     table = ranks_table(replace(trials, points=tuple(replace(point, notes=notes) for point in trials.points)))
     assert dict(zip(table.methods, table.columns["time per step"], strict=True))["good"] == "2.0 us"
     assert any(text.startswith("time per step -:") for text in table.legend)
+    words = dict.fromkeys(SHIFTS, "tuned (budget 16, 40 runs)")
+    table = ranks_table(replace(sweep(), parameters={**words, "KF": "default"}))
+    cells = dict(zip(table.methods, table.columns["parameters"], strict=True))
+    assert cells == {**dict.fromkeys(SHIFTS, "tuned"), "KF": "default"}
+    assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
+    alike = ranks_table(replace(sweep(), parameters=words))
+    assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
 
 
 def test_only_where_it_is_asked_for(sweep, make_trials):
@@ -152,17 +159,6 @@ def test_files_and_page_and_metrics_without_ratios(tmp_path):
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)
-
-
-def test_ranks_say_where_parameters_come_from(sweep):
-    """A column where methods differ, and the word of a baseline that is not tuned."""
-    words = dict.fromkeys(SHIFTS, "tuned (budget 16, 40 runs)")
-    table = ranks_table(replace(sweep(), parameters={**words, "KF": "default"}))
-    cells = dict(zip(table.methods, table.columns["parameters"], strict=True))
-    assert cells == {**dict.fromkeys(SHIFTS, "tuned"), "KF": "default"}
-    assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
-    alike = ranks_table(replace(sweep(), parameters=words))
-    assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
 
 
 def test_two_paths_with_the_same_values_keep_their_columns():

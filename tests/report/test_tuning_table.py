@@ -45,18 +45,6 @@ def test_numbers_of_the_file_and_sentences_on_the_ranks(made):
     )
 
 
-def test_a_search_that_found_nothing_says_so_on_the_screen_and_in_tables(trials):
-    """No rank, no regret and no end of a range, although the first value of the list is one."""
-    nothing = search("A", [[np.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
-    table = TuningTable(trials, tuning(nothing, search("B", constant([2, 5]), constant([2, 5, 9]))))
-    assert not table.ranks
-    assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
-    assert table.sentences[-1] == "No ranks: nothing could be tuned for A."
-    size = "budget 4, 3 runs (tables/tuning.md)"
-    assert table.gist == f"tuned: A nothing found, B radius 0.02; {size}; no ranks: nothing could be tuned for A"
-    assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
-
-
 def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
     text = made.to_markdown()
     assert "| method | parameter | range | default | tuned | best on test | tuning: tuned |" in text
@@ -68,7 +56,8 @@ def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
         assert len({row.count("|") for row in block.splitlines() if row.startswith("|")}) <= 1
 
 
-def test_the_screen_has_a_line_with_few_values(made, trials):
+def test_the_screen_has_a_line_and_says_where_a_search_found_nothing(made, trials):
+    """No rank, no regret and no end of a range, although the first value of the list is one."""
     size = "budget 4, 3 runs (tables/tuning.md)"
     assert made.gist == f"tuned: A radius 10 (end of range), B radius 0.02; {size}"
     searches = [search(f"M{i}", constant([2, 1]), values=[0.01, 10.0]) for i in range(4)]
@@ -76,6 +65,14 @@ def test_the_screen_has_a_line_with_few_values(made, trials):
     ends = ", ".join(f"M{i}" for i in range(4))
     size += "; no ranks: nothing could be tuned for L"
     assert many.gist == f"tuned: 4 methods; nothing found for L; at the end of its range: {ends}; {size}"
+    nothing = search("A", [[np.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
+    table = TuningTable(trials, tuning(nothing, search("B", constant([2, 5]), constant([2, 5, 9]))))
+    assert not table.ranks
+    assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
+    assert table.sentences[-1] == "No ranks: nothing could be tuned for A."
+    size = "budget 4, 3 runs (tables/tuning.md)"
+    assert table.gist == f"tuned: A nothing found, B radius 0.02; {size}; no ranks: nothing could be tuned for A"
+    assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
 
 
 def test_without_test_runs_or_without_tuning(trials):

@@ -234,16 +234,12 @@ def test_a_name_is_text_and_a_label_may_have_formulas(with_trials, make_trials, 
 
 
 def test_claims_stand_open_with_their_assumptions_folded(html, markdown):
-    """One ratio in all of 40 runs does not show what others may be: no claim on it is confirmed."""
+    """One ratio in all of 40 runs does not show what others may be.  Open are 100 words, fewer below a large table."""
     page = Page(html)
     [claims] = page.of_class("claims")
     items = [each for each in claims.inside if getattr(each, "tag", "") == "li"]
     assert len(items) == 2 and "ours, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
     assert "One." not in items[0].shown and "One." in items[0].text and "**inconclusive**" in markdown
-
-
-def test_statements_that_are_open_follow_the_size_of_the_table():
-    """100 words, fewer below a table of more than 140, and one below any table."""
     items = [ClaimItem("confirmed", "word " * 18, "ours", "", [])] * 12
     assert [n_open(items, n_table) for n_table in (0, 140, 180, 1000)] == [5, 5, 3, 1]
     assert n_open([ClaimItem("confirmed", "Short", "ours", "", [])] * 12, 0) == 8 and n_open([], 0) == 0
@@ -274,15 +270,12 @@ def test_the_foot_has_what_is_needed_to_repeat(html, markdown):
     assert f"- command: `{found['command']}`" in markdown and "[report.html](report.html)" in markdown
 
 
-def test_limits(make_source):
+def test_limits_requirements_and_the_worst_runs(make_source):
     page = page_of(make_source(overrides=("--runs 3",), left_out=("boxplot: too small",), confounded=("B",)))
     [fold] = [each for each in page.of_class("fold") if "Limits" in each.inside[0].text]
     for words in ("overridden", "figure is missing", "uncommitted changes", "Both the estimator and the controller"):
         assert words in fold.text
     assert "For information only" in page.root.text and "No parameter was tuned: all are as published" in fold.text
-
-
-def test_requirements_and_the_worst_runs(make_source):
     requirement = Requirement("mse < 1", "mse", (Limit("<", 1.0),))
     plain = make_source(n=80)
     trials = replace(plain.trials, requirements=(requirement,))
