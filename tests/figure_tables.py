@@ -15,6 +15,11 @@ from rmpc_bench.types import MetricInfo
 MSE = MetricInfo("mse", "rad^2", "lower")
 
 
+def legend(figure):
+    """Texts of the legend."""
+    return [words for text in figure.legends[0].get_texts() if (words := text.get_text())]
+
+
 @pytest.fixture(scope="session")
 def make_trials():
     """Return a function that makes Trials from ``{metric: {method: values}}``; a text in a value is a failed status."""

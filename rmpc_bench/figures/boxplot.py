@@ -59,7 +59,7 @@ class Boxplot(SweepFigure):
 
     def caption(self, results: Trials) -> str:
         """Define the boxes and count the runs; see `Figure.caption`."""
-        tables, words = first_tables(self, results)
+        tables, words = first_tables(self, self.metric, results)
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
         boxes = "median, quartiles, whiskers from 5 to 95 % of the runs, and the runs beyond them"
         return sentence(f"Boxes of {quantity(tables[0].info)}{words}: {boxes}", runs)
@@ -68,7 +68,7 @@ class Boxplot(SweepFigure):
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
         from rmpc_bench.figures.row_columns import draw_box
 
-        tables, _ = first_tables(self, results)
+        tables, _ = first_tables(self, self.metric, results)
         first = tables[0]
         rows = [shown_rows(table, first, self.order) for table in tables]
         values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]

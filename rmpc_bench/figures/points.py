@@ -11,7 +11,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.captions import short_title
 from rmpc_bench.figures.labels import metric_of
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.figure import PointValues
+from rmpc_bench.types.figure import PointValues, SweepFigure
 from rmpc_bench.types.result_layout import texts_of
 from rmpc_bench.types.sweep_points import lies_at, no_such_point
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.result_rows import Form, ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
-    from rmpc_bench.figures.boxplot import Boxplot
-    from rmpc_bench.figures.rows import Rows
     from rmpc_bench.types import MetricInfo
 
 
@@ -89,13 +87,13 @@ def shown_change(row: ResultRow, form: Form) -> Estimate:
     return Estimate(*(1 + each / 100 for each in row.change)) if form == "ratio" else row.change
 
 
-def first_tables(figure: Boxplot | Rows, results: Trials) -> tuple[list[ResultTable], str]:
+def first_tables(figure: SweepFigure, metric: str | None, results: Trials) -> tuple[list[ResultTable], str]:
     """Collect the rows of as many points as stand below each other in a figure, and say where there are more."""
     figure.require(layout_of(results))
     points = points_at(results, figure.at)
     more = len(points) > MOST_POINTS
     words = f" at the first {MOST_POINTS} of {len(points)} points" if more else ""
-    return tables_of(results, points[:MOST_POINTS], metric_of(results, figure.metric)), words
+    return tables_of(results, points[:MOST_POINTS], metric_of(results, metric)), words
 
 
 def shown_rows(table: ResultTable, first: ResultTable, order: Sequence[str] | None) -> list[ResultRow]:

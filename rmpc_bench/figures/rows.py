@@ -97,7 +97,7 @@ class Rows(SweepFigure):
 
     def caption(self, results: Trials) -> str:
         """Say what the columns are, and count the runs; see `Figure.caption`."""
-        tables, words = first_tables(self, results)
+        tables, words = first_tables(self, self.metric, results)
         level = f"{100 * results.confidence:g} %"
         shown = [CAPTIONS[name].format(baseline=results.baseline, level=level) for name in self._columns(tables)]
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
@@ -107,7 +107,7 @@ class Rows(SweepFigure):
         """Draw the rows of the points from top to bottom; see `Figure.draw`."""
         from rmpc_bench.figures.row_columns import Options, column_of
 
-        tables, _ = first_tables(self, results)
+        tables, _ = first_tables(self, self.metric, results)
         shown = self._columns(tables)
         if "rank" in shown:
             tables = tables[:1]

@@ -34,7 +34,7 @@ PLAN = Panel(
 
 
 def test_a_plan_has_equal_axes_and_marks_with_notes():
-    """Dots instead of a curve, each with its text on the side away from the middle; a unit is as long either way."""
+    """Dots, each with its text on the side away from the middle; a label has one colour in all panels."""
     figure = draw_component((PLAN,))
     (axes,) = figure.axes
     assert axes.get_aspect() == 1.0 and figure.get_figheight() > draw_component(PANELS[:1]).get_figheight()
@@ -47,10 +47,6 @@ def test_a_plan_has_equal_axes_and_marks_with_notes():
     box = axes.get_window_extent()
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     np.testing.assert_allclose(box.width / (right - left), box.height / (high - low), rtol=1e-9)  # of the layout
-
-
-def test_a_label_has_one_colour_in_all_panels():
-    """The same thing looks the same, whatever stands before it."""
     first = Panel("one", "x", "y", (PLAN.lines[1], PLAN.lines[0]))
     one, other = draw_component((first, PLAN)).axes
     assert [line.get_color() for line in one.lines] == [line.get_color() for line in reversed(other.lines)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROUND
+from figure_tables import legend
 from matplotlib.patches import Rectangle
 
 from rmpc_bench.analysis.traces import Traces
@@ -57,10 +58,6 @@ def line(axes, name):
     return found
 
 
-def legend(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
 def test_an_entry_is_in_its_place(trials, matrices):
     """Row i, column j: held values in steps, the last one to the end, gaps where there is none."""
     figure = elements(trials, run=1)
@@ -106,17 +103,14 @@ def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
     assert len({axes.get_xlim() for axes in figure.axes}) == 1
 
 
-def test_bursts_and_window(trials):
+def test_bursts_window_and_a_single_entry(trials):
+    """A matrix at all samples is no step; of one entry there is one panel."""
     figure = elements(trials, from_=1.5, to=4.0)
     for axes in figure.axes:
         (band,) = [each for each in axes.patches if isinstance(each, Rectangle)]
         np.testing.assert_allclose([band.get_x(), band.get_width()], [1.5, 0.55], **ROUND)
         np.testing.assert_allclose(axes.get_xlim(), (1.5, 4.0), **ROUND)
     assert legend(elements(trials, from_=3.0, order=["tuned"])) == ["tuned"]
-
-
-def test_a_signal_of_the_estimator_and_a_single_entry(trials):
-    """A matrix at all samples is no step; of one entry there is one panel."""
     traces = trials.traces["tuned"]
     S = np.random.default_rng(1).normal(size=(RUNS, N + 1, 1))
     traces = traces._replace(signals={**traces.signals, "S": S}, shapes={"S": (1, 1)})

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import ROUND
+from figure_tables import legend
 
 from rmpc_bench.figures.ellipses import Ellipse, Ellipses, outline
 from rmpc_bench.figures.files import save
@@ -66,10 +67,6 @@ def dots(figure):
     return {line.get_color(): np.array(line.get_xydata()).T for line in lines}
 
 
-def legend(figure):
-    return [text for text in (text.get_text() for text in figure.legends[0].get_texts()) if text]
-
-
 def distances(points, centre, P):
     """Squared distance of points from a centre in the metric of P."""
     return np.einsum("pi,ij,pj->p", points - centre, np.linalg.inv(P), points - centre)
@@ -119,7 +116,7 @@ def test_radii_and_components(trials):
 
 
 def test_values_that_depend_on_the_method(trials, runs):
-    """Each method has its own dots, in a paler colour of its own; runs that failed have none and are counted."""
+    """Each method has its own dots, paler; failed runs have none and do not make values depend on the method."""
     frame = trials.frame.copy()
     robust = frame["method"] == "robust"
     frame.loc[robust, "x0_end"] += 1
@@ -130,9 +127,6 @@ def test_values_that_depend_on_the_method(trials, runs):
     assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
     assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 did not occur" and "27 to 30 runs" in legend(figure)
-
-
-def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, runs):
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
     figure = ellipses(replace(trials, frame=frame))
@@ -190,9 +184,12 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends
     save(figure, tmp_path, shape)
 
 
-def test_centres_from_runs_where_there_are_no_exact_ones(trials):
+def test_centres_from_runs_and_points_of_a_sweep(trials, make_sweep):
+    """The mean over the runs where there are no exact ones; a point is named above the sample."""
     sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
     assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
+    sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
+    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
 
 
 def test_a_method_without_P(trials):
@@ -211,8 +208,3 @@ def test_a_method_without_P(trials):
         with pytest.raises(DesignError) as error:
             ellipses(replace(trials, series=series), **keys)
         assert str(error.value) == message and error.value.parameter == next(iter(keys), "")
-
-
-def test_a_point_of_a_sweep(trials, make_sweep):
-    sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
-    assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"

@@ -14,6 +14,7 @@ from rmpc_bench.expressions.units import inches
 from rmpc_bench.figures import files, pdf_fonts, style
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.files import FORMATS, LEAST, THINNER, FigureResult, save, save_as, thin_lines
+from rmpc_bench.figures.rows import Rows
 from rmpc_bench.figures.style import Rendering, font_family, is_for_paper, rendered
 
 COLUMN = inches("252pt")
@@ -34,13 +35,13 @@ save(figure, Path(sys.argv[1]), "a", rendering)
 """
 
 
-def drawn(make_trials, **keys):
-    """A boxplot with a formula in a label, drawn as a report does."""
+def drawn(make_trials, kind=Boxplot, **keys):
+    """A figure with a formula in a label, drawn as a report does."""
     rendering = Rendering(width=COLUMN, **keys)
     values = {"S-MPC": [1.0, 2.0, 3.0, 9.0], "R": [1.5, 2.5, 3.0, 4.0]}
     trials = make_trials({"mse": values}, labels={"R": "R-MPC, $c=10^{-1}$"})
     with rendered(rendering):
-        return Boxplot(width=COLUMN).draw(trials), rendering
+        return kind(width=COLUMN).draw(trials), rendering
 
 
 def text_sizes(page):
@@ -55,10 +56,10 @@ def text_sizes(page):
     return sizes
 
 
-@pytest.mark.parametrize("font", ["dejavu", "stix", "times"])
-def test_pdf(make_trials, tmp_path, font):
+@pytest.mark.parametrize(("font", "kind"), [("dejavu", Boxplot), ("stix", Rows), ("times", Boxplot)])
+def test_pdf(make_trials, tmp_path, font, kind):
     """The width is exact, fonts are embedded as TrueType, texts are 8 pt and indices smaller, and there is no date."""
-    picture, rendering = drawn(make_trials, font=font, formats=("pdf",))
+    picture, rendering = drawn(make_trials, kind, font=font, formats=("pdf",))
     (file,) = save(picture, tmp_path, "a", rendering)
     reader = PdfReader(file)
     (page,) = reader.pages
@@ -112,13 +113,6 @@ def test_the_same_bytes_twice(make_trials, tmp_path, ending):
     assert ending != ".pgf" or ("S-MPC" in one.read_text() and r"\fontsize{8.000000}" in one.read_text())
 
 
-def test_pgf_without_latex(make_trials, tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    picture, _ = drawn(make_trials)
-    with pytest.raises(FileNotFoundError, match="pgf needs a LaTeX"):
-        FigureResult(picture).save(tmp_path / "a.pgf")
-
-
 def test_fonts(monkeypatch):
     """Times is a Times of the system, else STIX with a remark; the choice ends with the block."""
     with rendered(Rendering(font="stix", style="paper")):
@@ -134,13 +128,17 @@ def test_fonts(monkeypatch):
     assert style.remark_on("dejavu") == ""
 
 
-def test_lines_of_a_paper_are_thinner(make_trials):
+def test_lines_of_a_paper_are_thinner_and_pgf_needs_a_latex(make_trials, tmp_path, monkeypatch):
     """By one factor, but not below what a printer shows."""
     picture, _ = drawn(make_trials)
     before = [line.get_linewidth() for line in picture.axes[0].lines]
     thin_lines(picture)
     after = [line.get_linewidth() for line in picture.axes[0].lines]
     assert after == pytest.approx([max(min(LEAST, width), THINNER * width) for width in before])
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    picture, _ = drawn(make_trials)
+    with pytest.raises(FileNotFoundError, match="pgf needs a LaTeX"):
+        FigureResult(picture).save(tmp_path / "a.pgf")
 
 
 def test_fonts_that_are_left_to_fonttools(make_trials, tmp_path, monkeypatch):

@@ -123,8 +123,8 @@ def test_runs_beyond_the_whiskers_are_points(trials_of):
     assert len(dots) == MOST_DOTS and (dots[0], dots[-1]) == (values.min(), values.max())
 
 
-def test_an_event_that_never_occurs(make_trials):
-    """No mean and no change: superiority, counts, and an empty box or one that ends in an arrow."""
+def test_events_that_never_occur_and_metrics_that_are_best_at_0(make_trials):
+    """Superiority, counts, an empty box or one that ends in an arrow; differences on a linear axis with the unit."""
     rng = np.random.default_rng(0)
     values = {"A": [math.inf] * 20, "B": [*rng.uniform(1, 2, 15), *[math.inf] * 5], "C": list(rng.uniform(1, 2, 20))}
     trials = make_trials({"time": values}, (TIME,))
@@ -137,9 +137,14 @@ def test_an_event_that_never_occurs(make_trials):
     assert [text.get_text() for text in shares.texts] == ["0 of 20", "15 of 20", "20 of 20"]
     all_lost = make_trials({"time": {"A": [math.inf] * 5, "B": [math.inf] * 5}}, (TIME,))
     assert Rows().draw(all_lost) and Boxplot().draw(all_lost)
+    rng = np.random.default_rng(0)
+    trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
+    axes = Rows().draw(trials).axes[1]
+    assert axes.get_xlabel() == "difference from A [m]" and axes.get_xscale() == "linear"
+    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparisons(trials)["difference"])
 
 
-def test_shares_are_counted_with_wilson_intervals(make_trials):
+def test_shares_have_wilson_intervals_and_means_those_of_the_summary(make_trials, trials_of):
     """Of a metric of 0 and 1, and of runs above a number; failed runs do not count."""
     values = {"A": [0.0] * 30 + [1.0] * 10, "B": [0.0] * 39 + ["diverged"]}
     trials = make_trials({"runaway": values}, (RUNAWAY,))
@@ -151,9 +156,6 @@ def test_shares_are_counted_with_wilson_intervals(make_trials):
     (axes,) = Rows(show="share", above=2.0).draw(longer).axes
     assert [text.get_text() for text in axes.texts] == ["1 of 3", "3 of 3"]
     assert axes.get_xlabel() == "runs with length above 2 m [%]"
-
-
-def test_means_are_those_of_the_summary(trials_of):
     trials = trials_of(["A", "B", "C"])
     (axes,) = Rows(show="mean").draw(trials).axes
     rows = summary(trials).set_index("method")
@@ -178,14 +180,6 @@ def test_ranks_are_over_all_points(trials_of, make_sweep):
         Rows(show="rank").draw(replace(trials, ranked=None))
 
 
-def test_a_metric_that_is_best_at_0_has_differences_in_its_unit(make_trials):
-    rng = np.random.default_rng(0)
-    trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
-    axes = Rows().draw(trials).axes[1]
-    assert axes.get_xlabel() == "difference from A [m]" and axes.get_xscale() == "linear"
-    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparisons(trials)["difference"])
-
-
 def test_a_method_without_finished_runs_has_an_empty_row(make_trials):
     """Its name is there; nothing is drawn for it.  Values of runs that diverge can be as large as a float."""
     trials = make_trials({"length": {"A": [1.0, 2.0, 3.0], "B": ["diverged"] * 3}}, (LENGTH,))
@@ -200,14 +194,6 @@ def test_a_method_without_finished_runs_has_an_empty_row(make_trials):
         assert keys.draw(make_trials({"length": values}, (LENGTH,)))
 
 
-def test_the_label_of_all_panels_is_not_cut(trials_of, make_sweep):
-    """A browser draws an exponent in a box as high as a letter, which is more than its ink."""
-    trials = make_sweep(*(({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1, 1.2])) for k in range(2)))
-    figure = Boxplot().draw(trials)
-    left = figure.get_tightbbox(figure._get_renderer()).x0 * 72
-    assert figure.texts and left >= 3.9
-
-
 def test_of_more_than_six_points_the_first_six_are_drawn(trials_of, make_sweep):
     points = [({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1 + k, 1.2 + k])) for k in range(7)]
     trials = make_sweep(*points)
@@ -220,13 +206,17 @@ def test_of_more_than_six_points_the_first_six_are_drawn(trials_of, make_sweep):
         assert len(some.draw(trials).axes) == 2 * columns and "first 6" not in some.caption(trials)
 
 
-def test_ticks_have_room_in_a_narrow_column(trials_of):
-    """Labels of ticks do not touch, also where the figure is as wide as a column of a paper."""
+def test_ticks_have_room_and_the_label_of_all_panels_is_not_cut(trials_of, make_sweep):
+    """A browser draws an exponent in a box as high as a letter, which is more than its ink."""
     figure = Rows(width=3.5).draw(trials_of(["a method with a name", "B", "C"], factors=[1, 0.8, 1.3]))
     renderer = figure._get_renderer()
     for axes in figure.axes:
         boxes = [text.get_window_extent(renderer) for text in axes.get_xticklabels()]
         assert len(boxes) > 1 and all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
+    trials = make_sweep(*(({"plant.a": f"{k}"}, trials_of(["A", "B"], factors=[1, 1.2])) for k in range(2)))
+    figure = Boxplot().draw(trials)
+    left = figure.get_tightbbox(figure._get_renderer()).x0 * 72
+    assert figure.texts and left >= 3.9
 
 
 def test_captions_are_one_sentence(trials_of):

@@ -51,12 +51,7 @@ def test_ticks_leave_room_and_lie_on_the_axis():
             assert math.log(value) == pytest.approx(tick.at, abs=1e-12)
 
 
-def test_a_row_without_an_interval_and_one_that_is_zero():
-    axis = ratio_axis([Estimate(-10.0), Estimate(-100.0, -100.0, -100.0), Estimate(5.0, 1.0, 9.0)], 0.01)
-    assert math.isfinite(axis.low) and axis.place(0.0) < 0 < axis.place(1.05) < 1
-
-
-def test_axes_of_values():
+def test_axes_of_values_and_of_rows_without_an_interval():
     """Logarithmic above a factor of 20, else linear; equal values have an axis, too."""
     assert value_axis([1.0, 25.0]).log and not value_axis([1.0, 20.0]).log and not value_axis([-1.0, 100.0]).log
     assert [tick.label for tick in value_axis([0.1, 0.5]).ticks] == ["0.1", "0.2", "0.3", "0.4", "0.5"]
@@ -65,6 +60,8 @@ def test_axes_of_values():
         assert axis.low < axis.high and 1 <= len(axis.ticks) <= 6
         finite = [value for value in values if math.isfinite(value)]
         assert all(0 <= axis.place(value) <= 1 for value in finite)
+    axis = ratio_axis([Estimate(-10.0), Estimate(-100.0, -100.0, -100.0), Estimate(5.0, 1.0, 9.0)], 0.01)
+    assert math.isfinite(axis.low) and axis.place(0.0) < 0 < axis.place(1.05) < 1
 
 
 def test_axis_of_differences_and_of_shares():

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import ROUND
+from figure_tables import legend
 from matplotlib.colors import to_hex
 
 from rmpc_bench.analysis.traces import Traces
@@ -69,12 +70,8 @@ def texts(figure):
     return [text.get_text() for text in figure.axes[0].texts]
 
 
-def legend(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def test_medians_with_the_interquartile_range(trials):
-    """The quartiles of numpy in both directions, labels beside the dots, metrics with their units on the axes."""
+def test_medians_with_quartiles_and_means_with_standard_errors(trials):
+    """Quartiles of numpy, or s / sqrt(n) on both sides; labels beside the dots, metrics with units on the axes."""
     figure = draw(trials)
     expected = []
     for name, color in zip("ABCD", METHODS, strict=False):
@@ -87,10 +84,6 @@ def test_medians_with_the_interquartile_range(trials):
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("error [mm]", "effort [N m]")
     assert axes.get_title() == "medians, bars: interquartile range, 9 runs"
-
-
-def test_means_with_standard_errors(trials):
-    """s / sqrt(n) on both sides of the mean."""
     figure = draw(trials, bars="se", order=["B"])
     values = trials.column("error", "B")
     se = values.std(ddof=1) / 3.0
@@ -135,13 +128,19 @@ def test_larger_may_be_better(trials, make_trials):
     assert DIM not in [line.get_color() for line in figure.axes[0].lines]
 
 
-def test_metrics_that_are_best_at_zero_or_one(make_trials):
+def test_axes_of_distances_and_logarithmic_axes(make_trials, trials):
     """Of every run the distance from there, and the axis says so."""
     table = make_trials({"bias": {"A": [-3.0, 1.0, -2.0]}, "nees": {"A": [0.5, 1.0, 8.0]}}, infos=(BIAS, RATIO))
     figure = scatter(table, x="bias", y="nees")
     ((x, y, _),) = dots(figure)[METHODS[0]]
     np.testing.assert_allclose([x, y], [2.0, 2.0], **ROUND)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "max(NEES, 1/NEES)")
+    axes = draw(trials, log=True).axes[0]
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    table = make_trials({"error": {"A": [0.0, 0.0, 1.0]}, "effort": {"A": [1.0, 2.0, 3.0]}}, infos=(ERROR, EFFORT))
+    axes = draw(table, log=True).axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
+    assert axes.get_xlabel() == "error [mm]\n(linear: some <= 0)"
 
 
 def test_failed_and_infinite(make_trials):
@@ -192,16 +191,6 @@ def test_the_points_of_a_sweep(sweep):
     assert texts(figure) == ["kp=0", "kp=1", "kp=2", "B"] and legend(figure) == ["A", "not dominated"]
     assert texts(draw(sweep, at=[{"kp": 2}, {"kp": 0}])) == ["kp=2", "kp=0", "B"]
     assert texts(draw(sweep, at=[{"kp": 1}])) == ["A", "B"]
-
-
-def test_logarithmic_axes(trials, make_trials):
-    """Where all numbers are positive; else linear, and said so."""
-    axes = draw(trials, log=True).axes[0]
-    assert axes.get_xscale() == axes.get_yscale() == "log"
-    table = make_trials({"error": {"A": [0.0, 0.0, 1.0]}, "effort": {"A": [1.0, 2.0, 3.0]}}, infos=(ERROR, EFFORT))
-    axes = draw(table, log=True).axes[0]
-    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
-    assert axes.get_xlabel() == "error [mm]\n(linear: some <= 0)"
 
 
 @pytest.mark.parametrize("n", [1, 8])
@@ -264,20 +253,15 @@ def test_the_path_of_a_run(runs, magnify):
     assert "run 0 for A and B, t = 2 to 20 s; dashed: reference" in Scatter(x="y.0", y="y.1", from_=2.0).caption(runs)
 
 
-def test_marks_have_their_times(runs):
+def test_marks_failed_runs_and_limits_of_paths(runs):
+    """Marks have times, a failed run does not change the axes, and near limits are drawn; states have no reference."""
     figure = scatter(runs, x="y.0", y="y.1", marks=5.0)
     assert texts(figure) == ["0", "5", "10", "15", "20"]
     (circles,) = [line for line in figure.axes[0].lines if line.get_markersize() == 3.2]
     np.testing.assert_array_equal(circles.get_xydata(), runs.traces["A"].r[::10])
-
-
-def test_a_failed_run_does_not_change_the_axes(runs):
     figure = scatter(runs, x="y.0", y="y.1", run=1)
     assert max(map(abs, figure.axes[0].get_xlim())) < 5
     assert "failed: B diverged" in Scatter(x="y.0", y="y.1", run=1).caption(runs)
-
-
-def test_limits_of_states_that_are_near(runs):
     figure = scatter(runs, x="x.0", y="x.1")
     lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
     assert [line.get_ydata()[0] for line in lines] == [1.2] and legend(figure) == ["A", "B", "limit"]

@@ -200,15 +200,8 @@ def with_moments(trials, with_series, n):
     return with_series(trials, *entries)
 
 
-def test_an_ensemble_has_the_other_sign(trials, with_series):
-    """The series are of x - x_hat; the figure shows x_hat - x, whether from the ensemble or from recorded runs."""
-    table = replace(with_moments(trials, with_series, RUNS), traces={})
-    (main,) = lines(Signals(signals=["error.0"]).draw(table).axes[0], "main", METHODS[1])
-    np.testing.assert_allclose(main[:, 1], errors(trials, "B")[:, :, 0].mean(axis=0), atol=1e-12)
-
-
-def test_variance_and_its_bound(trials, with_series):
-    """Solid the exact one, pale from runs, dashed the reported one."""
+def test_variance_with_its_bound_and_the_sign_of_an_ensemble(trials, with_series):
+    """Solid the exact one, pale from runs, dashed the reported one; the figure shows x_hat - x, a series x - x_hat."""
     table = with_moments(with_moments(trials, with_series, 500), with_series, 0)
     figure = Signals(signals=["variance"]).draw(table)
     for state in (0, 1):
@@ -218,6 +211,9 @@ def test_variance_and_its_bound(trials, with_series):
         assert (lines(axes, "bound")[0][:, 1] == VARIANCE[state]).all()
         assert any(line.get_alpha() == 0.5 for line in axes.lines)
     assert "var $e_0$ [m$^{2}$]" in figure.axes[0].get_ylabel()
+    table = replace(with_moments(trials, with_series, RUNS), traces={})
+    (main,) = lines(Signals(signals=["error.0"]).draw(table).axes[0], "main", METHODS[1])
+    np.testing.assert_allclose(main[:, 1], errors(trials, "B")[:, :, 0].mean(axis=0), atol=1e-12)
 
 
 @pytest.mark.parametrize("exact", [False, True])
@@ -237,8 +233,8 @@ def test_nees_and_its_band(trials, with_series, exact):
     assert "80 % band of a consistent estimator" in Signals(signals=["nees"], level=0.8).caption(table)
 
 
-def test_nis(trials):
-    """Innovations with their own covariance; a missing measurement does not count."""
+def test_nis_and_an_error_outside_of_a_singular_covariance(trials):
+    """A missing measurement does not count; a gap where no rank fits, else it is the number of degrees of freedom."""
     e = np.sqrt(3.0) * np.random.default_rng(6).standard_normal((RUNS, STEPS + 1, 1))
     e[:10, 5] = np.nan
     signals = {"e": e, "S": np.full((RUNS, STEPS + 1, 1), 3.0)}
@@ -246,10 +242,6 @@ def test_nis(trials):
     axes = Signals(signals=["nis"], log=False).draw(table).axes[0]
     np.testing.assert_allclose(lines(axes, "main", METHODS[1])[0][:, 1], np.nanmean(e[:, :, 0] ** 2, axis=0) / 3.0)
     assert "n_y" in axes.get_ylabel()
-
-
-def test_an_error_outside_of_a_singular_covariance(trials):
-    """A gap at that sample; elsewhere the rank is the number of degrees of freedom."""
     series = trials.series.copy()
     series.loc[(series["component"] == "1,1") & (series["method"] == "B"), "value"] = 0.0
     x, x_hat = (trials.traces["B"].signals[name].copy() for name in ("x", "x_hat"))
@@ -277,8 +269,8 @@ def test_tubes(trials):
     np.testing.assert_array_equal(np.isfinite(outside[:, 1]), np.abs(x - x_hat) > half)
 
 
-def test_series_and_means(trials, with_series):
-    """A constant covers the window; the mean of the state is black."""
+def test_series_means_and_bursts(trials, with_series):
+    """A constant covers the window; the mean of the state is black; bursts are bands, half a sample beyond theirs."""
     entries = [("B", "L", "1,0", [7.0], 0), ("B", "L", "0,0", [5.0], 0)]
     entries += [("B", f"mean({name})", f"{i}", i + T, 0) for name in ("x", "x_hat") for i in (0, 1)]
     figure = Signals(signals=["L.1,0", "mean"], log=True).draw(with_series(trials, *entries))
@@ -286,10 +278,6 @@ def test_series_and_means(trials, with_series):
     assert lines(figure.axes[0], "main", METHODS[1])[0].tolist() == [[0.0, 7.0], [12.5, 7.0]]
     np.testing.assert_array_equal(lines(figure.axes[2], "state")[0][:, 1], 1 + T)
     assert figure.axes[1].get_yscale() == "linear" and "linear" in figure.axes[1].get_ylabel()
-
-
-def test_bursts_are_bands(trials):
-    """Half a sample beyond their samples; none where the runs differ."""
     flags = np.zeros((RUNS, STEPS + 1, 1))
     flags[:, 4:6] = 1.0
     for differ, expected in ((False, [(1.75, 2.75)]), (True, [])):
@@ -311,11 +299,13 @@ def test_what_cannot_be_drawn(trials):
         assert error.value.parameter == next(iter(keys), "")
 
 
-def test_files_are_small(trials):
+def test_files_are_small_and_symbols_are_formulas(trials):
     """Noise is the worst case: 60 runs of three methods stay below the size of a fold."""
     figure = Signals().draw(trials)
     assert len(page_svg(figure, "signals")) <= 50_000
     assert sum(len(lines(axes, "run")[0]) for axes in figure.axes) <= 1.1 * MOST_THIN
+    shown = {("x_hat", ""): r"$\hat{x}$", ("Q_yw", "0,1"): "$(Q_{yw})_{0,1}$", ("load", "2"): "load[2]"}
+    assert {given: symbol(*given) for given in shown} == shown and symbol("theta", "") == r"$\theta$"
 
 
 def test_points_that_a_line_needs():
@@ -332,8 +322,3 @@ def test_points_that_a_line_needs():
     values[100:110] = np.nan
     kept = needed_points(t, values, 2.0, 0.01)
     assert {99, 110, *range(100, 110)} <= {*kept.tolist()}
-
-
-def test_symbols():
-    shown = {("x_hat", ""): r"$\hat{x}$", ("Q_yw", "0,1"): "$(Q_{yw})_{0,1}$", ("load", "2"): "load[2]"}
-    assert {given: symbol(*given) for given in shown} == shown and symbol("theta", "") == r"$\theta$"

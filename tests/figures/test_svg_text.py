@@ -77,13 +77,10 @@ def test_by_hand():
     assert "font-family:'STIX',serif}" in as_file("<svg >", ("STIX", "serif"))
 
 
-def test_every_printed_colour_stands_for_one_variable():
+def test_every_printed_colour_stands_for_one_variable_of_the_style_sheet():
     assert len(set(PRINT.values())) == len(PRINT) and set(LIGHT) == set(DARK) == set(PRINT)
     found = [in_css(colour) for colour in (PRINT["fg"], PRINT["band"], "#123456")]
     assert found == ["currentColor", "var(--band)", "#123456"]
-
-
-def test_the_style_sheet_of_pages_has_these_colours():
     css = (Path(rmpc_bench.report.__file__).parent / "templates/page.css").read_text(encoding="utf-8")
     light, dark = re.split(r"@media ?\(prefers-color-scheme: ?dark\)", css)[:2]
     for ground, text in ((LIGHT, light), (DARK, dark)):

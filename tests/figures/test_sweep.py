@@ -124,12 +124,16 @@ def test_names_stand_at_the_ends_of_lines_and_not_on_each_other(sweep_of):
     assert all(box.x1 <= figure.bbox.x1 for box in boxes)
 
 
-def test_names_are_moved_as_little_as_possible():
-    """Least squares with a smallest distance, within 0 and 1."""
+def test_names_are_moved_as_little_as_possible_and_paths_tell_points_apart():
+    """Least squares with a smallest distance, within 0 and 1; names determine the values that change with them."""
     assert apart([0.2, 0.8], 0.1) == [0.2, 0.8]
     assert apart([0.5, 0.5], 0.1) == pytest.approx([0.45, 0.55])
     assert apart([1.0, 1.0, 0.0], 0.1) == pytest.approx([0.9, 1.0, 0.0])
     assert apart([0.0, 0.01, 0.02], 0.5) == pytest.approx([0.0, 0.5, 1.0])
+    assert main_paths([{"name": "p", "a": "1"}, {"name": "q", "a": "2"}]) == ["name"]
+    assert main_paths([{"a": "1", "b": "3"}, {"a": "2", "b": "5"}]) == ["a"]
+    assert main_paths([{"a": a, "b": b} for a in "12" for b in "34"]) == ["a", "b"]
+    assert main_paths([{}]) == []
 
 
 def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make_sweep):
@@ -143,8 +147,8 @@ def test_a_line_far_beyond_the_others_has_an_arrow_at_its_name(make_trials, make
     assert {text.get_text() for text in axes.texts} == {"A", "B", "C", "far ▲"}
 
 
-def test_a_metric_that_is_best_at_0_has_a_linear_axis_of_differences(make_trials, make_sweep):
-    """Differences in the unit of the metric, around no difference."""
+def test_differences_have_a_linear_axis_and_events_are_shares_of_the_runs(make_trials, make_sweep):
+    """In the unit of the metric, around no difference; superiority from 0 to 1 where no average is defined."""
     rng = np.random.default_rng(0)
     values = {"A": list(rng.normal(size=30)), "B": list(rng.normal(0.5, 1.0, size=30))}
     trials = make_sweep(*[(point, make_trials({"gap": values}, (GAP,))) for point in over([1, 2, 3])])
@@ -152,10 +156,6 @@ def test_a_metric_that_is_best_at_0_has_a_linear_axis_of_differences(make_trials
     rows = comparisons(trials.each[0], levels(trials))
     assert axes.get_yscale() == "linear" and axes.get_title(loc="left").startswith("difference of")
     assert lines(axes)["B"][0, 1] == pytest.approx(rows["difference"][0])
-
-
-def test_an_event_that_never_occurs_is_drawn_as_shares_of_the_runs(make_trials, make_sweep):
-    """Superiority from 0 to 1, where no average is defined; at points with averages too."""
     rng = np.random.default_rng(0)
     never, times = [math.inf] * 10, list(rng.uniform(1, 2, size=10))
     points = [{"A": never, "B": never}, {"A": times, "B": [0.5 * each for each in times]}, {"A": never, "B": times}]
@@ -165,13 +165,17 @@ def test_an_event_that_never_occurs_is_drawn_as_shares_of_the_runs(make_trials, 
     assert [text.get_text() for text in axes.get_yticklabels()] == ["0 %", "25 %", "equal", "75 %", "100 %"]
 
 
-def test_a_method_without_finished_runs_has_no_line(make_trials, make_sweep):
-    """Its name does not stand there either; the others are drawn."""
+def test_a_method_without_finished_runs_has_no_line_and_a_single_one_its_values(make_trials, make_sweep, sweep_of):
+    """Its name does not stand there either; the others are drawn.  The caption is a sentence."""
     values = {"A": [1.0, 2.0, 3.0], "B": ["diverged"] * 3, "C": [0.5, 1.0, 1.6]}
     trials = make_sweep(*[(point, make_trials({"length": values}, (LENGTH,))) for point in over([1, 2])])
     (axes,) = Sweep().draw(trials).axes
     assert set(lines(axes)) == {"C"} and {text.get_text() for text in axes.texts} == {"A", "C"}
     assert Sweep(show="value").draw(trials).axes[0].texts
+    trials = sweep_of(["A"], over([1, 2, 3]))
+    assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
+    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
+    assert Sweep().caption(trials) == words
 
 
 def test_values_are_those_of_the_summary(sweep_of):
@@ -186,14 +190,6 @@ def test_values_are_those_of_the_summary(sweep_of):
         found = bands(axes)["B"]
         np.testing.assert_allclose([found[x] for x in (1.0, 2.0, 3.0)], [row[1:] for row in wanted])
     assert Sweep(show="value", log=False).draw(trials).axes[0].get_yscale() == "linear"
-
-
-def test_another_path_makes_panels_on_the_same_axes(sweep_of):
-    """In the order of the sweep, with the other coordinate as title."""
-    grid = [{"plant.a": a, "model.b": b} for b in ("wide", "narrow") for a in ("1", "2", "3")]
-    first, second = Sweep(path="plant.a").draw(sweep_of(["A", "B"], grid)).axes
-    assert first.get_title(loc="left").endswith("b=wide") and second.get_title(loc="left") == "b=narrow"
-    assert first.get_ylim() == second.get_ylim() and len(lines(second)["B"]) == 3
 
 
 def cells(axes):
@@ -220,8 +216,8 @@ def test_names_are_a_matrix_whose_longer_side_goes_down(sweep_of):
         Sweep(order=["A"]).draw(trials)
 
 
-def test_two_paths_are_a_table_per_method(sweep_of):
-    """Points that the sweep leaves out stay empty."""
+def test_two_paths_are_a_table_per_method_or_panels_on_the_same_axes(sweep_of):
+    """Points that the sweep leaves out stay empty; panels have the other coordinate as title."""
     grid = [{"plant.a": a, "model.b": b} for a in ("1", "2", "3") for b in ("x", "y")][:-1]
     trials = sweep_of(["A", "B", "C"], grid)
     figure = Sweep().draw(trials)
@@ -230,14 +226,10 @@ def test_two_paths_are_a_table_per_method(sweep_of):
     values = Sweep(show="value", path=["model.b", "plant.a"]).draw(trials)
     assert [axes.get_title(loc="left") for axes in values.axes] == ["A", "B", "C"]
     assert [text.get_text() for text in values.axes[0].get_xticklabels()] == ["x", "y"]
-
-
-def test_the_paths_that_tell_points_apart():
-    """Names determine the values that change with them, and of values that change together one is enough."""
-    assert main_paths([{"name": "p", "a": "1"}, {"name": "q", "a": "2"}]) == ["name"]
-    assert main_paths([{"a": "1", "b": "3"}, {"a": "2", "b": "5"}]) == ["a"]
-    assert main_paths([{"a": a, "b": b} for a in "12" for b in "34"]) == ["a", "b"]
-    assert main_paths([{}]) == []
+    grid = [{"plant.a": a, "model.b": b} for b in ("wide", "narrow") for a in ("1", "2", "3")]
+    first, second = Sweep(path="plant.a").draw(sweep_of(["A", "B"], grid)).axes
+    assert first.get_title(loc="left").endswith("b=wide") and second.get_title(loc="left") == "b=narrow"
+    assert first.get_ylim() == second.get_ylim() and len(lines(second)["B"]) == 3
 
 
 def test_the_page_has_two_drawings_of_a_sweep_of_one_number(sweep_of):
@@ -263,10 +255,3 @@ def test_ticks_of_a_narrow_drawing_have_room(sweep_of, numbers):
         renderer = figure._get_renderer()
         boxes = [text.get_window_extent(renderer) for text in figure.axes[0].get_xticklabels()]
     assert len(boxes) > 1 and all(b.x0 - a.x1 > 0.5 * APART for a, b in zip(boxes, boxes[1:], strict=False))
-
-
-def test_one_method_shows_its_values(sweep_of):
-    trials = sweep_of(["A"], over([1, 2, 3]))
-    assert len(lines(Sweep().draw(trials).axes[0])["A"]) == 3
-    words = "Mean length [m] over a of the plant with 95 % intervals, 20 runs per point and method."
-    assert Sweep().caption(trials) == words

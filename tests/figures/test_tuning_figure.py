@@ -41,13 +41,18 @@ def test_marks_are_the_objectives_in_the_order_of_the_values(trials):
     assert len(lines(second)) == 1 and len(second.lines) == 2 and second.get_yscale() == "log"
 
 
-def test_an_offset_is_subtracted(trials):
+def test_an_offset_is_subtracted_and_each_point_of_a_sweep_has_its_own_searches(trials, make_sweep):
     one = search("A", constant([2, 1]), values=[1.001, 1.1], default=1.01)
     (parameter,) = one.parameters
     moved = replace(one, parameters=(replace(parameter, low=1e-4, high=1.0, offset=1.0),))
     (axes,) = TuningOverParameter().draw(trials.with_tuning(tuning(moved))).axes
     np.testing.assert_allclose(lines(axes)[0].get_xdata(), [0.001, 0.1], rtol=1e-9)  # digits of 1.001 - 1
     assert axes.get_xlabel() == "A: estimator.radius - 1"
+    found = [search("A", constant([1, number]), point=f"s={number}") for number in (2, 3)]
+    tables = [({"s": str(number)}, replace(trials, title=f"s={number}")) for number in (2, 3)]
+    sweep = make_sweep(*tables).with_tuning(tuning(*found))
+    (axes,) = TuningOverParameter(at={"s": "3"}).draw(sweep).axes
+    assert lines(axes)[0].get_ydata().tolist() == [1.0, 3.0]
 
 
 def test_a_method_with_two_parameters_has_two_panels_without_lines(trials):
@@ -69,11 +74,3 @@ def test_what_cannot_be_drawn_is_refused_before_the_run(trials):
     assert "give one a range with `tune`" in issue.message
     with pytest.raises(DesignError, match="no search"):
         TuningOverParameter().draw(replace(trials, methods=("C",)))
-
-
-def test_each_point_of_a_sweep_has_its_own_searches(trials, make_sweep):
-    found = [search("A", constant([1, number]), point=f"s={number}") for number in (2, 3)]
-    tables = [({"s": str(number)}, replace(trials, title=f"s={number}")) for number in (2, 3)]
-    sweep = make_sweep(*tables).with_tuning(tuning(*found))
-    (axes,) = TuningOverParameter(at={"s": "3"}).draw(sweep).axes
-    assert lines(axes)[0].get_ydata().tolist() == [1.0, 3.0]

@@ -112,7 +112,7 @@ def test_glyphs(name):
         assert all(np.array_equal(one, other) for one, other in zip(small.get_path(), path, strict=True))
 
 
-def test_tables():
+def test_tables(tmp_path):
     """fontTools finds the checksums right and every glyph readable."""
     data, index = subset_of(str(FONTS / "DejaVuSans.ttf"), {36, 37, 200})
     font = TTFont(io.BytesIO(data), checkChecksums=2, lazy=False)
@@ -120,10 +120,6 @@ def test_tables():
     assert font["maxp"].numGlyphs == len(font.getGlyphOrder()) >= 4
     assert all(not getattr(glyph, "program", None) for glyph in map(font["glyf"].__getitem__, font.getGlyphOrder()))
     assert sorted(index) == [36, 37, 200]
-
-
-def test_other_fonts(tmp_path):
-    """A file without TrueType outlines is left to fontTools."""
     file = tmp_path / "a.otf"
     for head in (b"OTTO", b"\x00\x01\x00\x00"):
         file.write_bytes(head + bytes(100))

@@ -41,33 +41,13 @@ def test_bytes_of_pandas(name, tmp_path, monkeypatch):
         assert (tmp_path / "a.csv").read_bytes() == expected
 
 
-def test_a_carriage_return_is_in_quotes(tmp_path):
-    """Readers take it for the end of a line; the csv module of Python 3.11 writes it as it is."""
-    frame = pd.DataFrame({"name": ["g\rh", "i"], "n": [1, 2]})
-    write_csv(frame, tmp_path / "a.csv")
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "a.csv"), frame, check_dtype=False)
-
-
-def test_trials_csv(make_trials, tmp_path):
-    """Missing is empty, infinite is inf, columns in order."""
+def test_columns(make_trials, tmp_path):
+    """In order; missing is empty, infinite is inf; the derived tables have no index."""
     trials = make_trials({"mse": {"A": [0.1, "diverged"], "B": [math.inf, 1e-7]}})
     trials.frame.insert(0, "extra", 1)
     trials_csv(trials, tmp_path / "trials.csv")
     expected = b"method,run,status,mse\nA,0,ok,0.1\nA,1,diverged,\nB,0,ok,inf\nB,1,ok,1e-07\n"
     assert (tmp_path / "trials.csv").read_bytes() == expected
-
-
-def test_floats_of_every_size_are_in_their_shortest_form(tmp_path):
-    """So that float() gives them back bit for bit; ints stay ints."""
-    value = np.random.default_rng(0).integers(0, 2**64, 5000, dtype=np.uint64).view(np.float64)
-    value[7] = 5e-324
-    write_csv(pd.DataFrame({"component": "0,1", "k": np.arange(5000), "value": value}), tmp_path / "series.csv")
-    lines = (tmp_path / "series.csv").read_bytes().decode().split("\n")
-    texts = ["" if math.isnan(number) else repr(number) for number in value.tolist()]
-    assert lines == ["component,k,value", *(f'"0,1",{k},{text}' for k, text in enumerate(texts)), ""]
-
-
-def test_csv_of_the_derived_tables(make_trials, tmp_path):
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}})
     write_csv(summary(trials), tmp_path / "summary.csv")
     write_csv(comparisons(trials), tmp_path / "comparisons.csv")
@@ -75,6 +55,19 @@ def test_csv_of_the_derived_tables(make_trials, tmp_path):
     assert lines[0].startswith("method,metric,n,n_failed,mean,se,") and lines[2].startswith("B,mse,1,1,2.0,,,,2.0,")
     text = (tmp_path / "comparisons.csv").read_text().splitlines()[1]
     assert text.startswith("B,A,mse,100.0,,,0,2,0,0.0,1.000,1,inconclusive,geometric,")
+
+
+def test_floats_are_in_their_shortest_form_and_carriage_returns_in_quotes(tmp_path):
+    """float() gives them back bit for bit; readers take a carriage return for the end of a line."""
+    value = np.random.default_rng(0).integers(0, 2**64, 5000, dtype=np.uint64).view(np.float64)
+    value[7] = 5e-324
+    write_csv(pd.DataFrame({"component": "0,1", "k": np.arange(5000), "value": value}), tmp_path / "series.csv")
+    lines = (tmp_path / "series.csv").read_bytes().decode().split("\n")
+    texts = ["" if math.isnan(number) else repr(number) for number in value.tolist()]
+    assert lines == ["component,k,value", *(f'"0,1",{k},{text}' for k, text in enumerate(texts)), ""]
+    frame = pd.DataFrame({"name": ["g\rh", "i"], "n": [1, 2]})
+    write_csv(frame, tmp_path / "a.csv")
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "a.csv"), frame, check_dtype=False)
 
 
 METRICS = [MetricInfo("mse", "rad^2", "lower"), MetricInfo("offset", "rad", "zero")]

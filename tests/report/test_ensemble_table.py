@@ -36,15 +36,11 @@ def test_numbers_of_the_last_sample(make_trials, with_series):
     assert heads[:5] == [*row][:5] and set(rule) == {"---"} and cells == [*row.values()]
 
 
-def test_exact_ones_win(make_trials, with_series):
-    """Beside those of runs; a method may have either, and no P."""
+def test_exact_ones_win_and_a_bias_that_is_rounding_is_zero(make_trials, with_series):
+    """A bias is compared with the standard deviation, so that a small one of a small error stays."""
     entries = moments("A", [1.0], [4.0], 500) + moments("A", [0.5], [2.0], 0) + moments("B", [0.0], [3.0], 20)
     rows = [[*row.values()] for row in ensemble_rows(with_series(make_trials(TWO), *entries))]
     assert rows == [["A", "0.5", "2", "2.25", "-", "exact"], ["B", "0", "3", "3", "-", "from 20 runs"]]
-
-
-def test_a_bias_that_is_rounding_is_zero(make_trials, with_series):
-    """Relative to the standard deviation, so that a small bias of a small error stays."""
     entries = moments("A", [1e-17, 1e-5], [1.0, 1.0], 0) + moments("B", [1e-17], [1e-30], 0)
     rows = ensemble_rows(with_series(make_trials(TWO), *entries))
     assert [row["bias x - x_hat"] for row in rows] == ["0 1e-05", "1e-17"]

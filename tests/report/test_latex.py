@@ -51,21 +51,8 @@ def test_numbers_are_those_of_the_markdown_table(trials, summary):
             assert cell == "--" or "".join(re.findall(r"[-+.\d]", cell)) in "".join(re.findall(r"[-+.\d|]", line))
 
 
-def test_head_of_the_file(summary):
-    """Comments come first, each on one line, and a hostile one stays a comment."""
-    text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).body.split("\n")
-    assert text[0] == "% version 1" and text[1] == r"% run \input{x}" and text[2].startswith("% needs")
-    assert text[3].startswith(r"\begin{tabular}{@{}l") and text[4] == r"\toprule"
-
-
-def test_order_and_metrics(summary):
-    tables = latex_tables(summary.shown(["Q", "R"], ["input_cost"]))
-    assert list(tables) == ["input_cost"]
-    assert [row[0] for row in rows_in(tables["input_cost"].body)] == ["Q", "R, $c=10^{-1}$"]
-
-
-def test_every_table_has_a_caption_and_a_note(summary):
-    """With the baseline, the pairing, the failures and every column that is shown."""
+def test_every_table_has_a_head_a_caption_and_a_note(summary):
+    """Comments come first, a hostile one too; the note has the baseline, failures and every column shown."""
     tables = latex_tables(summary)
     # Classes of documents set captions in capitals: one line without units.
     assert tables["mse"].caption == "MSE of 3 methods in 30 runs per method%\n"
@@ -74,6 +61,9 @@ def test_every_table_has_a_caption_and_a_note(summary):
     note = latex_tables(summary, columns=shown)["mse"].note
     words = ("Mean:", "Median:", "paired", "Won/lost/tied:", "Superiority:", "Wilcoxon", "Failed runs: Q 1", r"S\_1")
     assert [word for word in words if word not in note] == []
+    text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).body.split("\n")
+    assert text[0] == "% version 1" and text[1] == r"% run \input{x}" and text[2].startswith("% needs")
+    assert text[3].startswith(r"\begin{tabular}{@{}l") and text[4] == r"\toprule"
 
 
 def test_a_sweep_has_groups_of_rows_or_a_row_per_point(make_trials, make_sweep):
@@ -91,16 +81,12 @@ def test_the_usual_columns_depend_on_the_width(summary):
     assert widths == sorted(widths) and 3 <= widths[0] < widths[-1]
 
 
-def test_long_names_and_heads():
-    """Words of a metric break at blanks; lines stand below each other."""
+def test_long_names_and_estimated_widths():
+    """Words of a metric break at blanks; widths are those of Computer Modern at 8 pt to a quarter (by TeX)."""
     assert name_lines(MetricInfo("steady_state_error", "", "zero")) == ["Steady", "state error"]
     assert name_lines(MetricInfo("estimation_mse", "", "lower")) == ["Estimation", "MSE"]
     assert name_lines(MetricInfo("x_0", "", "lower")) == ["$x_0$"]
     assert stacked(["a", "", "b"]).count(r"\\") == 1 and stacked(["a", ""]) == "a"
-
-
-def test_estimated_widths():
-    """As wide as Computer Modern at 8 pt sets them, to a quarter (widths by TeX)."""
     for cell, points in (("$-11.9\\ [-13.2, -10.6]$", 85.0), ("$0.1064(7)$", 37.5), ("Won/lost/", 33.0)):
         assert 0.85 * points <= width_of(cell) <= 1.25 * points, (cell, width_of(cell))
 
@@ -115,6 +101,9 @@ def test_python_gives_the_tables_of_the_files(summary):
     assert len(summary.to_latex(width=700.0)) > len(summary.to_latex(width=150.0))
     with pytest.raises(DesignError, match="'msee' is not a known metric; did you mean 'mse'"):
         summary.to_latex("msee")
+    tables = latex_tables(summary.shown(["Q", "R"], ["input_cost"]))
+    assert list(tables) == ["input_cost"]
+    assert [row[0] for row in rows_in(tables["input_cost"].body)] == ["Q", "R, $c=10^{-1}$"]
 
 
 TIME = MetricInfo("settling_time", "s", "lower")

@@ -23,15 +23,12 @@ def trials():
     return table({"KF": [1.0, 1.1, 0.9, 1.0], "X": [1.0, 50.0, 0.9, 1.2]}, lost=10.0)
 
 
-def test_the_markdown_has_the_share_beside_the_mean(trials):
+def test_the_markdown_has_the_share_in_the_table_of_the_primary_metric(trials, make_trials):
     page = summarise(trials).to_markdown()
     assert "| lost |" in page and f"| {SHARE} |" in page
     without = replace(trials, lost=None)
     assert "| lost |" not in summarise(without).to_markdown() and lost_table(without).empty
     assert not any("Lost" in text for text in latex_tables(summarise(without))["m"])
-
-
-def test_only_the_table_of_the_primary_metric_has_it(make_trials):
     values = {"KF": [1.0, 1.0], "X": [1.0, 50.0]}
     infos = (MetricInfo("mse", "", "lower"), MetricInfo("cost", "", "lower"))
     made = replace(make_trials({"mse": values, "cost": values}, infos), primary="cost", lost=10.0)
@@ -39,17 +36,14 @@ def test_only_the_table_of_the_primary_metric_has_it(make_trials):
     assert ["| lost |" in page for page in pages[1:3]] == [False, True]
 
 
-def test_the_table_for_a_paper_defines_the_column(trials):
-    """It stays where the columns do not fit, and so does the change."""
+def test_tables_for_a_paper_and_points_of_a_sweep(trials, make_sweep):
+    """The column stays where others do not fit, and so does the change."""
     made = summarise(trials)
     text = latex_tables(made, width=100.0)["m"].body
     assert r"Lost\\{}[\%]" in text and r"$25\ [5, 70]$" in text and "Change" in text and "Won/lost" not in text
     note = latex_tables(made)["m"].note
     assert r"Lost: share of the runs that failed or whose m exceeds 10 times that of KF in the same run" in note
     assert r"$25\ [5, 70]$" in latex_tables(made.shown(["X"]), columns=["lost"])["m"].body
-
-
-def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):
     points = [({"s": text}, replace(trials, title=f"s={text}", lost=lost)) for text, lost in (("1", 10.0), ("2", 60.0))]
     found = lost_table(make_sweep(*points))[["s", "method", "n_lost"]].to_numpy().tolist()
     assert found == [["1", "KF", 0], ["1", "X", 1], ["2", "KF", 0], ["2", "X", 0]]

@@ -75,7 +75,8 @@ def test_numbers(sweep):
     assert (rows["n"] == 30 * 16).all() and not rows["n_failed"].any()
 
 
-def test_a_rank_is_never_a_number_alone(sweep):
+def test_a_rank_is_never_a_number_alone_and_claims_nothing_beyond_its_points(sweep):
+    """In the table, on the screen and in sentences; one point needs no such words."""
     table = ranks_table(sweep())
     assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
@@ -84,6 +85,12 @@ def test_a_rank_is_never_a_number_alone(sweep):
     assert first.split()[-3:] == ["1", "to", "1"]
     assert [*table.columns][3:6] == ["ratio to KF", "modelled", "biased"]
     assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
+    table = ranks_table(sweep())
+    assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
+    assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
+    single = sweep()
+    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
+    assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
 
 
 def test_the_page_has_a_row_per_method_with_its_rank(sweep):
@@ -98,16 +105,6 @@ def test_the_page_has_a_row_per_method_with_its_rank(sweep):
     assert [head.text for head in rows.heads][3:5] == ["modelled", "biased"] and good.cells[3].text == "\u00d70.609"
 
 
-def test_a_rank_claims_nothing_beyond_its_points(sweep):
-    """In every sentence that can be quoted, and below the table; one point needs no such words."""
-    table = ranks_table(sweep())
-    assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
-    assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
-    single = sweep()
-    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
-    assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
-
-
 def test_failures_stand_first_and_the_rest_is_said(sweep):
     """The worst method keeps its place, and the numbers of runs behind the ratios are named."""
     table = ranks_table(sweep(lost=12))
@@ -117,8 +114,8 @@ def test_failures_stand_first_and_the_rest_is_said(sweep):
     assert ranks_table(sweep()).rest == ""
 
 
-def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
-    """Equal searches count once; a method without a time is explained."""
+def test_the_cost_of_tuning_times_that_are_not_known_and_sources_of_parameters(sweep):
+    """Equal searches count once; a column where methods differ, and the word of a baseline that is not tuned."""
     protocol, trials = TuningProtocol(3, 5, "mse"), sweep()
     rest = np.zeros((3, 0)), ("grid",) * 3, np.ones((3, 5)), None, 0, protocol
     search = TuningSearch("", "good", (), (), *rest, seconds=2.0, key="a")
@@ -130,6 +127,13 @@ def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
     table = ranks_table(replace(trials, points=tuple(replace(point, notes=notes) for point in trials.points)))
     assert dict(zip(table.methods, table.columns["time per step"], strict=True))["good"] == "2.0 us"
     assert any(text.startswith("time per step -:") for text in table.legend)
+    words = dict.fromkeys(SHIFTS, "tuned (budget 16, 40 runs)")
+    table = ranks_table(replace(sweep(), parameters={**words, "KF": "default"}))
+    cells = dict(zip(table.methods, table.columns["parameters"], strict=True))
+    assert cells == {**dict.fromkeys(SHIFTS, "tuned"), "KF": "default"}
+    assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
+    alike = ranks_table(replace(sweep(), parameters=words))
+    assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
 
 
 def test_only_where_it_is_asked_for(sweep, make_trials):
@@ -142,7 +146,7 @@ def test_only_where_it_is_asked_for(sweep, make_trials):
         assert ranks_table(trials).columns == {}
 
 
-def test_files_and_page(tmp_path):
+def test_files_and_page_and_metrics_without_ratios(tmp_path):
     """An experiment without a sweep: ranks.csv, tables/ranks.md, the section of the page with its limitations."""
     out = tmp_path / "out"
     result = cli("run", write(tmp_path, statistics="{ranks: true}"), "-o", out, "-j", 1, "--progress", "none")
@@ -152,23 +156,9 @@ def test_files_and_page(tmp_path):
     assert "| method | change | rank |" in (out / "report.md").read_text()
     page = (out / "report.html").read_text()
     assert all(text in page for text in LIMITATIONS)
-
-
-def test_a_metric_without_ratios_is_refused(tmp_path):
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)
-
-
-def test_ranks_say_where_parameters_come_from(sweep):
-    """A column where methods differ, and the word of a baseline that is not tuned."""
-    words = dict.fromkeys(SHIFTS, "tuned (budget 16, 40 runs)")
-    table = ranks_table(replace(sweep(), parameters={**words, "KF": "default"}))
-    cells = dict(zip(table.methods, table.columns["parameters"], strict=True))
-    assert cells == {**dict.fromkeys(SHIFTS, "tuned"), "KF": "default"}
-    assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
-    alike = ranks_table(replace(sweep(), parameters=words))
-    assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
 
 
 def test_two_paths_with_the_same_values_keep_their_columns():

@@ -74,7 +74,7 @@ def test_points_that_are_not_taken_together_have_a_page_each(sweep, n, keys, siz
     assert headings == [f"# tiny: c={c}" for c in range(1, n + 1)]
 
 
-def test_many_points_are_shown_together(sweep):
+def test_many_points_are_shown_together_and_trials_have_sweep_columns_first(sweep, tmp_path):
     """Oracle: the mean of seven single runs; the page has each point, too."""
     summary = summarise(sweep(7, own_keys, sizes=(2.0,)))
     described = summary.pooled.described.set_index("method")
@@ -84,9 +84,6 @@ def test_many_points_are_shown_together(sweep):
     headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
     assert headings == ["# tiny: all 7 points together", *[f"# tiny: c={c}" for c in range(1, 8)]]
     assert len(summary.described) == 14 and set(summary.described["c"]) == set("1234567")
-
-
-def test_the_table_of_trials(sweep, tmp_path):
     trials_csv(sweep(2), tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines[0] == "c,d,method,run,status,mse" and len(lines) == 13

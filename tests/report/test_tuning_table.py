@@ -32,32 +32,17 @@ def made(trials):
     return TuningTable(replace(trials, parameters={**trials.parameters, **found.parameters}), found)
 
 
-def test_the_file_has_a_row_per_method_and_its_numbers(made):
+def test_numbers_of_the_file_and_sentences_on_the_ranks(made):
     frame = pd.read_csv(io.StringIO("".join(csv_lines(made.frame))))
     assert "point" not in frame and frame["method"].tolist() == ["A", "B"]
     assert frame["tuned"].tolist() == [10.0, 0.02] and frame["end_of_range"].tolist() == [True, False]
     assert frame["regret_pct"].tolist() == [0.0, 25.0] and frame["best_on_test"].tolist() == [10.0, 5.0]
     assert frame["rank"].tolist() == [1, 2] and frame["ranks"].tolist() == ["2: 2, 3: 1", "2: 1, 3: 2"]
     assert frame["same_order_pct"].tolist() == [100.0, 100.0]
-
-
-def test_sentences_say_how_far_ranks_can_be_relied_on(made):
     assert made.sentences == (
         "Other tuning runs: the order is the same in 100 % of 200 bootstrap sets, the first rank in 100 %.",
         "Ranks that change with the budget (2, 3 values): A 2, 1; B 1, 2.",
     )
-
-
-def test_a_search_that_found_nothing_says_so_on_the_screen_and_in_tables(trials):
-    """No rank, no regret and no end of a range, although the first value of the list is one."""
-    nothing = search("A", [[np.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
-    table = TuningTable(trials, tuning(nothing, search("B", constant([2, 5]), constant([2, 5, 9]))))
-    assert not table.ranks
-    assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
-    assert table.sentences[-1] == "No ranks: nothing could be tuned for A."
-    size = "budget 4, 3 runs (tables/tuning.md)"
-    assert table.gist == f"tuned: A nothing found, B radius 0.02; {size}; no ranks: nothing could be tuned for A"
-    assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
 
 
 def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
@@ -71,7 +56,8 @@ def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
         assert len({row.count("|") for row in block.splitlines() if row.startswith("|")}) <= 1
 
 
-def test_the_screen_has_a_line_with_few_values(made, trials):
+def test_the_screen_has_a_line_and_says_where_a_search_found_nothing(made, trials):
+    """No rank, no regret and no end of a range, although the first value of the list is one."""
     size = "budget 4, 3 runs (tables/tuning.md)"
     assert made.gist == f"tuned: A radius 10 (end of range), B radius 0.02; {size}"
     searches = [search(f"M{i}", constant([2, 1]), values=[0.01, 10.0]) for i in range(4)]
@@ -79,9 +65,17 @@ def test_the_screen_has_a_line_with_few_values(made, trials):
     ends = ", ".join(f"M{i}" for i in range(4))
     size += "; no ranks: nothing could be tuned for L"
     assert many.gist == f"tuned: 4 methods; nothing found for L; at the end of its range: {ends}; {size}"
+    nothing = search("A", [[np.nan] * 3] * 2, constant([1, 2, 5]), values=[0.01, 10.0])
+    table = TuningTable(trials, tuning(nothing, search("B", constant([2, 5]), constant([2, 5, 9]))))
+    assert not table.ranks
+    assert table.limitations[0] == "Nothing could be tuned, so the defaults stay: A."
+    assert table.sentences[-1] == "No ranks: nothing could be tuned for A."
+    size = "budget 4, 3 runs (tables/tuning.md)"
+    assert table.gist == f"tuned: A nothing found, B radius 0.02; {size}; no ranks: nothing could be tuned for A"
+    assert "| A | estimator.radius | 0.01 to 10 | 0.1 | - | - | inf | 5 | - | - | - |" in table.to_markdown()
 
 
-def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
+def test_without_test_runs_or_without_tuning(trials):
     made = TuningTable(trials, tuning(search("A", constant([2, 1]), default=None)))
     why = "o ranks: the values were computed on no runs of the experiment, which has 3"
     assert made.sentences == (f"N{why}.",) and made.gist.endswith(f"n{why}")
@@ -89,6 +83,10 @@ def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
     assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: failed |" in text
     assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
     assert made.frame["rank"].isna().all() and made.frame["ranks"].tolist() == [""]
+    made = TuningTable(trials, None)
+    assert made.gist == "" and made.to_markdown() == "" and made.sentences == () and made.frame.empty
+    texts = {0.0: "0 %", 0.034: "0.034 %", 2.35: "2.4 %", 99.4: "99 %", 99.5: "100 %", 1234.0: "1234 %"}
+    assert {value: percent(value) for value in texts} == texts
 
 
 def test_two_parameters_have_two_rows_and_failed_runs_are_counted(trials):
@@ -142,16 +140,6 @@ def test_one_run_gives_no_ranks_and_no_share_of_bootstrap_sets(make_trials, tuni
     assert not made.ranks and made.sentences[-1] == f"No ranks: {why}."
     text = "\n".join([made.gist, *made.sentences])
     assert "bootstrap" not in text and "rank 1" not in text and made.frame["same_order_pct"].isna().all()
-
-
-def test_no_tuning_no_table(trials):
-    made = TuningTable(trials, None)
-    assert made.gist == "" and made.to_markdown() == "" and made.sentences == () and made.frame.empty
-
-
-def test_percent_has_two_digits():
-    texts = {0.0: "0 %", 0.034: "0.034 %", 2.35: "2.4 %", 99.4: "99 %", 99.5: "100 %", 1234.0: "1234 %"}
-    assert {value: percent(value) for value in texts} == texts
 
 
 @pytest.mark.parametrize("tiny", [1e-5, 1.23e-9, 0.3])

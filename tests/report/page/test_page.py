@@ -98,13 +98,10 @@ def test_sweeps(with_trials, sweep_of, kind):
     assert bool(page.of_class("two")) == (kind in ("number", "two paths"))
 
 
-def test_the_longer_of_points_and_methods_goes_down(with_trials, sweep_of):
+def test_the_longer_of_points_and_methods_goes_down_and_many_points_are_folded(with_trials, sweep_of):
     page = page_of(with_trials(sweep_of(SWEEPS["names"], {name: 1 + 0.1 * k for k, name in enumerate("ABCD")})))
     rows = page.rows(page.tables[0])
     assert rows[0] == ["method", "biased", "white"] and [row[0] for row in rows[1:]] == ["A, mean", "B", "C", "D"]
-
-
-def test_many_points_are_folded_by_the_first_path(with_trials, sweep_of):
     points = [{"p": f"{a}", "q": f"{b}", "s": f"{c}"} for a in range(2) for b in range(4) for c in range(8)]
     page = page_of(with_trials(sweep_of(points, {"A": 1.0, "B": 0.7}, n=4)))
     groups = [each for each in page.root.all("details") if next(each.all("summary")).text in ("p 0", "p 1")]
@@ -121,10 +118,6 @@ def test_one_point(make_source):
     assert re.fullmatch(r"run \d+ is the worst of every method", page.folds["Worst runs"])
     ticks = [each.text for each in page.of_class("s")[1].all("span")]
     assert "0" in ticks and any("%" in tick for tick in ticks)
-
-
-def test_the_place_of_an_estimate_is_that_of_its_axis(make_source):
-    """Bar and dot lie in per cent of the cell; -20 % without spread is a dot on its tick."""
     page = page_of(make_source())
     strip = next(each for each in page.of_class("s0") if each.tag == "td" and list(each.all("b")))
     left = {each.tag: float(re.search(r"left:([\d.]+)%", each.attributes["style"])[1]) for each in strip.all("b")}
@@ -157,8 +150,8 @@ def test_a_method_far_away_is_an_arrow(with_trials):
     assert page.folds["Failures"] == "diverged (all 40, dead)"
 
 
-def test_an_event_that_does_not_occur(with_trials, make_trials):
-    """Counts and median in place of the mean, shares of the runs in place of a change."""
+def test_events_that_do_not_occur_and_differences(with_trials, make_trials):
+    """Counts and median in place of the mean, shares of the runs in place of a change; differences have a unit."""
     info = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
     columns = {"A": [np.inf] * 20 + [5.0] * 20, "B": np.linspace(1, 4, 40).tolist()}
     page = page_of(with_trials(make_trials({"settling_time": columns}, infos=(info,))))
@@ -168,29 +161,6 @@ def test_an_event_that_does_not_occur(with_trials, make_trials):
     assert first[1] == "20 of 40; -" and second[1].startswith("40 of 40; 2.5") and second[4].startswith("100 % [")
     assert "ties count half" in page.of_class("note")[0].text
     assert page.folds["Worst runs"] == "run 0 has no settling time with A"
-
-
-def test_an_event_that_never_occurs(with_trials, make_trials):
-    """No axis is made up, no box is drawn, and no run is the worst."""
-    info = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
-    columns = {name: [np.inf] * 40 for name in "AB"}
-    page = page_of(with_trials(make_trials({"settling_time": columns}, infos=(info,))))
-    heads, first, second = page.rows(page.tables[0])
-    assert heads[2] == "runs: 5 %, quartiles, 95 %" and first[1] == second[1] == "0 of 40"
-    cells = [cell for cell in page.tables[0].all("td") if "d0" in cell.classes]
-    assert [[each.classes for each in cell.all("u", "i", "b")] for cell in cells] == [[["right"]]] * 2
-    assert "Arrow: runs without the event." in page.of_class("note")[0].text and "Worst runs" not in page.folds
-
-
-@pytest.mark.parametrize(("n", "shape"), [(6, ["two"]), (9, ["two", "narrow"]), (13, ["one"])])
-def test_a_matrix_with_many_columns_stands_beside_a_small_drawing(with_trials, sweep_of, n, shape):
-    points = [{"plant.a": str(k)} for k in range(14)]
-    trials = sweep_of(points, {f"M{k}": 1 + 0.01 * k for k in range(n)}, n=12)
-    page = page_of(with_trials(trials, drawings={"wide": "<svg></svg>"}))
-    assert [div.classes for div in page.root.all("div") if {"one", "two"} & {*div.classes}] == [shape]
-
-
-def test_differences_have_the_unit_of_the_metric(with_trials, make_trials):
     info = MetricInfo("bias", "rad", "lower")
     columns = {"A": np.linspace(-1, 1, 40).tolist(), "B": np.linspace(-2, 0.5, 40).tolist()}
     page = page_of(with_trials(make_trials({"bias": columns}, infos=(info,))))
@@ -198,11 +168,15 @@ def test_differences_have_the_unit_of_the_metric(with_trials, make_trials):
     assert any(head.startswith("difference from A [rad]") for head in heads) and " rad [" in row[4]
 
 
-def test_a_smoke_run_says_what_ran(with_trials, make_trials):
+def test_a_smoke_run_and_moments_without_runs(with_trials, make_trials):
+    """A smoke run says what ran; without runs the table of the error is the main one."""
     trials = replace(make_trials({"mse": {"A": [1.0, 2.0], "B": [1.0, "diverged"]}}), with_verdicts=False)
     page = page_of(with_trials(trials))
     assert faults(page, ["A", "B"]) == [] and page.of_class("banner")[0].text.startswith("Smoke run.")
     assert page.rows(page.tables[0])[1:] == [["A", "ran 2 runs"], ["B", "failed 1 of 2 runs failed"]]
+    trials = make_trials({"mse": {"A": [], "B": []}})
+    page = page_of(with_trials(replace(trials, frame=trials.frame.reindex(columns=["method", "run", "status", "mse"]))))
+    assert page.of_class("answer")[0].text.startswith("Exact moments")
 
 
 @pytest.mark.parametrize("failed", [False, True])
@@ -222,20 +196,10 @@ def test_an_unfinished_experiment(with_trials, make_trials, failed):
     assert ("Failures" in page.folds) == failed and "47 runs per method" in page.of_class("note")[0].text
 
 
-def test_moments_without_runs(with_trials, make_trials):
-    """The table of the error is the main one; the answer says what it is."""
-    trials = make_trials({"mse": {"A": [], "B": []}})
-    page = page_of(with_trials(replace(trials, frame=trials.frame.reindex(columns=["method", "run", "status", "mse"]))))
-    assert page.of_class("answer")[0].text.startswith("Exact moments")
-
-
-def test_the_page_is_valid_html(html):
+def test_the_page_is_valid_html_and_the_policy_allows_its_script_alone(html):
     tree = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(html)
     ids = [element.get("id") for element in tree.iter() if element.get("id")]
     assert len(ids) == len(set(ids)) and {"claims", "figure-boxplot"} <= set(ids)
-
-
-def test_the_policy_allows_this_script_alone(html):
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', html)[1].replace("&#39;", "'")
     script = re.search(r"<script>(.*?)</script>", html, re.DOTALL)[1]
     digest = b64encode(sha256(script.encode()).digest()).decode()
@@ -271,16 +235,12 @@ def test_a_name_is_text_and_a_label_may_have_formulas(with_trials, make_trials, 
 
 
 def test_claims_stand_open_with_their_assumptions_folded(html, markdown):
-    """One ratio in all of 40 runs does not show what others may be: no claim on it is confirmed."""
+    """One ratio in all of 40 runs does not show what others may be.  Open are 100 words, fewer below a large table."""
     page = Page(html)
     [claims] = page.of_class("claims")
     items = [each for each in claims.inside if getattr(each, "tag", "") == "li"]
     assert len(items) == 2 and "ours, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
     assert "One." not in items[0].shown and "One." in items[0].text and "**inconclusive**" in markdown
-
-
-def test_statements_that_are_open_follow_the_size_of_the_table():
-    """100 words, fewer below a table of more than 140, and one below any table."""
     items = [ClaimItem("confirmed", "word " * 18, "ours", "", [])] * 12
     assert [n_open(items, n_table) for n_table in (0, 140, 180, 1000)] == [5, 5, 3, 1]
     assert n_open([ClaimItem("confirmed", "Short", "ours", "", [])] * 12, 0) == 8 and n_open([], 0) == 0
@@ -311,15 +271,12 @@ def test_the_foot_has_what_is_needed_to_repeat(html, markdown):
     assert f"- command: `{found['command']}`" in markdown and "[report.html](report.html)" in markdown
 
 
-def test_limits(make_source):
+def test_limits_requirements_and_the_worst_runs(make_source):
     page = page_of(make_source(overrides=("--runs 3",), left_out=("boxplot: too small",), confounded=("B",)))
     [fold] = [each for each in page.of_class("fold") if "Limits" in each.inside[0].text]
     for words in ("overridden", "figure is missing", "uncommitted changes", "Both the estimator and the controller"):
         assert words in fold.text
     assert "For information only" in page.root.text and "No parameter was tuned: all are as published" in fold.text
-
-
-def test_requirements_and_the_worst_runs(make_source):
     requirement = Requirement("mse < 1", "mse", (Limit("<", 1.0),))
     plain = make_source(n=80)
     trials = replace(plain.trials, requirements=(requirement,))
@@ -347,3 +304,23 @@ def test_tuning_has_values_ranks_and_cost(make_source):
 def test_the_same_source_gives_the_same_bytes(make_source):
     one, other = (render_html("page.html", page_context(make_source())) for _ in range(2))
     assert one == other and len(one) < 40_000
+
+
+def test_an_event_that_never_occurs(with_trials, make_trials):
+    """No axis is made up, no box is drawn, and no run is the worst."""
+    info = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
+    columns = {name: [np.inf] * 40 for name in "AB"}
+    page = page_of(with_trials(make_trials({"settling_time": columns}, infos=(info,))))
+    heads, first, second = page.rows(page.tables[0])
+    assert heads[2] == "runs: 5 %, quartiles, 95 %" and first[1] == second[1] == "0 of 40"
+    cells = [cell for cell in page.tables[0].all("td") if "d0" in cell.classes]
+    assert [[each.classes for each in cell.all("u", "i", "b")] for cell in cells] == [[["right"]]] * 2
+    assert "Arrow: runs without the event." in page.of_class("note")[0].text and "Worst runs" not in page.folds
+
+
+@pytest.mark.parametrize(("n", "shape"), [(6, ["two"]), (9, ["two", "narrow"]), (13, ["one"])])
+def test_a_matrix_with_many_columns_stands_beside_a_small_drawing(with_trials, sweep_of, n, shape):
+    points = [{"plant.a": str(k)} for k in range(14)]
+    trials = sweep_of(points, {f"M{k}": 1 + 0.01 * k for k in range(n)}, n=12)
+    page = page_of(with_trials(trials, drawings={"wide": "<svg></svg>"}))
+    assert [div.classes for div in page.root.all("div") if {"one", "two"} & {*div.classes}] == [shape]
