@@ -156,7 +156,7 @@ RENAMED_FIGURES = {
         ("trajectories", "estimation-error", "tubes", "series", "variance-with-bound", "nees"), "is now 'signals'"
     ),
     **dict.fromkeys(("plane", "pareto"), "is now 'scatter'"),
-    "drivers": "is a table of the page now; leave it out, the page has it",
+    "drivers": "is no longer a figure: leave it out, the page has it",
     "heat-map": "is now 'sweep'",
     "means": "is now 'signals' with the quantity mean, or 'rows' with show: mean",
     "paired": "is now 'rows'",

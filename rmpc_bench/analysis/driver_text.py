@@ -64,4 +64,4 @@ def gist(rows: Iterable[Row], baseline: str) -> str:
         return f"mostly {names[0]}"
     if len(names) > 1 and largest[names[1]] > MUCH_OF:
         return f"{names[0]} and {names[1]}"
-    return "little of the difference is explained by the known quantities"
+    return "the uncertain quantities explain little of the change"

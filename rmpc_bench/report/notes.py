@@ -107,7 +107,7 @@ def _failures(tables: Sequence[ResultTable]) -> str:
     n = min(row["won"] + row["lost"] + row["tied"] for row in known)
     bound = per_cent(100 * max(float(row["far_worse_upper"]) for row in known))
     factor = f"{tables[0].trials.lost or FACTOR:g} times worse than {tables[0].baseline}"
-    return f"No run of {n} was lost (failed or {factor}): at most {bound} are."
+    return f"No run of {n} was lost (failed or {factor}): at most {bound} of all runs are."
 
 
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}

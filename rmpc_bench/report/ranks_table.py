@@ -21,10 +21,10 @@ from rmpc_bench.report.run_notes import short_time
 
 LIMITATIONS = (
     "A rank is that among these methods. Another method may widen or move it.",
-    "The points of the sweep have equal weights and are all that the ranks describe: they are chosen, not drawn from a "
-    "population of systems, so that the intervals do not hold for other systems.",
-    "The intervals contain the chance of the runs only. Where parameters are tuned, another set of tuning runs may "
-    "choose other values.",
+    "The points of the sweep have equal weights. They are chosen, not sampled from a population of systems. The "
+    "intervals do not hold for other systems.",
+    "The intervals cover only the random variation between runs. Where parameters are tuned, another set of tuning "
+    "runs may choose other values.",
     "Methods whose ranks overlap are not shown to be equal: the runs do not decide between them.",
 )
 _NUMBERS = ["ratio", "ratio_low", "ratio_high", "smallest", "largest"]
@@ -103,7 +103,7 @@ class RanksTable:
             f"ratio: geometric mean of {info.words if info else 'the metric'} relative to {baseline}{points}, with the "
             "same simultaneous interval",
         ]
-        what = "rank, ratio: of these points; the intervals contain the chance of the runs, not other systems"
+        what = "rank, ratio: of these points; the intervals cover the random variation between runs, not other systems"
         texts += [what] if points else []
         if any(each.ratio for row in self.found.rows for each in row.by_value):
             texts.append("?: the simultaneous interval of the ratio contains 1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,15 +16,17 @@ from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.requirements import pass_rates
+from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.captions import short_title
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
 from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.point_tables import PointSummary, columns_from, markdown_page, markdown_table, stacked_points
-from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.run_notes import counted, show_command
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.requirement import Requirement
 
@@ -80,6 +82,39 @@ def tail_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) ->
     infos = {info.name: info for info in trials.metrics}
     table = tails(trials).sort_values("metric", key=lambda names: names.map(list(infos).index), kind="stable")
     return columns_from(_cells(trials, row, infos[row["metric"]]) for row in table.to_dict("records"))
+
+
+class WorstRuns(NamedTuple):
+    """The worst finished run of every method, over all points."""
+
+    found: Mapping[str, tuple[float, int, Trials]]  # method -> distance from the best value, run, point
+    method: str  # the one whose run is shown: the baseline where it has one
+    gist: str
+
+    def command(self, directory: object) -> str:
+        """Return the command that shows the run."""
+        _, run, trials = self.found[self.method]
+        return show_command(trials, directory, self.method, run)
+
+
+def worst_of(tables: Sequence[ResultTable]) -> WorstRuns | None:
+    """Find the worst runs of points; None where no run is worse than the others."""
+    points = [table.trials for table in tables if not table.trials.alike and len(table.trials.runs) > 1]
+    sign = -1.0 if tables and tables[0].info.direction == "higher" else 1.0
+    found: dict[str, tuple[float, int, Trials]] = {}
+    for trials in points:
+        for method, (value, run) in worst_runs(trials, tables[0].info).items():
+            if method not in found or sign * value > sign * found[method][0]:
+                found[method] = value, run, trials
+    if not found:
+        return None
+    method = points[0].baseline if points[0].baseline in found else next(iter(found))
+    value, run, trials = found[method]
+    where = f" at {short_title(trials)}" if len(points) > 1 else ""
+    of = "every method" if len({(each[1], each[2].title) for each in found.values()}) == 1 < len(found) else method
+    # Runs without the event are equally bad; the first of them stands in the table.
+    event = f"run {run}{where} has no {tables[0].quantity} with {of}"
+    return WorstRuns(found, method, f"run {run}{where} is the worst of {of}" if math.isfinite(value) else event)
 
 
 def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]:

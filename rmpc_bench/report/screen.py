@@ -18,21 +18,22 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
-from rmpc_bench.report.point_tables import Points
+from rmpc_bench.report.point_tables import Points, average_of
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark_lines, show_command
-from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable
+from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable, worst_of
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
 WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
-MOST_NOTES = 5  # lines below the table
+MOST_NOTES = 6  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
-_FIRST = ("page", "differs", "failed", "note", "stop", "claims", "tuned", "requirements", "lost", "driven", "remarks")
+_FIRST = "page differs failed note stop claims tuned requirements lost worst driven remarks".split()
+_AVERAGES = {"geometric": "geometric mean", "mean": "ratio of the means"}
 _PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
-_WHOLE = ("failed", "page")  # notes whose lines are not broken: a command or a path that is copied
+_WHOLE = ("failed", "worst", "page")  # notes whose lines are not broken: a command or a path that is copied
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
 _GLUE = "\x01"  # stands for a blank at which a line does not end
 
@@ -65,7 +66,7 @@ class Screen:
         said = [line.replace(_GLUE, " ") for line in wrapped(answered, width)]
         blank = [""] * (len(head) + len(said) < 5)
         above = [*head, *blank, *said, "", *self._table(width), ""]
-        room = max(3, min(MOST_NOTES, MOST_LINES - len(above)))
+        room = max(4, min(MOST_NOTES, MOST_LINES - len(above)))
         return "\n".join([*above, *self._notes(room, width)])
 
     def _head(self, width: int) -> list[str]:
@@ -128,6 +129,7 @@ class Screen:
             yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()
         yield "failed", self._failed(width)
+        yield "worst", self._worst(width)
         yield "claims", self._claims()
         yield "differs", [cut(text, width - 1) for text in self._differing()]
         yield "driven", self._driven()
@@ -142,15 +144,18 @@ class Screen:
         if self.ranked.found is not None:
             parts = ["[ ]: simultaneous intervals of geometric means over all points"]
         elif len(tables) > 1:
-            words = {row.word for table in tables for row in table.rows}
-            marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if word in words)
+            shown = "".join(f"{line} " for line in sweep_lines(tables, width))
+            marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if f" {plain(mark)} " in shown)
             parts = [f"{marks}; intervals: tables/summary.md".removeprefix("; ")]
         elif tables:
             shown = "".join(row_lines(tables[0], width))
             bars = " and ".join(sign for sign, part in (("[ ]", "["), ("\u00b1", "\u00b1")) if part in shown)
             simultaneous = any(float(row["ci_level"]) > self.trials.confidence for row in compared)
-            parts.append(f"{bars}: {100 * self.trials.confidence:g} %")
-            parts[-1] += ", ties count half" * (tables[0].form == "share") + ", changes simultaneous" * simultaneous
+            level = f"{100 * self.trials.confidence:g} %"
+            bars = bars.replace("[ ] and", f"[ ]: simultaneous {level},") if simultaneous else bars
+            level = f"simultaneous {level}" if simultaneous and bars == "[ ]" else level
+            parts.append(f"{bars}: {level}{', ties count half' * (tables[0].form == 'share')}")
+            parts += [f"change: {_AVERAGES[average_of(tables[0])]}"] if tables[0].form == "ratio" else []
         parts += [] if self.trials.planned is None else [self.trials.planned.text]
         look = max((int(row["look"]) for row in compared), default=1)
         parts += [f"look {look} at a growing number of runs"] if look > 1 else []
@@ -159,10 +164,10 @@ class Screen:
         if len(groups) == 1:
             return "; ".join([*parts, *(_PARAMETERS.get(word, f"parameters: {word}") for word in groups)])
         origins = [
-            f"{word.partition(' (')[0]}: {names[0] if len(names) == 1 else f'{len(names)} methods'}"
+            f"{names[0] if len(names) == 1 else f'{len(names)} methods'} {word.partition(' (')[0]}"
             for word, names in groups.items()
         ]
-        return "; ".join([*parts, *([f"parameters {'; '.join(origins)}"] if origins else [])])
+        return "; ".join([*parts, *([f"parameters: {', '.join(origins)}"] if origins else [])])
 
     def _driven(self) -> list[str]:
         if len(self.driven.points) != 1 or not self.trials.with_verdicts:
@@ -171,7 +176,7 @@ class Screen:
         what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
         mostly = "mostly " * text.startswith("mostly ")
         found = f"{what} depends {mostly}on {text.removeprefix(mostly)}"
-        return [found] if text and not text.startswith("little") else []
+        return [found] if text and not text.startswith("the uncertain") else []
 
     def _lost(self) -> list[str]:
         """Count the lost runs at the only point, where the configuration says what a lost run is."""
@@ -181,6 +186,15 @@ class Screen:
         counts = [f"{row['n_lost']} ({row['method']})" for row in lost_runs(self.trials).to_dict("records")]
         rule = f"failed, or {info.words} above {self.trials.lost:g} times that of {self.trials.baseline}"
         return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': lost.csv' * (len(counts) > MOST_NAMED)}"]
+
+    def _worst(self, width: int) -> list[str]:
+        """Show the worst run: that of the baseline."""
+        worst = worst_of(self._tables(self.metric)) if self.trials.with_verdicts else None
+        if worst is None:
+            return []
+        command = worst.command(self.page.parent)
+        line = f"worst run: {command}"
+        return [line] if width_of(line) < width else ["worst run:", *command_lines(command, width - 1)]
 
     def _failed(self, width: int) -> list[str]:
         """Say which method fails most, why, and how its first failed run is computed again."""
@@ -207,10 +221,10 @@ class Screen:
         if len(known := {*found[0], *found[1]} - {Finding.NOT_TESTABLE}) == 1:
             [finding] = known
             n, ours = found[0][finding], found[1][finding]
-            texts = [f"{counted(n, 'statement')} of the paper"] * bool(n) + [f"{ours} of ours"] * bool(ours)
+            texts = [f"{counted(n, 'statement')} of the paper"] * bool(n) + [f"{ours} additional"] * bool(ours)
             return [f"{finding_words(finding)}: {', '.join(texts)} (claims.md)"]
         parts = []
-        for name, counts in zip(("statements of the paper", "ours"), found, strict=True):
+        for name, counts in zip(("statements of the paper", "additional"), found, strict=True):
             words = [f"{counts[each]} {finding_words(each)}" for each in Finding if counts[each]]
             parts += [f"{name}: {', '.join(words)}"] if words else []
         return [f"{'; '.join(parts)} (claims.md)"]
@@ -220,4 +234,8 @@ class Screen:
             return []
         found = [each for each in self.verdicts if each.differs]
         more = f" (and {len(found) - 1} more: claims.md)" if len(found) > 1 else ""
-        return [f"recorded {each.claim.finding}, now {each.finding}{more}: {each.claim.says}" for each in found[:1]]
+        recorded = [finding_words(each.claim.finding) if each.claim.finding else "nothing" for each in found[:1]]
+        return [
+            f"recorded {words}, now {finding_words(found[0].finding)}{more}: {found[0].claim.says}"
+            for words in recorded
+        ]

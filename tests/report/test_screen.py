@@ -79,8 +79,10 @@ def test_the_rows_of_one_point_and_marks_that_are_explained():
     assert lines[2].startswith("WKF is better than KF: its estimation MSE is 2") and lines[2].endswith("lower.")
     assert lines[4].split() == "method mean estimation MSE change against KF verdict".split()
     assert lines[5].split()[0] == "KF" and lines[5].endswith("baseline") and lines[6].endswith("better")
-    assert lines[8] == " same draws for all; [ ] and \u00b1: 95 %; default parameters"
-    assert lines[9:] == [" results/tiny/report.html"]
+    assert lines[8] == " same draws for all; [ ] and \u00b1: 95 %; change: geometric mean; default parameters"
+    worst = int(BASE.argmax())
+    assert lines[9] == f" worst run: rmpc-bench show results/tiny --run {worst} --method KF"
+    assert lines[10:] == [" results/tiny/report.html"]
     trials = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"])
     text = "\n".join(shown(trials))
     assert " ? inconclusive; intervals: tables/summary.md" in text and "equivalent" not in text
@@ -208,21 +210,21 @@ TWO_CLAIMS = [verdict(Finding.CONFIRMED), verdict(Finding.NOT_CONFIRMED, recorde
 
 def test_claims_have_a_line():
     found = [verdict(Finding.CONFIRMED)] * 3 + [verdict(Finding.NOT_TESTABLE), verdict(Finding.CONFIRMED, False)]
-    assert " confirmed: 3 statements of the paper, 1 of ours (claims.md)" in shown(one(TWO), verdicts=found)
+    assert " confirmed: 3 statements of the paper, 1 additional (claims.md)" in shown(one(TWO), verdicts=found)
     mixed = shown(one(TWO), verdicts=TWO_CLAIMS)
     assert " statements of the paper: 1 confirmed, 1 not confirmed (claims.md)" in mixed
-    assert any(line.startswith(" recorded confirmed, now not-confirmed: a statement of") for line in mixed)
+    assert any(line.startswith(" recorded confirmed, now not confirmed: a statement of") for line in mixed)
     lines = shown(one(TWO), verdicts=found, reasons=["the configuration was overridden (--runs 3)"])
     assert " claims: not evaluated, the configuration was overridden (--runs 3)" in lines
     assert not any("statements of the paper that were tested" in line for line in lines)
 
 
 @pytest.mark.parametrize("width", [80, 60])
-def test_at_most_five_lines_of_notes(width):
+def test_at_most_six_lines_of_notes(width):
     """The page, what differs and failures come first; the rest is in files."""
     lines = shown(one(LOST), width, verdicts=TWO_CLAIMS, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
     notes = lines[len(lines) - lines[::-1].index("") :]
-    assert len(notes) <= 5 and notes[-1] == " results/tiny/report.html"
+    assert len(notes) <= 6 and notes[-1] == " results/tiny/report.html"
     assert any(line.startswith(" recorded") for line in notes) and any("failed: WKF" in line for line in notes)
 
 

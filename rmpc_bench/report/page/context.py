@@ -91,7 +91,7 @@ def _banner(source: PageSource) -> tuple[str, str]:
     if not source.extent.is_unfinished:
         return "", ""
     runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"
-    text = f"The same command continues. The numbers are those of {runs} that every method has."
+    text = f"The same command continues. The numbers are those of {runs} that every computed method has."
     return f"Unfinished: {source.extent.text}.", text
 
 

@@ -26,7 +26,7 @@ from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Ta
 from rmpc_bench.report.point_tables import columns_from
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
-from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_rows, requirement_columns, tail_columns, worst_runs
+from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_rows, requirement_columns, tail_columns, worst_of
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 
@@ -63,7 +63,7 @@ def _limits(source: PageSource) -> Iterator[str]:
     if source.overrides:
         yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
     if source.incomplete:
-        yield f"Runs are missing ({', '.join(source.incomplete)}); findings do not count."
+        yield f"Not all runs are computed ({', '.join(source.incomplete)}); findings do not count."
     changed = sum(each.differs for each in source.verdicts)
     if changed and trials.with_verdicts:
         yield f"{counted(changed, 'finding')} changed since it was recorded."
@@ -91,7 +91,7 @@ def _limits(source: PageSource) -> Iterator[str]:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
             yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
     if trials.with_verdicts and len(trials.frame):
-        yield "All numbers hold for this plant and these laws of its uncertain quantities and noises only."
+        yield "All numbers hold for this plant and these distributions of its uncertain quantities and noises only."
 
 
 MOST_LISTED = 6  # entries of a list
@@ -114,7 +114,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     gist += f" (and {len(limits) - 1} more)" if len(limits) > 1 else ""
     stand_above = not len(source.trials.frame) and len(source.trials.each) == 1
     moments = None if stand_above else moments_of(source.trials)
-    in_short = "bias, variance and reported covariance by component"
+    in_short = "bias, variance and reported covariance by state"
     found = [
         _failures(source),
         _drivers(source),
@@ -244,7 +244,7 @@ def _best_of(every: Sequence[Sequence[ResultTable]]) -> str:
         least = medians.min(initial=math.inf)
         # Of equal ones none is the best.
         if len(table.rows) > 1 and np.isfinite(least) and np.count_nonzero(medians == least) == 1:
-            best = "highest" if direction == "higher" else "lowest"
+            best = "highest median" if direction == "higher" else "lowest median"
             words.append((best, f"{table.quantity}: {rows[int(medians.argmin())].method}"))
     said = [f"{best} {text}" if k == 0 or best != words[k - 1][0] else text for k, (best, text) in enumerate(words)]
     return ", ".join(said) + more if said else ", ".join(tables[0].info.words for tables in every[:MOST_NAMED])
@@ -279,39 +279,24 @@ def _requirements(source: PageSource) -> Fold | None:
 
 def _worst(source: PageSource, tables: Sequence[ResultTable]) -> Fold | None:
     """Name the worst run of every method with the command that shows it, and the worst 5 % of the runs."""
-    points = [table.trials for table in tables if not table.trials.alike and len(table.trials.runs) > 1]
-    if not points or not source.trials.with_verdicts:
-        return None
-    sign = -1.0 if source.info is not None and source.info.direction == "higher" else 1.0
-    found: dict[str, tuple[float, int, Trials]] = {}
-    for trials in points:
-        for method, (value, run) in worst_runs(trials, tables[0].info).items():
-            if method not in found or sign * value > sign * found[method][0]:
-                found[method] = value, run, trials
-    if not found:
+    worst = worst_of(tables)
+    if worst is None or not source.trials.with_verdicts:
         return None
     columns = {
-        "method": [*found],
-        f"worst {tables[0].quantity_with_unit}": [short(value, 4) for value, _, _ in found.values()],
-        "run": [str(run) for _, run, _ in found.values()],
+        "method": [*worst.found],
+        f"worst {tables[0].quantity_with_unit}": [short(value, 4) for value, _, _ in worst.found.values()],
+        "run": [str(run) for _, run, _ in worst.found.values()],
     }
-    if len(points) > 1:
-        columns["point"] = [short_title(trials) for _, _, trials in found.values()]
+    if len(tables) > 1:
+        columns["point"] = [short_title(trials) for _, _, trials in worst.found.values()]
     else:
-        of_tails = tail_columns(points[0], [tables[0].info])
+        of_tails = tail_columns(tables[0].trials, [tables[0].info])
         for head in ("95 % quantile", "mean of the worst 5 %") if of_tails else ():
-            by_method = dict(zip(points[0].methods, of_tails[head], strict=True))
-            columns[head] = [by_method[name] for name in found]
-    method = source.trials.baseline if source.trials.baseline in found else next(iter(found))
-    _, run, trials = found[method]
-    where = f" at {short_title(trials)}" if len(points) > 1 else ""
-    of = "every method" if len({(each[1], each[2].title) for each in found.values()}) == 1 < len(found) else method
-    parts = [Part(table=Table(columns, by_method=True)), Part(command=show_command(trials, source.place, method, run))]
+            by_method = dict(zip(tables[0].trials.methods, of_tails[head], strict=True))
+            columns[head] = [by_method[name] for name in worst.found]
+    parts = [Part(table=Table(columns, by_method=True)), Part(command=worst.command(source.place))]
     parts += [Part(note=TAILS)] if len(columns) > 4 else []
-    # Runs without the event are equally bad; the first of them stands in the table.
-    event = f"run {run}{where} has no {tables[0].quantity} with {of}"
-    gist = f"run {run}{where} is the worst of {of}" if math.isfinite(found[method][0]) else event
-    return Fold("Worst runs", gist, parts)
+    return Fold("Worst runs", worst.gist, parts)
 
 
 def _figures(source: PageSource) -> Iterator[Fold]:

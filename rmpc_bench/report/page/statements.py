@@ -15,7 +15,7 @@ from rmpc_bench.report.run_notes import counted
 
 # Statements that are not folded, the words of all of them, and those of them and the main table.
 MOST_OPEN, MOST_WORDS, WITH_TABLE = 8, 100, 240
-OURS = "ours, not in the paper"
+OURS = "additional, not in the paper"
 
 
 class ClaimItem(NamedTuple):
@@ -54,7 +54,7 @@ def _item(verdict: ClaimVerdict) -> ClaimItem:
         lines.append(f'The paper: "{claim.quote}"')
     if claim.elsewhere:
         others = ", ".join(f"{name} ({finding.sentence})" for name, finding in claim.elsewhere.items())
-        lines.append(f"Joined over this experiment ({verdict.words}) and {others}.")
+        lines.append(f"Combined over this experiment ({verdict.words}) and {others}.")
     if verdict.differs and claim.finding is not None:
         lines.append(f"Recorded earlier: {claim.finding.sentence}. The finding has changed.")
     if verdict.reason:

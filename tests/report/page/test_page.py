@@ -114,7 +114,7 @@ def test_one_point(make_source):
     assert faults(page, ["A", "B"]) == [] and [*page.folds] == FOLDS
     heads, *rows = page.rows(page.tables[0])
     assert heads[0] == "method" and [row[0] for row in rows] == ["A", "B c = 10 \u22121"] and rows[1][5] == "better"
-    assert page.folds["Other metrics"] == "lowest power: A"
+    assert page.folds["Other metrics"] == "lowest median power: A"
     assert re.fullmatch(r"run \d+ is the worst of every method", page.folds["Worst runs"])
     ticks = [each.text for each in page.of_class("s")[1].all("span")]
     assert "0" in ticks and any("%" in tick for tick in ticks)
@@ -239,7 +239,7 @@ def test_claims_stand_open_with_their_assumptions_folded(html, markdown):
     page = Page(html)
     [claims] = page.of_class("claims")
     items = [each for each in claims.inside if getattr(each, "tag", "") == "li"]
-    assert len(items) == 2 and "ours, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
+    assert len(items) == 2 and "additional, not in the paper" in items[1].text and "2 assumptions" in items[0].shown
     assert "One." not in items[0].shown and "One." in items[0].text and "**inconclusive**" in markdown
     items = [ClaimItem("confirmed", "word " * 18, "ours", "", [])] * 12
     assert [n_open(items, n_table) for n_table in (0, 140, 180, 1000)] == [5, 5, 3, 1]
