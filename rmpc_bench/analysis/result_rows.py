@@ -84,6 +84,11 @@ class ResultRow(NamedTuple):
     """The row of comparisons.csv; empty for the baseline."""
 
     @property
+    def is_sized(self) -> bool:
+        """Whether the change has an interval that excludes 0, or none: counts of few runs decide without it."""
+        return not _contains_0(self.change)
+
+    @property
     def counts(self) -> str:
         """Runs won, lost and tied; empty for the baseline."""
         return "{won}/{lost}/{tied}".format(**self.compared) if self.compared else ""
@@ -297,6 +302,11 @@ def _change(compared: Mapping[str, Any]) -> Estimate:
     return Estimate(*(float(compared[name]) for name in names))
 
 
+def _contains_0(change: Estimate) -> bool:
+    """Whether an interval contains no change; with few runs counts decide all the same."""
+    return change.low <= 0 <= change.high
+
+
 def _word(
     trials: Trials, info: MetricInfo, method: str, described: Mapping[str, Any], compared: Mapping[str, Any]
 ) -> tuple[str, str]:
@@ -316,6 +326,8 @@ def _word(
     remark = ""
     if code.endswith("size-uncertain"):
         remark = f"perhaps by less than {margin_of(trials, info, signed=compared['average'] == 'difference')}"
+    elif code in (Verdict.BETTER, Verdict.WORSE) and _contains_0(_change(compared)):
+        remark = "by counts of the runs"
     elif code == Verdict.DEPENDS_ON_AVERAGE:
         remark = "averages disagree"
     return WORDS[Verdict(code)], ", ".join(filter(None, [remark, lost]))

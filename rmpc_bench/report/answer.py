@@ -115,7 +115,7 @@ def _of_rows(table: ResultTable) -> tuple[list[str], list[str]]:
         return [_alone(table)], [""]
     counts, best = _counted(table, rows), table.best
     named = _named(table, rows) if len(rows) <= MOST_UNSORTED else []
-    if best is not None and best.word == BETTER:
+    if best is not None and best.word == BETTER and best.is_sized:
         largest = f" Largest improvement of the {table.quantity}: {best.method}, {table.change_text(best)}."
         named.append(f"{counts}{largest}")
     return [*dict.fromkeys([*named, counts])], _failures(table, rows)
@@ -145,7 +145,7 @@ def _named(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
             parts.append(f"{joined(names)} {are} {form.format('it' if parts else table.baseline)}{n}")
     text = "; ".join(parts)
     best = table.best
-    if best is None or best.word != BETTER:
+    if best is None or best.word != BETTER or not best.is_sized:
         return [f"{text}." if text else ""]
     if table.form != "share":
         return [_with_size(table, best, text, len(rows) == 1), f"{text}."]

@@ -145,6 +145,15 @@ def test_many_methods_are_counted(counts, text):
     assert said(table(KF, *rows, *(best if "better" in counts else ()))) == text
 
 
+def test_counts_of_few_runs_have_no_size():
+    """Counts may decide although the interval contains 0; such a change is no largest improvement."""
+    few = [better("A", -7, -25, 1), better("B", -4, -18, 0.6)]
+    assert said(table(KF, *few)) == "A and B are better than KF."
+    assert said(table(KF, *few, *(row(f"C{k}", "inconclusive") for k in range(6)))) == (
+        "Of 8 methods, 2 are better than KF and 6 inconclusive."
+    )
+
+
 def test_no_run_of_any_method_has_a_value():
     """More runs would not help, so that nothing is called inconclusive."""
     never = table(row("KF", "baseline", occurred=0), row("A", "inconclusive", occurred=0), **EVENT)

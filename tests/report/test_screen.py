@@ -1,5 +1,6 @@
 """The screen at the end of a run, from small tables of trials: what it shows, how wide and how long it is."""
 
+import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -175,6 +176,14 @@ def test_a_replay_command_and_the_page_are_copied_whole():
     command = shlex.split("\n".join(lines[start:end]).replace("\\\n", ""))
     assert command == ["rmpc-bench", "show", str(directory), "--run", "3", "--method", method]
     assert f" {directory / 'report.html'}" in lines and end - start == 3
+
+
+def test_a_verdict_that_contradicts_its_interval_has_a_reason():
+    """With few untied pairs counts decide."""
+    factors = np.where(np.arange(12) == 0, 0.1, 0.97)
+    lines = shown(one({"KF": BASE[:12], "A": BASE[:12] * factors}))
+    row = next(line for line in lines if line.startswith(" A "))
+    assert re.search(r"\[-\d+, \+\d+\]  better, by counts of the runs$", row), row
 
 
 def test_all_runs_of_every_method_failed():
