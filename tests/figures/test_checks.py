@@ -222,7 +222,6 @@ def test_names_are_checked_in_the_same_way_by_every_figure(kind):
 
 @pytest.mark.parametrize("kind", registry.RENAMED_FIGURES)
 def test_earlier_kinds_say_what_has_become_of_them(tmp_path, kind):
-    """In a file at its place, and as an error of the Python interface."""
     words = registry.RENAMED_FIGURES[kind]
     ((place, message),) = mistakes(tmp_path, figures=f"[{{kind: {kind}}}]")
     assert place == "figures.0.kind" and kind not in registry.names("figures")

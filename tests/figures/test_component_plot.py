@@ -12,7 +12,6 @@ PANELS = (
 
 
 def test_panels_are_drawn_as_they_are():
-    """Every line, each panel on its own axes; a legend with every label once."""
     figure = draw_component(PANELS)
     for axes, panel in zip(figure.axes, PANELS, strict=True):
         assert (axes.get_title(), axes.get_xlabel()) == (panel.title, panel.x_label)

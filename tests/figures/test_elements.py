@@ -93,7 +93,7 @@ def test_samples_of_the_legend_look_as_the_lines(make_trials, trials, rough):
     assert any(each.is_dashed() for each in samples) != rough
 
 
-def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
+def test_axes_of_the_diagonal_bursts_window_and_a_single_entry(trials):
     figure = elements(trials)
     for group in ([each for each in ALL if each[0] == each[1]], [each for each in ALL if each[0] != each[1]]):
         ((low, high),) = {panel(figure, *each).get_ylim() for each in group}
@@ -101,10 +101,6 @@ def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
         assert low <= np.nanmin(values) and np.nanmax(values) <= high
     assert panel(figure, 0, 0).get_ylim() != panel(figure, 0, 1).get_ylim()
     assert len({axes.get_xlim() for axes in figure.axes}) == 1
-
-
-def test_bursts_window_and_a_single_entry(trials):
-    """A matrix at all samples is no step; of one entry there is one panel."""
     figure = elements(trials, from_=1.5, to=4.0)
     for axes in figure.axes:
         (band,) = [each for each in axes.patches if isinstance(each, Rectangle)]

@@ -106,7 +106,6 @@ def test_dots_axes_and_legend(trials, runs):
 
 
 def test_radii_and_components(trials):
-    """As many as there are kinds of lines; the states the other way round."""
     figure = ellipses(trials, x="x1_end", y="x0_end", sigmas=(0.5, 1, 2, 2.5), components=(1, 0), order=["robust"])
     found = rings(figure, METHODS[1])
     for radius, points in zip((0.5, 1, 2, 2.5), found, strict=True):

@@ -129,7 +129,6 @@ def test_fonts(monkeypatch):
 
 
 def test_lines_of_a_paper_are_thinner_and_pgf_needs_a_latex(make_trials, tmp_path, monkeypatch):
-    """By one factor, but not below what a printer shows."""
     picture, _ = drawn(make_trials)
     before = [line.get_linewidth() for line in picture.axes[0].lines]
     thin_lines(picture)

@@ -106,7 +106,6 @@ def test_values_are_logarithmic_where_the_spread_asks_for_it(trials_of):
 
 
 def test_runs_beyond_the_whiskers_are_points(trials_of):
-    """Every one of them; of many the ends and others at equal ranks."""
     trials = trials_of(["A", "B"], n=200)
     axes = Boxplot().draw(trials).axes[0]
     for place, method in enumerate("AB"):
@@ -233,7 +232,6 @@ def test_captions_are_one_sentence(trials_of):
 
 @pytest.mark.parametrize("kind", [Rows, Boxplot])
 def test_a_label_stands_in_files_for_papers_only(trials_of, kind):
-    """Everywhere else a method has its key."""
     trials = replace(trials_of(["A", "B"]), labels={"B": "Label of B"})
 
     def texts():

@@ -65,7 +65,6 @@ def test_axes_of_values_and_of_rows_without_an_interval():
 
 
 def test_axis_of_differences_and_of_shares():
-    """No difference is on it and has a tick; a far row lies beyond it."""
     rows = [Estimate(-0.02, -0.03, -0.01), Estimate(0.01, 0.0, 0.02), Estimate(0.015, 0.01, 0.02), Estimate(9, 8, 10)]
     axis = difference_axis(rows, 0.0)
     assert "0.00" in [tick.label for tick in axis.ticks] or "0" in [tick.label for tick in axis.ticks]

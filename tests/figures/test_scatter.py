@@ -129,7 +129,6 @@ def test_larger_may_be_better(trials, make_trials):
 
 
 def test_axes_of_distances_and_logarithmic_axes(make_trials, trials):
-    """Of every run the distance from there, and the axis says so."""
     table = make_trials({"bias": {"A": [-3.0, 1.0, -2.0]}, "nees": {"A": [0.5, 1.0, 8.0]}}, infos=(BIAS, RATIO))
     figure = scatter(table, x="bias", y="nees")
     ((x, y, _),) = dots(figure)[METHODS[0]]

@@ -111,7 +111,6 @@ def test_seven_methods_have_colours_and_more_are_thin_and_grey(sweep_of):
 
 
 def test_names_stand_at_the_ends_of_lines_and_not_on_each_other(sweep_of):
-    """Names are as far apart as a line of text, and within the panel."""
     names = [f"M{k}" for k in range(7)]
     trials = sweep_of(names, over([1, 2, 3]))
     figure = Sweep().draw(trials)

@@ -37,7 +37,6 @@ def sweep(make_trials, make_sweep):
     ],
 )
 def test_points_are_found_by_their_values(make_trials, sweep, at, places):
-    """Numbers as numbers, words as words, each point once, in the order of `at`."""
     assert list(points_at(sweep, at)) == [sweep.points[place] for place in places]
     table = make_trials(TABLE)  # without a sweep
     assert points_at(table, None) == (table,) and point_at(table, None) == (table, "")
@@ -52,7 +51,6 @@ def test_points_are_found_by_their_values(make_trials, sweep, at, places):
     ],
 )
 def test_one_point_says_which_it_is(sweep, at, place, title):
-    """And that there are others, where nothing chose between them."""
     assert point_at(sweep, at) == (sweep.points[place], title)
 
 

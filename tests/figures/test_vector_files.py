@@ -113,7 +113,6 @@ def test_glyphs(name):
 
 
 def test_tables(tmp_path):
-    """fontTools finds the checksums right and every glyph readable."""
     data, index = subset_of(str(FONTS / "DejaVuSans.ttf"), {36, 37, 200})
     font = TTFont(io.BytesIO(data), checkChecksums=2, lazy=False)
     assert {"glyf", "head", "hhea", "hmtx", "loca", "maxp"} <= set(font.keys()) and "fpgm" not in font

@@ -155,7 +155,6 @@ def test_counts_of_few_runs_have_no_size():
 
 
 def test_no_run_of_any_method_has_a_value():
-    """More runs would not help, so that nothing is called inconclusive."""
     never = table(row("KF", "baseline", occurred=0), row("A", "inconclusive", occurred=0), **EVENT)
     some = table(row("KF", "baseline", occurred=1), row("A", "inconclusive", occurred=0), **EVENT)
     assert said(never) == "No run of any method has a settling time."
@@ -267,7 +266,6 @@ def test_a_sweep_of_a_number(words, text):
     ],
 )
 def test_a_sweep_that_is_not_ascending(points, letters, where):
-    """Its points are in the order of their numbers, which may be per cent."""
     text = said(*sweep({"B": letters}, points))
     assert text == f"Better than KF in estimation MSE: {where}."
 

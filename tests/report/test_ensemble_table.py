@@ -54,7 +54,6 @@ def test_oracles_are_marked_and_errors_beyond_all_bounds_shown(make_trials, with
 
 
 def test_nothing_without_moments(make_trials, with_series):
-    """Neither a headline nor an empty table; a method without them has no row."""
     for trials in (make_trials(TWO), with_series(make_trials(TWO), *believed("A", [1.0]))):
         assert ensemble_rows(trials) == [] and ensemble_markdown(trials) == ""
     [row] = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))

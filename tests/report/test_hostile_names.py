@@ -38,7 +38,6 @@ def files(tmp_path_factory):
 
 
 def test_markdown(files):
-    """Outside of code no tag begins, and no link leaves the directory."""
     pages = sorted(files.rglob("*.md"))
     assert {"summary.md", "drivers.md", "claims.md", "report.md"} <= {page.name for page in pages}
     for page in pages:

@@ -42,7 +42,6 @@ def summary(trials):
 
 
 def test_numbers_are_those_of_the_markdown_table(trials, summary):
-    """Every digit of mean, change and counts, in the same order."""
     text = latex_tables(summary, columns=["mean", "change", "counts"])["mse"].body
     markdown = summary.to_markdown()
     for row, method in zip(rows_in(text), trials.methods, strict=True):
@@ -76,7 +75,6 @@ def test_a_sweep_has_groups_of_rows_or_a_row_per_point(make_trials, make_sweep):
 
 
 def test_the_usual_columns_depend_on_the_width(summary):
-    """More columns where there is room, never fewer than two numbers."""
     widths = [len(rows_in(latex_tables(summary, width=width)["mse"].body)[0]) for width in (120.0, 252.0, 1000.0)]
     assert widths == sorted(widths) and 3 <= widths[0] < widths[-1]
 

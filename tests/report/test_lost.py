@@ -37,7 +37,6 @@ def test_the_markdown_has_the_share_in_the_table_of_the_primary_metric(trials, m
 
 
 def test_tables_for_a_paper_and_points_of_a_sweep(trials, make_sweep):
-    """The column stays where others do not fit, and so does the change."""
     made = summarise(trials)
     text = latex_tables(made, width=100.0)["m"].body
     assert r"Lost\\{}[\%]" in text and r"$25\ [5, 70]$" in text and "Change" in text and "Won/lost" not in text

@@ -230,7 +230,6 @@ def test_claims_have_a_line():
 
 @pytest.mark.parametrize("width", [80, 60])
 def test_at_most_six_lines_of_notes(width):
-    """The page, what differs and failures come first; the rest is in files."""
     lines = shown(one(LOST), width, verdicts=TWO_CLAIMS, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
     notes = lines[len(lines) - lines[::-1].index("") :]
     assert len(notes) <= 6 and notes[-1] == " results/tiny/report.html"

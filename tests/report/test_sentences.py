@@ -73,7 +73,6 @@ def changed(value, low, high, verdict, **others):
     ],
 )
 def test_a_sentence_can_be_quoted(trials, changes, text):
-    """Every verdict, a row without one, and rows without a change in per cent."""
     assert sentence(ROW | changes, MSE, trials) == f"R-MPC1 {text}"
 
 
@@ -113,7 +112,6 @@ def test_beside_a_verdict_stands_how_many_runs_are_far_worse_at_most(trials, k, 
 
 
 def test_methods_with_equal_numbers_of_far_worse_runs_stand_together(trials):
-    """The words are said once; a share below 1 % has two digits."""
     rows = [
         ROW | {"method": name, "far_worse_runs": k, "far_worse_upper": largest_share(k, 200)}
         for name, k in zip("ABC", (0, 2, 0), strict=True)

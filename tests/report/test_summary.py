@@ -36,7 +36,6 @@ def own_keys(c):
 
 
 def test_sweep_columns_come_first(sweep):
-    """Then what the statistics of every point say, point below point."""
     there = sweep(3)
     summary = summarise(there)
     for stacked, single in ((summary.described, statistics.summary), (summary.compared, comparisons)):

@@ -27,7 +27,6 @@ def cells(text, start):
 
 @pytest.mark.parametrize("word", ["as published", "default"])
 def test_the_note_says_where_parameters_come_from(make_trials, word):
-    """One text where no method is tuned; numbers of methods where one is."""
     trials = make_trials({"mse": {"A": [1.0, 2.0, 4.0], "B": [2.0, 3.0, 8.0]}})
     alike = page(replace(trials, parameters={"A": word, "B": word}))
     assert f" Parameters: {word}, not tuned." in alike

@@ -101,7 +101,6 @@ def test_two_parameters_have_two_rows_and_failed_runs_are_counted(trials):
 
 
 def test_a_sweep_has_a_table_per_point_and_a_line_on_the_screen(trials, make_sweep):
-    """Each point ranks with its own table, and the file has all points."""
     names = [f"s={i}" for i in range(MOST_POINTS + 2)]
     sweep = make_sweep(*[({"s": name[2:]}, replace(trials, title=name)) for name in names])
     tests = [constant([1 + i / 100, 1.0 + i / 10, 9]) for i in range(len(names))]
@@ -132,7 +131,6 @@ def test_ranks_need_the_values_on_all_runs_of_the_experiment(made, make_trials):
     ],
 )
 def test_one_run_gives_no_ranks_and_no_share_of_bootstrap_sets(make_trials, tuning_runs, test_runs, why):
-    """Neither one of the search nor one of the experiment; and the words say so."""
     metric = np.nan if why.startswith("every") else 1.0
     table = make_trials({"mse": {"A": [metric] * test_runs, "B": [metric] * test_runs}})
     tests = metric * constant([2, 1, 3], test_runs)

@@ -110,7 +110,6 @@ def test_the_first_screen(tmp_path, page):
 
 
 def test_the_fragment_holds_the_state(tmp_path, make_trials, make_source):
-    """Methods that are hidden, and the column by which rows are sorted."""
     values = [1.0 + k / 9 for k in range(30)]
     trials = make_trials({"mse": {"A": values, "B": [0.8 * x for x in values], "c,d": [0.9 * x for x in values]}})
     three = make_source(trials=trials, tables=summarise(trials), verdicts=[], differences={})
