@@ -62,7 +62,7 @@ def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
     if math.isnan(low):
         return f"changes {name} by {size_text(row, info)}, without an interval"
     verb, size = verb_and_size(value, low, high, unit)
-    return f"{verb} {name} by {size}"
+    return f"{verb} {name} by {size.replace('+', '') if verb == 'raises' else size}"
 
 
 def verb_and_size(value: float, low: float, high: float, unit: str) -> tuple[str, str]:
