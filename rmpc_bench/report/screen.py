@@ -163,11 +163,8 @@ class Screen:
         groups = parameter_groups(self.trials, self.trials.methods)
         if len(groups) == 1:
             return "; ".join([*parts, *(_PARAMETERS.get(word, f"parameters: {word}") for word in groups)])
-        origins = [
-            f"{names[0] if len(names) == 1 else f'{len(names)} methods'} {word.partition(' (')[0]}"
-            for word, names in groups.items()
-        ]
-        return "; ".join([*parts, *([f"parameters: {', '.join(origins)}"] if origins else [])])
+        origins = [f"{counted(len(names), 'method')} {word.partition(' (')[0]}" for word, names in groups.items()]
+        return "; ".join([*parts, *([f"parameters: {'; '.join(origins)}"] if origins else [])])
 
     def _driven(self) -> list[str]:
         if len(self.driven.points) != 1 or not self.trials.with_verdicts:
