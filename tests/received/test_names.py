@@ -2,13 +2,14 @@
 
 import json
 import re
+from time import process_time
 
 import pytest
 from small_experiment import cli, write
 
 from rmpc_bench.config.labels import LabelError, Parameter, fill
 from rmpc_bench.config.reader import parse
-from rmpc_bench.figures.labels import typeset
+from rmpc_bench.figures.labels import shortened, typeset, wrapped
 from rmpc_bench.received.names import wrong_experiment, wrong_formula, wrong_method, wrong_metric, wrong_text
 from rmpc_bench.received.plain_files import MANIFEST, checked
 from rmpc_bench.report.page.rendering import FormulaError, formula_html
@@ -88,6 +89,13 @@ def test_formulas_that_papers_have():
         "$x_{1}$ " * 100,
     ):
         assert wrong_formula(text) == ""
+
+
+def test_labels_are_broken_in_linear_time():
+    """A formula that a line separator cuts for one reader only has 2^26 readings where a backslash has two."""
+    label, start = "$" + r"\;a" * 26 + "\u2028b$", process_time()
+    assert "\n".join(wrapped(label, 1e9)) == label and shortened(label, 10.0)
+    assert process_time() - start < 1
 
 
 def test_readers_of_formulas_survive_any_depth():
