@@ -10,7 +10,15 @@ from small_experiment import cli, write
 from rmpc_bench.config.labels import LabelError, Parameter, fill
 from rmpc_bench.config.reader import parse
 from rmpc_bench.figures.labels import shortened, typeset, wrapped
-from rmpc_bench.received.names import wrong_experiment, wrong_formula, wrong_method, wrong_metric, wrong_text
+from rmpc_bench.received.names import (
+    LONGEST_LABEL,
+    wrong_experiment,
+    wrong_formula,
+    wrong_label,
+    wrong_method,
+    wrong_metric,
+    wrong_text,
+)
 from rmpc_bench.received.plain_files import MANIFEST, checked
 from rmpc_bench.report.page.rendering import FormulaError, formula_html
 from rmpc_bench.types import ConfigError
@@ -57,6 +65,14 @@ def test_escapes_in_a_configuration(tmp_path, escape, keys):
         re.search(r"contains the (control|direction) character U\+", result.stderr)
         and result.stderr.replace("\n", "").isprintable()
     )
+
+
+@pytest.mark.parametrize(("name", "label"), [("a\\u200bb", "x"), ("a\\u2028b", "x"), ("a", "x" * (LONGEST_LABEL + 1))])
+def test_what_a_manifest_would_refuse_is_refused_before_the_runs(tmp_path, name, label):
+    """Invisible characters and lines in the name of a method, and a label that is too long."""
+    methods = f'{{"{name}": {{estimator: {{kind: kalman}}, label: "{label}"}}}}'
+    assert cli("check", write(tmp_path, methods=methods)).exit_code == 2
+    assert wrong_method(json.loads(f'"{name}"')) or wrong_label(label)
 
 
 DEEP = {
