@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from rmpc_bench.config.component import Component, plain_data
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.tree import Mark, locate
-from rmpc_bench.received.names import wrong_formula
+from rmpc_bench.received.names import wrong_label
 from rmpc_bench.registry import unknown
 
 MAX_ADDED = 2
@@ -90,7 +90,7 @@ def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) 
     opened = re.search(r"\$\{[^}]*$", template)
     if opened is not None:
         raise LabelError(f"column {opened.start() + 1} of {template!r}: '${{' is not closed")
-    if reason := wrong_formula(filled := _PARAMETER.sub(value, template)):
+    if reason := wrong_label(filled := _PARAMETER.sub(value, template)):
         raise LabelError(f"{template!r}, filled in, {reason}")
     return filled
 

@@ -13,7 +13,7 @@ from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import Map, locate_key, merge
 from rmpc_bench.config.tuned_methods import read_tuned
-from rmpc_bench.received.names import wrong_method
+from rmpc_bench.received.names import wrong_label, wrong_method
 from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
@@ -68,6 +68,8 @@ def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], cont
     label = own.get("label")
     if "label" in own and not isinstance(label, str):
         draft.note([*path, "label"], f"must be text (got {shown(label)})")
+    elif "label" in own and (wrong := wrong_label(label)):
+        draft.note([*path, "label"], wrong)
     if "parameters" in own:
         draft.sources[name] = _words(draft.checked(Source, [*path, "parameters"]) or DEFAULT)
     read = partial(_components, draft, path, controlled)

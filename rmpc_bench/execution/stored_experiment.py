@@ -21,7 +21,7 @@ from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.execution.stored_stop import StoredStop, read_looks
-from rmpc_bench.received.names import wrong_experiment, wrong_method, wrong_metric
+from rmpc_bench.received.names import wrong_experiment, wrong_label, wrong_method, wrong_metric
 from rmpc_bench.received.store import MOST_RUNS, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
@@ -274,6 +274,9 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
         return
     for number, point in enumerate(found.points):
         yield from (f"points.{number}.{text}" for text in _wrong_point(found, point))
+    for name, label in found.labels.items():
+        if wrong_label(label):
+            yield f"labels: that of {name[:60]!r} {wrong_label(label)}"
     methods, metrics = found.methods, [metric.name for metric in found.points[0].metrics]
     for key, names, known in (
         ("baseline", [found.baseline], methods),

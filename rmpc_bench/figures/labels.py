@@ -117,8 +117,8 @@ def _letter(name: str) -> str:
 def wrapped(text: str, limit: float) -> list[str]:
     """Break a label at the blanks outside its formulas so that no line is wider than `limit` points, if possible."""
     lines: list[str] = []
-    for paragraph in text.splitlines():
-        words = re.findall(r"(?:\\\$|\$(?:\\.|[^$])*\$|\S)+", paragraph)
+    for paragraph in text.split("\n"):
+        words = re.findall(r"(?:\\\$|\$(?:\\.|[^$\\])*\$|\S)+", paragraph)
         for index, word in enumerate(words):
             if index and width(f"{lines[-1]} {word}") <= limit:
                 lines[-1] += f" {word}"
@@ -130,7 +130,7 @@ def wrapped(text: str, limit: float) -> list[str]:
 def shortened(text: str, limit: float) -> str:
     """Typeset a name on one line; the end of one that is wider than `limit` points is left out."""
     shown = typeset(" ".join(text.split("\n")))
-    parts = re.findall(r"\\\$|\$(?:\\.|[^$])*\$|.", shown)
+    parts = re.findall(r"\\\$|\$(?:\\.|[^$\\])*\$|.", shown)
     fits, ends = 0, len(parts)
     while fits < ends:
         middle = (fits + ends + 1) // 2

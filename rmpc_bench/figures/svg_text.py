@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 
 from rmpc_bench.figures.palette import DARK, LIGHT, css_variables, in_css
@@ -55,7 +55,11 @@ _FONT = re.compile(r"font-size: [\d.]+px")
 _SPANS = re.compile(r'(?:<tspan x="[^"]*" y="[^"]*" style="[^"]*">(?:[^<&]|&[^;]*;)</tspan>\s*){2,}')
 _SPAN = re.compile(r'<tspan x="([^"]*)" y="([^"]*)" style="([^"]*)">((?:[^<&]|&[^;]*;))</tspan>')
 _PRIMES = re.compile(r'y="([^"]*)" style="font-size: ([\d.]+)px; font-family: \'cmsy10\'">0<')
-_METHOD = re.compile(r"""\bid=(["'])method-""")
+_SHOWN = re.compile(r"(?<=>)(?!\s*<|&[^;]*;<)[^<]{2,}")
+_GIVEN_ID = re.compile(r"""\bid=(?:"([^"]*)"|'([^']*)')""")
+_HIDDEN = re.compile("\0([0-9]+)\0")
+_MARKUP = re.compile(r'"|(?<=url\()#|(?<=xlink:href)=')
+"""What `for_page` would take for its own in a name."""
 _ID = re.compile(r' id="([^"]*)"')
 _GROUP = re.compile(r"<(/?)g\b([^>]*)>\s*")
 _REFERENCE = re.compile(r'(href="#|url\(#)([^")]+)')
@@ -73,10 +77,22 @@ _PATH = re.compile(r'(?<= d=")[^"]*(?=")')
 
 def themed(text: str) -> str:
     """Make the SVG element of matplotlib's file that is the same on every ground, with the same bytes every time."""
-    text = stable_svg(_LEFT_OUT.sub("", text[text.index("<svg") :]))
+    names: list[str] = []
+
+    def hidden(name: str) -> str:
+        # No step below may take a part of a name for markup, and no SVG has this character.
+        names.append(_MARKUP.sub(lambda found: f"&#{ord(found[0])};", name))
+        return f"\0{len(names) - 1}\0"
+
+    def named(found: re.Match[str]) -> str:
+        name = found[1] or found[2] or ""
+        method = name.removeprefix("method-")
+        return f'data-method="{hidden(method)}"' if method != name else f'id="{name.replace(chr(34), "")}"'
+
+    text = _SHOWN.sub(lambda found: hidden(found[0]), _LEFT_OUT.sub("", text[text.index("<svg") :]))
+    text = stable_svg(_GIVEN_ID.sub(named, text))
     text = _PRIMES.sub(_prime, _TURNED_BY_0.sub("", text))
-    text = _FAMILY.sub("", _SPANS.sub(_joined, text))
-    text = _METHOD.sub(r"data-method=\1", text)
+    text = _FAMILY.sub("", _SPANS.sub(lambda found: _joined(found, hidden), text))
     used = {name for _, name in _REFERENCE.findall(text)}
     text = _ID.sub(lambda found: found[0] if found[1] in used else "", text)
     text = _COLOUR.sub(lambda found: in_css(found[0]), _PATH.sub(_short, text))
@@ -84,7 +100,8 @@ def themed(text: str) -> str:
     view = _VIEW.search(text)
     head = f'<svg {view[0] if view else ""} fill="currentColor" stroke-linejoin="round">'
     text = _with_usual_font(_ROOT.sub(lambda _: head, text, count=1))
-    return _without_repetition(_STYLE.sub(lambda found: _USUAL.sub("", found[0]), text))
+    text = _without_repetition(_STYLE.sub(lambda found: _USUAL.sub("", found[0]), text))
+    return _HIDDEN.sub(lambda found: names[int(found[1])], text)
 
 
 def as_file(text: str, families: Sequence[str]) -> str:
@@ -182,7 +199,7 @@ def _digits(hundredths: int) -> str:
     return f"{'-' if hundredths < 0 else ''}{text or '0'}" if hundredths else "0"
 
 
-def _joined(found: re.Match[str]) -> str:
+def _joined(found: re.Match[str], hidden: Callable[[str], str]) -> str:
     """Join neighbours of one style and one height; each character keeps its horizontal position."""
     words: list[tuple[list[str], str, str, str]] = []
     # matplotlib orders them by style; a reader of the text by position.
@@ -192,5 +209,5 @@ def _joined(found: re.Match[str]) -> str:
         else:
             words.append(([x], y, style, character))
     return "".join(
-        f'<tspan x="{" ".join(at)}" y="{y}" style="{style}">{text}</tspan>\n' for at, y, style, text in words
+        f'<tspan x="{" ".join(at)}" y="{y}" style="{style}">{hidden(text)}</tspan>\n' for at, y, style, text in words
     )

@@ -15,7 +15,7 @@ METRIC = re.compile(r"[A-Za-z_]\w{0,99}")
 HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Characters that no text may contain, those of `types.texts`, which imports NumPy: controls and directions."""
 _IN_METHOD = re.compile(r"[\[\],\n\t]")
-_LONGEST = 10_000
+_LONGEST, LONGEST_LABEL = 10_000, 500
 _DEEPEST = 10
 _NESTED = re.compile(r"\\sqrt\s*+\[|\\[A-Za-z]++|\\.|[{}$]", re.DOTALL)
 _IN_A_ROW = re.compile(r"(?:\\(?:[A-Za-z]++|.)\s*+){21}")
@@ -59,7 +59,13 @@ def wrong_method(text: object) -> str:
     """Say what is wrong with the name of a method; empty where nothing is."""
     if isinstance(text, str) and (not text.strip() or _IN_METHOD.search(text)):
         return "the name of a method must not be empty or contain brackets, commas or line breaks"
-    return wrong_text(text)
+    return wrong_line(text)
+
+
+def wrong_label(text: object) -> str:
+    """Say what is wrong with the label of a method; empty where nothing is."""
+    long = isinstance(text, str) and len(text) > LONGEST_LABEL
+    return f"has more than {LONGEST_LABEL} characters" if long else wrong_text(text)
 
 
 def wrong_experiment(text: object) -> str:

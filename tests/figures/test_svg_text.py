@@ -66,6 +66,33 @@ def test_labels_are_text(text):
         assert text in {each.get("data-method") for each in root.iter()}
 
 
+HOSTILE = (
+    'A id="',
+    'B\' id=" style=x onclick=alert(1) q="',
+    'C d="M 1"',
+    'D #0b5cad id="k" rotate(1.23456)',
+    "E url(#k) xlink:href=#k",
+    'F  xmlns="http://www.w3.org/2000/svg" &amp;',
+    "G; font-family: x font-size: 8px",
+    "H <style>x</style>",
+    'I </text>--> "',
+)
+
+
+def test_a_name_is_no_markup():
+    """Names with the words that the steps look for, in one picture: no attribute is theirs, each is whole."""
+    figure = picture(HOSTILE[0], f"method-{HOSTILE[0]}")
+    for place, name in enumerate(HOSTILE):
+        figure.text(0, place / 10, name, gid=f"method-{name}")
+    assert "#0b5cad" in page_svg(picture("$a$ #0b5cad"), "a")
+    page = page_svg(figure, "a")
+    for svg in (page, for_page(svg_of(figure), "a")):
+        elements = list(ElementTree.fromstring(svg).iter())
+        assert {name for each in elements if (name := each.get("data-method"))} == set(HOSTILE) and svg == page
+        assert set(HOSTILE) <= set(words(svg))
+        assert not {key for each in elements for key in each.attrib} & {"onclick", "q"}
+
+
 def test_by_hand():
     """A picture without text stays as it is; a formula is not cut into characters, and an escape is one of them."""
     assert themed('<svg width="1" viewBox="0 0 1 1"><g id="a"><path d="M 0 0 \nL 1 1 \nL 2 0 \n"/></g></svg>') == (

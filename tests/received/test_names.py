@@ -2,14 +2,23 @@
 
 import json
 import re
+from time import process_time
 
 import pytest
 from small_experiment import cli, write
 
 from rmpc_bench.config.labels import LabelError, Parameter, fill
 from rmpc_bench.config.reader import parse
-from rmpc_bench.figures.labels import typeset
-from rmpc_bench.received.names import wrong_experiment, wrong_formula, wrong_method, wrong_metric, wrong_text
+from rmpc_bench.figures.labels import shortened, typeset, wrapped
+from rmpc_bench.received.names import (
+    LONGEST_LABEL,
+    wrong_experiment,
+    wrong_formula,
+    wrong_label,
+    wrong_method,
+    wrong_metric,
+    wrong_text,
+)
 from rmpc_bench.received.plain_files import MANIFEST, checked
 from rmpc_bench.report.page.rendering import FormulaError, formula_html
 from rmpc_bench.types import ConfigError
@@ -58,6 +67,14 @@ def test_escapes_in_a_configuration(tmp_path, escape, keys):
     )
 
 
+@pytest.mark.parametrize(("name", "label"), [("a\\u200bb", "x"), ("a\\u2028b", "x"), ("a", "x" * (LONGEST_LABEL + 1))])
+def test_what_a_manifest_would_refuse_is_refused_before_the_runs(tmp_path, name, label):
+    """Invisible characters and lines in the name of a method, and a label that is too long."""
+    methods = f'{{"{name}": {{estimator: {{kind: kalman}}, label: "{label}"}}}}'
+    assert cli("check", write(tmp_path, methods=methods)).exit_code == 2
+    assert wrong_method(json.loads(f'"{name}"')) or wrong_label(label)
+
+
 DEEP = {
     **{part: part * 11 + "x" + "}" * 11 for part in (r"\overline{", r"\frac{1}{", r"\sqrt{", "x^{", "{", r"\hat {")},
     "parentheses": r"\left(" * 11 + "x" + r"\right)" * 11,
@@ -88,6 +105,13 @@ def test_formulas_that_papers_have():
         "$x_{1}$ " * 100,
     ):
         assert wrong_formula(text) == ""
+
+
+def test_labels_are_broken_in_linear_time():
+    """A formula that a line separator cuts for one reader only has 2^26 readings where a backslash has two."""
+    label, start = "$" + r"\;a" * 26 + "\u2028b$", process_time()
+    assert "\n".join(wrapped(label, 1e9)) == label and shortened(label, 10.0)
+    assert process_time() - start < 1
 
 
 def test_readers_of_formulas_survive_any_depth():
