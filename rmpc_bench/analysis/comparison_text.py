@@ -115,11 +115,6 @@ def about(runs: float) -> str:
     return f"about {math.ceil(number / 10**digits) * 10**digits:.0f}"
 
 
-def margin_text(trials: Trials, info: MetricInfo, row: Mapping[str, Any] | None = None) -> str:
-    """Write the smallest relevant difference of a metric: in per cent, or in the unit of a signed metric."""
-    return margin_of(trials, info, signed=row is not None and row["average"] == "difference")
-
-
 def margin_of(trials: Trials, info: MetricInfo, *, signed: bool) -> str:
     """Write the smallest relevant difference of a metric: in per cent, or in its unit where differences are signed."""
     if signed:

@@ -7,12 +7,9 @@ from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
 from rmpc_bench.analysis.drivers import FEWEST, REST
-from rmpc_bench.analysis.responses import DIFFERENCE, LOG_RATIO, SHARE_DIFFERENCE
 from rmpc_bench.analysis.rounding import decimal_text
 
 Row = Mapping[Hashable, Any]
-PAIRED = (LOG_RATIO, DIFFERENCE, SHARE_DIFFERENCE)
-"""Responses that compare a method with the baseline."""
 MOST_OF = 0.5
 """Share from which on a quantity alone is named."""
 MUCH_OF = 0.25

@@ -11,7 +11,7 @@ import pandas as pd
 
 from rmpc_bench.analysis import comparison_text
 from rmpc_bench.analysis.comparison import comparisons, levels
-from rmpc_bench.analysis.comparison_text import margin_text, size_text
+from rmpc_bench.analysis.comparison_text import margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
@@ -28,7 +28,7 @@ AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio o
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     """Say one row of `comparison.comparisons` in one sentence that can be pasted into a paper."""
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
-    word = comparison_text.seen_text(row, margin_text(trials, info, row))
+    word = comparison_text.seen_text(row, margin_of(trials, info, signed=row["average"] == "difference"))
     counts = f"won {row['won']}, lost {row['lost']}, tied {row['tied']}"
     origin = pair_text(trials, method, baseline)
     counts += f"; {origin}" if origin else ""

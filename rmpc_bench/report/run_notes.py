@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from collections import Counter
@@ -26,14 +27,14 @@ def step_cells(trials: Trials, methods: list[str]) -> dict[Column, list[str]]:
     found: dict[Column, dict[str, int]] = {"held": held} if held.keys() & {*methods} else {}
     found |= {"steps": failed} if any(failed.get(name) for name in methods) else {}
     return {
-        column: [_percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
+        column: [percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
         for column, counts in found.items()
     }
 
 
-def _percent(share: float) -> str:
-    """Return a share in percent: two digits, or three near 100, which two would round to 1e+02."""
-    return f"{share:.3g} %" if share >= 99.5 else f"{share:.2g} %"
+def percent(value: float) -> str:
+    """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known."""
+    return "-" if math.isnan(value) else f"{value + 0.0:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
 
 
 def step_times(trials: Trials, methods: list[str]) -> list[str]:

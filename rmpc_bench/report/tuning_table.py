@@ -16,7 +16,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
-from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.run_notes import counted, percent
 from rmpc_bench.types.tuning import Tuning
 
 EXPLANATION = (
@@ -32,11 +32,6 @@ EXPLANATION = (
 def number(value: float | None) -> str:
     """Write a parameter or an objective with four digits; ``-`` where it is not known."""
     return "-" if value is None or math.isnan(value) else f"{value:.4g}"
-
-
-def percent(value: float) -> str:
-    """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known."""
-    return "-" if math.isnan(value) else f"{value:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
 
 
 def short_text(found: Outcome) -> str:

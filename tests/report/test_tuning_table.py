@@ -10,7 +10,8 @@ import pytest
 from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.csv_file import csv_lines
-from rmpc_bench.report.tuning_table import MOST_POINTS, TuningTable, percent
+from rmpc_bench.report.run_notes import percent
+from rmpc_bench.report.tuning_table import MOST_POINTS, TuningTable
 from rmpc_bench.types.tuning import TunedParameter
 
 STAGES = ["grid", "grid", "golden"]
