@@ -93,15 +93,17 @@ def cut(text: str, width: int) -> str:
     return text + ".."
 
 
-def without_formulas(text: str) -> str:
-    r"""Write formulas as a terminal shows them.
+def without_formulas(text: str, names: Sequence[str] = ()) -> str:
+    r"""Write formulas as a terminal shows them; names of methods are none, whatever they contain.
 
     Examples
     --------
     >>> without_formulas(r"$x_0$ of $\\delta_{v}^2$")
     'x_0 of delta_v^2'
     """
-    return _FORMULA.sub(lambda found: re.sub(r"[\\{}]", "", found[1]), text)
+    odd = [re.escape(name) for name in sorted(names, key=len, reverse=True) if "$" in name]
+    parts = re.compile("|".join([*odd, _FORMULA.pattern]))
+    return parts.sub(lambda found: found[0] if found[1] is None else re.sub(r"[\\{}]", "", found[1]), text)
 
 
 def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -> list[str]:

@@ -1,5 +1,6 @@
 """Names and texts of a stranger in every file that a run writes: they stay texts."""
 
+import json
 import re
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -7,7 +8,9 @@ from xml.etree import ElementTree
 import pytest
 from small_experiment import ran, write
 
-from rmpc_bench.types.texts import inert_markdown
+from rmpc_bench.execution.journal_tables import read_failures
+from rmpc_bench.types import RunFailure, Status
+from rmpc_bench.types.texts import inert_markdown, without_formulas
 
 TAG, LINK = "<script>alert(1)</script>", "[l](javascript:alert(2))"
 COMMANDS = r"$\href{javascript:alert(3)}{x}$ \input{x} \write18{id} % $"
@@ -90,3 +93,17 @@ def test_marks_that_are_no_text():
         assert inert_markdown(text) == text
     for text in ("<b>", "</b>", "<!-- x", "<?x", "[a](b)", "![a](b)", "[a]: b", "- [a]: b"):
         assert inert_markdown(text) != text
+
+
+def test_what_code_has_said_contains_no_controls():
+    """The message, the trace and the component of a failure are shown with escapes, in every file and on the screen."""
+    row = RunFailure(1, int(Status.DIVERGED), "plant", 0, "\x1b[2J\x9b\u202e", "File x\n\x07")._asdict()
+    (failure,) = read_failures(lambda *_: [(json.dumps(row),)], 1, 9)
+    assert failure.message == r"\x1b[2J\x9b\u202e" and failure.trace == "File x\n\\x07" and failure.k == 0
+
+
+def test_a_name_is_no_formula_on_the_screen():
+    """Also where names share their beginning."""
+    names = [r"$\href{a}{b}$", "$$", r"$\href{a}{b}$ 2"]
+    text = rf"{names[2]} and {names[0]} beat {names[1]} in "
+    assert without_formulas(text + r"$\delta_v$", names) == text + "delta_v"
