@@ -15,6 +15,7 @@ _DIRECTION = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _REFUSED = re.compile(f"[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff{_DIRECTION}]")
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 _DEFINITION = re.compile(r"^([\s\d>#*.+)-]*\[[^\]\n]*\]):", re.MULTILINE)
+_LINK = re.compile(r"(?<=:)//|(?<=www)\.|@(?=\w)|&(?=#?\w{1,31};)", re.IGNORECASE)
 _LABEL = re.compile(r" *\S+(?: \S+)*?(?<!\.) {2,}(?=\S)")
 _LONGEST_LABEL = 28
 _FORMULA = re.compile(r"\$([^$]*)\$")
@@ -55,6 +56,11 @@ def visible(text: str) -> str:
     a\x1b[2Jb\u202e
     """
     return _REFUSED.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def without_links(text: str) -> str:
+    """Write Markdown in which no address becomes a link, no name a mention, and no entity a character."""
+    return _LINK.sub(lambda found: "".join(f"&#{ord(each)};" for each in found[0]), text)
 
 
 def inert_markdown(text: str) -> str:
