@@ -14,6 +14,7 @@ from rmpc_bench.execution.database import Statement
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.received.plain_files import STORED, checked
 from rmpc_bench.types import Array, Journal, RunFailure, Status
+from rmpc_bench.types.texts import visible
 
 WORDS = {int(status): status.word for status in Status}
 Read = Callable[[str, tuple[Any, ...]], list[Any]]
@@ -56,10 +57,14 @@ def journal_rows(method: int, runs: Int[Array, " runs"], journal: Journal) -> li
 
 
 def read_failures(read: Read, method: int, n_runs: int) -> list[RunFailure]:
-    """Return the stored failures of a method, in the order of the runs."""
+    """Return the stored failures of a method, in the order of the runs; controls in what code has said are escapes."""
     rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
     found = [checked(text.encode(), STORED["failures.failure"], any_text=True) for (text,) in rows]
-    return [RunFailure(**{name: each[name] for name in RunFailure._fields if name in each}) for each in found]
+    return [RunFailure(**{name: _shown(each[name]) for name in RunFailure._fields if name in each}) for each in found]
+
+
+def _shown(value: Any) -> Any:
+    return visible(value) if isinstance(value, str) else value
 
 
 def read_failed_steps(read: Read, method: int, n_runs: int) -> dict[int, dict[str, int]]:

@@ -21,6 +21,7 @@ from rmpc_bench.execution.database import MissingError, OccupiedError, StoreErro
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
 from rmpc_bench.execution.store import Store
 from rmpc_bench.received.consent import commit_of
+from rmpc_bench.received.names import wrong_line
 from rmpc_bench.received.plain_files import MANIFEST, json_of
 from rmpc_bench.replaced_file import replace_text
 
@@ -59,7 +60,7 @@ class Session:
             "blas": blas(),
             "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
-            "file": relative_to_cwd(self._config.path),
+            "file": name if not wrong_line(name := relative_to_cwd(self._config.path)) else ascii(name),
             "looks": looks_of_manifest(self._path.parent),
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],

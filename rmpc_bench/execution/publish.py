@@ -334,6 +334,6 @@ def experiment_record(results: Results) -> ExperimentRecord:
         "hash": experiment.hash,
         "version": rmpc_bench.__version__,
         "numerics": rmpc_bench.NUMERICS,
-        "command": " ".join(["rmpc-bench run", file, *results.overrides]),
+        "command": " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides]),
         "final": results.is_final,
     }

@@ -35,6 +35,7 @@ from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, RunFailure, Status
+from rmpc_bench.types.texts import visible
 
 _NOTHING = Recording()
 MOST_SETTINGS = 5
@@ -288,7 +289,7 @@ class Store:
         """Text of a warning of a component -> how often it was given, the most frequent one first."""
         counted = "SELECT text, sum(n) AS n FROM warnings WHERE method = ? AND first < ?"
         query = f"{counted} GROUP BY text ORDER BY 2 DESC, text"
-        return dict(self._read(query, (self._number(method), n_runs)))
+        return {visible(text): n for text, n in self._read(query, (self._number(method), n_runs))}
 
     def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
         """Component and phase -> durations of its calls."""

@@ -22,6 +22,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.execution.stored_stop import StoredStop, read_looks
 from rmpc_bench.received.names import wrong_experiment, wrong_label, wrong_method, wrong_metric
+from rmpc_bench.received.plain_files import wrong_option
 from rmpc_bench.received.store import MOST_RUNS, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
@@ -274,6 +275,8 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
         return
     for number, point in enumerate(found.points):
         yield from (f"points.{number}.{text}" for text in _wrong_point(found, point))
+    # A page recommends the command of the run.
+    yield from (f"overrides: {wrong_option(text)}" for text in found.overrides if wrong_option(text))
     for name, label in found.labels.items():
         if wrong_label(label):
             yield f"labels: that of {name[:60]!r} {wrong_label(label)}"

@@ -38,6 +38,9 @@ def wrong_message(value: Any) -> str:
     return "" if isinstance(value, str) else "must be text"
 
 
+_OPTIONS = {"--smoke", "--runs", "-s", "--only", "--add-method"}
+
+
 def wrong_option(value: Any) -> str:
     """Say what is wrong with an option of `run` that changes an experiment; empty where nothing is."""
     found = re.fullmatch(r"--smoke|--runs [0-9]{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
@@ -48,6 +51,19 @@ def wrong_option(value: Any) -> str:
     except ValueError:
         good = False
     return "" if good else "must be an option that changes an experiment, such as --runs 4 or -s 'seed=2'"
+
+
+def wrong_command(value: Any) -> str:
+    """Say what is wrong with the command that a page recommends; empty where nothing is."""
+    start, _, rest = str(value).partition(" run ")
+    try:
+        words = shlex.split(rest) if isinstance(value, str) and not wrong_line(value) else []
+    except ValueError:
+        words = []
+    # For a shell every word is one, and none is an option that names code or a place.
+    good = start == "rmpc-bench" and words and " ".join(map(shlex.quote, words)) == rest
+    options = {word for word in words if word.startswith("-")} - _OPTIONS
+    return "" if good and not options else "must be `rmpc-bench run` with a file and options that change an experiment"
 
 
 def wrong_commit(value: Any) -> str:
@@ -131,7 +147,7 @@ PROGRESS: Any = {
 TUNING: Any = {"version": int, "searches": {str: dict}}
 SECONDS: Any = {str: wrong_size}
 _CLAIM = {"id": (str, None), "statement": str, "source": str, "kind": str, "joined": str, "words?": str}
-_TEXTS = dict.fromkeys(("name", "title", "command"), str)
+_TEXTS = {"name": str, "title": str, "command": wrong_command}
 CLAIMS: Any = {"experiment": {**_TEXTS, "paper?": (str, None), "runs": COUNT, "final": bool}, "claims": [_CLAIM]}
 _CODE = {"numerics": COUNT, **dict.fromkeys(("sources?", "installed?", "data?"), {str: [str]})}
 STORED: dict[str, Any] = {

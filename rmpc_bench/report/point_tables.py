@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_t
 from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.report.run_notes import step_cells
 from rmpc_bench.types.report_choices import Column
-from rmpc_bench.types.texts import inert_markdown
+from rmpc_bench.types.texts import inert_markdown, without_links
 
 
 class PointSummary(NamedTuple):
@@ -49,6 +50,11 @@ def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame
     return stacked_rows(tables)
 
 
+_CODE = re.compile("`[^`]+`")
+_MARKS = re.compile(r"[*`\\$]|(?<!\w)_|_(?!\w)")
+_LINKED = re.compile(r"\\(?:href|url)|://|www\.", re.IGNORECASE)
+
+
 def columns_from(rows: Iterable[Mapping[str, str]]) -> dict[str, list[str]]:
     """Return head -> cells of rows that are given as head -> cell."""
     columns: dict[str, list[str]] = {}
@@ -71,7 +77,11 @@ def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
 
 
 def _cell(text: str) -> str:
-    return inert_markdown(text.replace("\n", " ")).replace("|", r"\|")
+    text = text.replace("\n", " ")
+    if not _CODE.fullmatch(text):
+        marks = _MARKS if "$" not in text or _LINKED.search(text) else None
+        text = without_links(marks.sub(r"\\\g<0>", text) if marks else text)
+    return inert_markdown(text).replace("|", r"\|")
 
 
 def columns_of(table: ResultTable, shown: Sequence[ResultRow] | None = None) -> dict[Column, list[str]]:

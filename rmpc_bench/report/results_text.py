@@ -127,7 +127,7 @@ class ResultsComparison:
         if shown and not self.equal:
             first = shown[0].tables[0]
             what = "better than" if first.form == "share" else f"change of the {first.quantity} against"
-            lines += ["", cut(without_formulas(f"{what} {first.baseline}"), width)]
+            lines += ["", cut(f"{without_formulas(what)} {first.baseline}", width)]
             ways = ((None, True), (NAME, True), (None, False), (NAME, False))
             lines += fitting(partial(_beside_lines, shown[:MOST_ROWS]), ways, width)
             lines += [f" and {len(shown) - MOST_ROWS} more"] if len(shown) > MOST_ROWS else []

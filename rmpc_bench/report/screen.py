@@ -58,7 +58,7 @@ class Screen:
 
     def text(self, width: int = WIDTH) -> str:
         """Lay out the screen for a terminal with some columns."""
-        head, answered = self._head(width), plain(without_formulas(self._answer()))
+        head, answered = self._head(width), plain(without_formulas(self._answer(), self.trials.methods))
         # Lines do not end within an interval or a name.
         answered = _INTERVAL.sub(lambda found: found[0].replace(" ", _GLUE), answered)
         for name in self.trials.methods:

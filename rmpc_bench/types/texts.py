@@ -15,6 +15,7 @@ _DIRECTION = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _REFUSED = re.compile(f"[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff{_DIRECTION}]")
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 _DEFINITION = re.compile(r"^([\s\d>#*.+)-]*\[[^\]\n]*\]):", re.MULTILINE)
+_LINK = re.compile(r"(?<=:)//|(?<=www)\.|@(?=\w)|&(?=#?\w{1,31};)", re.IGNORECASE)
 _LABEL = re.compile(r" *\S+(?: \S+)*?(?<!\.) {2,}(?=\S)")
 _LONGEST_LABEL = 28
 _FORMULA = re.compile(r"\$([^$]*)\$")
@@ -57,6 +58,11 @@ def visible(text: str) -> str:
     return _REFUSED.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
+def without_links(text: str) -> str:
+    """Write Markdown in which no address becomes a link, no name a mention, and no entity a character."""
+    return _LINK.sub(lambda found: "".join(f"&#{ord(each)};" for each in found[0]), text)
+
+
 def inert_markdown(text: str) -> str:
     r"""Return Markdown without HTML, links, images and definitions of links; formulas, code and tables stay.
 
@@ -93,15 +99,17 @@ def cut(text: str, width: int) -> str:
     return text + ".."
 
 
-def without_formulas(text: str) -> str:
-    r"""Write formulas as a terminal shows them.
+def without_formulas(text: str, names: Sequence[str] = ()) -> str:
+    r"""Write formulas as a terminal shows them; names of methods are none, whatever they contain.
 
     Examples
     --------
     >>> without_formulas(r"$x_0$ of $\\delta_{v}^2$")
     'x_0 of delta_v^2'
     """
-    return _FORMULA.sub(lambda found: re.sub(r"[\\{}]", "", found[1]), text)
+    odd = [re.escape(name) for name in sorted(names, key=len, reverse=True) if "$" in name]
+    parts = re.compile("|".join([*odd, _FORMULA.pattern]))
+    return parts.sub(lambda found: found[0] if found[1] is None else re.sub(r"[\\{}]", "", found[1]), text)
 
 
 def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -> list[str]:

@@ -19,7 +19,7 @@ from rmpc_bench.received.names import (
     wrong_metric,
     wrong_text,
 )
-from rmpc_bench.received.plain_files import MANIFEST, checked
+from rmpc_bench.received.plain_files import MANIFEST, checked, wrong_command
 from rmpc_bench.report.page.rendering import FormulaError, formula_html
 from rmpc_bench.types import ConfigError
 
@@ -73,6 +73,20 @@ def test_what_a_manifest_would_refuse_is_refused_before_the_runs(tmp_path, name,
     methods = f'{{"{name}": {{estimator: {{kind: kalman}}, label: "{label}"}}}}'
     assert cli("check", write(tmp_path, methods=methods)).exit_code == 2
     assert wrong_method(json.loads(f'"{name}"')) or wrong_label(label)
+
+
+def test_a_command_that_a_page_recommends():
+    """It computes an experiment: no other program, no word of a shell, no code of somebody else."""
+    assert not wrong_command("rmpc-bench run 'a b.yaml' -s 'x=[1, 2]' --runs 4 --only a")
+    for text in (
+        "curl x | sh",
+        "rmpc-bench run",
+        "rmpc-bench run a; sh",
+        "rmpc-bench run --allow-code a b",
+        "run 'a",
+        7,
+    ):
+        assert wrong_command(text), text
 
 
 DEEP = {

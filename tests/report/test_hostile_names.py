@@ -1,13 +1,19 @@
 """Names and texts of a stranger in every file that a run writes: they stay texts."""
 
+import json
 import re
 from html.parser import HTMLParser
+from time import process_time
 from xml.etree import ElementTree
 
 import pytest
 from small_experiment import ran, write
 
-from rmpc_bench.types.texts import inert_markdown
+from rmpc_bench.execution.journal_tables import read_failures
+from rmpc_bench.report.page.rendering import to_markdown, unbroken
+from rmpc_bench.report.point_tables import markdown_table
+from rmpc_bench.types import RunFailure, Status
+from rmpc_bench.types.texts import inert_markdown, without_formulas
 
 TAG, LINK = "<script>alert(1)</script>", "[l](javascript:alert(2))"
 COMMANDS = r"$\href{javascript:alert(3)}{x}$ \input{x} \write18{id} % $"
@@ -89,3 +95,33 @@ def test_marks_that_are_no_text():
         assert inert_markdown(text) == text
     for text in ("<b>", "</b>", "<!-- x", "<?x", "[a](b)", "![a](b)", "[a]: b", "- [a]: b"):
         assert inert_markdown(text) != text
+
+
+def test_what_code_has_said_contains_no_controls():
+    """The message, the trace and the component of a failure are shown with escapes, in every file and on the screen."""
+    row = RunFailure(1, int(Status.DIVERGED), "plant", 0, "\x1b[2J\x9b\u202e", "File x\n\x07")._asdict()
+    (failure,) = read_failures(lambda *_: [(json.dumps(row),)], 1, 9)
+    assert failure.message == r"\x1b[2J\x9b\u202e" and failure.trace == "File x\n\\x07" and failure.k == 0
+
+
+def test_a_name_is_no_formula_on_the_screen():
+    """Also where names share their beginning."""
+    names = [r"$\href{a}{b}$", "$$", r"$\href{a}{b}$ 2"]
+    text = rf"{names[2]} and {names[0]} beat {names[1]} in "
+    assert without_formulas(text + r"$\delta_v$", names) == text + "delta_v"
+
+
+def test_a_name_in_markdown_is_a_text():
+    """No emphasis, code, link, mention or entity, in the cell of a table and in a sentence; usual names stay."""
+    name = r"**a** _b_ `c` $\href{https://evil.example}{d}$ &lrm; www.evil.example @x"
+    for text in (markdown_table({name: []}).splitlines()[0], to_markdown(name)):
+        assert not re.search(r"(?<!\\)[*`$]|://|www\.|@|&lrm;|(?<!\\)\b_b", text)
+    for usual in ("estimation_mse", "A & B", "R-MPC2, $c_1$", "`settling_time < 20`", "[-16, 0] %"):
+        assert markdown_table({usual: []}).splitlines()[0] == f"| {usual} |"
+
+
+def test_intervals_are_found_in_linear_time():
+    """A name without blanks is no part of an interval."""
+    start = process_time()
+    assert "9,999" not in unbroken("&" * 9_999 + " 1 [0, 2]", ())
+    assert process_time() - start < 1

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.report.point_tables import markdown_table
+from rmpc_bench.types.texts import without_links
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 LONGEST = 24  # characters of a name that is not broken
-_INTERVAL = re.compile(r"(?:\S+ (?:% )?)?\[[^\[\]<>]{1,24}, [^\[\]<>]{1,24}\]")
+_INTERVAL = re.compile(r"(?:(?<!\S)\S{1,40} (?:% )?)?\[[^\[\]<>]{1,24}, [^\[\]<>]{1,24}\]")
 
 
 def render_html(template: str, context: Mapping[str, Any]) -> str:
@@ -265,5 +266,5 @@ def to_markdown(text: str) -> str:
             # It neither ends the cell of a table nor begins a tag, a link or code.
             found.append(piece.replace("|", r"\vert ").replace("<", r"\lt ").replace("](", "] (").replace("`", "'"))
         else:
-            found.append(_MARKDOWN.sub(r"\\\1", piece.replace(r"\$", "$")))
+            found.append(without_links(_MARKDOWN.sub(r"\\\1", piece.replace(r"\$", "$"))))
     return _LIST_MARK.sub(r"\1\\\2", "".join(found))
