@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.figures.style import own_words
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.latex import WIDTH
 from rmpc_bench.report.latex_text import printed_latex
@@ -28,7 +29,10 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
     ]
     width = WIDTH if report.width_in is None else POINTS * report.width_in
     files = {}
-    for name, table in latex_tables(tables, comments, report.columns, width).items():
+    # The formulas of names are measured with the font of figures.
+    with own_words():
+        found = latex_tables(tables, comments, report.columns, width)
+    for name, table in found.items():
         files[f"{name}.tex"] = table.body
         files[f"{name}.caption.tex"] = f"{_head(name)}{table.caption}"
         files[f"{name}.note.tex"] = f"{_head_of_note(name)}{table.note}"

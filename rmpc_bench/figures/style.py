@@ -172,14 +172,14 @@ def rendered(rendering: Rendering) -> Iterator[None]:
     """Draw and write figures with this font and style inside the block."""
     token = _CURRENT.set(rendering)
     try:
-        with _own_words():
+        with own_words():
             yield
     finally:
         _CURRENT.reset(token)
 
 
 @contextmanager
-def _own_words() -> Iterator[None]:
+def own_words() -> Iterator[None]:
     """Say, once per process, what matplotlib warns of: characters that the font lacks, and panels without room."""
     signs = set[str]()
     with warnings.catch_warnings(record=True) as found:

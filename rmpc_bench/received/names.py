@@ -18,6 +18,7 @@ _IN_METHOD = re.compile(r"[\[\],\n\t]")
 _LONGEST, LONGEST_LABEL = 10_000, 500
 _DEEPEST = 10
 _NESTED = re.compile(r"\\sqrt\s*+\[|\\[A-Za-z]++|\\.|[{}$]", re.DOTALL)
+_DOLLAR, _MATHS = re.compile(r"(?<!\\)\$"), re.compile(r"[\\^_{]")
 _IN_A_ROW = re.compile(r"(?:\\(?:[A-Za-z]++|.)\s*+){21}")
 
 
@@ -33,6 +34,9 @@ def wrong_text(text: object) -> str:
 
 def wrong_formula(text: str) -> str:
     """Say that a formula between dollar signs is nested deeper than its readers follow; empty where none is."""
+    parts = _DOLLAR.split(text)
+    if any(len(part) > LONGEST_LABEL and _MATHS.search(part) for part in parts[1:-1:2]):
+        return f"has a formula of more than {LONGEST_LABEL} characters"
     depth = 0
     for found in _NESTED.finditer(text if "$" in text else ""):
         part = found[0]

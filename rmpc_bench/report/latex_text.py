@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from rmpc_bench.figures.labels import can_be_set
 
 _WITH_ARGUMENT = r"\\(?:hat|bar|tilde|breve|dot|ddot|vec|check|mathrm|mathit|mathbf|mathcal|mathsf|sqrt)\{[^{}]*\}"
+_SEVERAL = r"\\(?:log|ln|exp|cos|sin|tan|min|max|det|sup|inf|[lc]dots|quad|neq?|int|langle|rangle|Vert)"
+"""Commands that TeX replaces by several tokens, which an index or an exponent has in braces only."""
 _DOLLAR = re.compile(r"(?<!\\)\$")
 # Exponent of a unit, minus in front of a number, and infinity.
 _SIGN = re.compile(r"(?<=[A-Za-z])\^(?P<exponent>-?\d+(?:\.\d+)?)|(?<![\w.^-])-(?=[\d.])|(?P<infinity>\binf\b)")
@@ -93,6 +95,7 @@ def _formula(part: str) -> str:
     known = all(command in COMMANDS for command in _COMMAND.findall(part))
     # LaTeX reads ^^ as the code of a character, and refuses a second exponent, or a prime behind an exponent.
     part = re.sub(rf"([\^_])\s*({_WITH_ARGUMENT})", r"\1{\2}", part)
+    part = re.sub(rf"([\^_])\s*({_SEVERAL})(?![A-Za-z])", r"\1{\2}", part)
     refused = re.search(r"\^\s*\^|_\s*_|\^.*'|[\^_]\s*(?:$|\\(?![A-Za-z])|\\(?:frac|hat|sqrt))", part)
     if not part.strip() or refused or not known or not can_be_set(f"${part}$"):
         return _plain(f"${part}$")

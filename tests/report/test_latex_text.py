@@ -29,6 +29,8 @@ TOKEN = re.compile(r"\\(?P<command>[A-Za-z]+|.)|(?P<special>[{}$&%#_^~])|(?P<oth
         (r"$50\%$", r"$50\%$"),
         (r"$x^\hat{y}$", r"$x^{\hat{y}}$"),
         (r"$\hat{x}_0$", r"$\hat{x}_0$"),
+        (r"$x^\sin + y_\ldots$", r"$x^{\sin} + y_{\ldots}$"),
+        (r"$x_\theta^\infty$", r"$x_\theta^\infty$"),
         ("a--b", "a-{}-b"),
         ("θ = 2°", r"$\theta$ = 2$^{\circ}$"),
         ("a\nb\u2028c", "a b c"),
