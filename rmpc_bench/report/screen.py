@@ -30,7 +30,7 @@ WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
 MOST_NOTES = 6  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
-_FIRST = "page differs failed note stop claims tuned requirements lost worst driven remarks".split()
+_FIRST = "page differs failed note stop claims tuned requirements lost remarks worst driven".split()
 _AVERAGES = {"geometric": "geometric mean", "mean": "ratio of the means"}
 _PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
 _WHOLE = ("failed", "worst", "page")  # notes whose lines are not broken: a command or a path that is copied
