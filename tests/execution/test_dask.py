@@ -18,10 +18,12 @@ from execution.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
 from execution.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
 from small_experiment import cli, ran, write
 
+from rmpc_bench.components.transport import dumps
 from rmpc_bench.execution.engines import dask_cluster as engine
 from rmpc_bench.execution.engines import dask_worker
 from rmpc_bench.execution.engines.attempts import Job
 from rmpc_bench.execution.engines.dask_cluster import dask_cluster
+from rmpc_bench.execution.engines.pool import Pool
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.execution.engines.watch import Limits
@@ -203,6 +205,22 @@ def test_closing_ends_a_run_that_hangs(scheduler):
     next(dones)
     dones.close()
     assert results_of(dask_cluster([made_of(Slow(0.0), 4)], queue_of(made_of(Slow(0.0), 4), 1), 2, scheduler), 4)
+
+
+def test_a_thread_that_is_late_computes_nothing():
+    """It has the experiment before the end of the computation, and takes or replaces a process after it."""
+    made = experiment([do_nothing, misbehaving.sleep], 12)
+    jobs = [Job(task) for task in tasks_of(made, 4)]
+    kept = dask_worker.KeptPools(dask_worker.Setup("late", dumps([made]), Limits(), None, 1.0, dask_worker.versions()))
+    kept.cancel()
+    with pytest.raises(WorkerError, match="cancelled"):
+        kept.compute(jobs)
+    pool = Pool(dumps([made]), Limits(), None)
+    pool.cancel()
+    pool.start([0])
+    with pytest.raises(WorkerError, match="cancelled"):
+        [*pool.results(TaskQueue(), jobs)]
+    pool.close()
 
 
 KEYS = {

@@ -86,7 +86,7 @@ class KeptPools:
     def __init__(self, setup: Setup) -> None:
         self._setup, self._lock = setup, threading.Lock()
         self._idle, self._busy = list[_OwnPool](), list[_OwnPool]()
-        self._n_started = 0
+        self._n_started, self._cancelled = 0, False
         self._timer: threading.Timer | None = None
 
     def compute(self, jobs: Sequence[Job]) -> Report:
@@ -109,8 +109,9 @@ class KeptPools:
         return report
 
     def cancel(self) -> None:
-        """End all worker processes."""
+        """End all worker processes, and start no further ones: a thread may have the experiment already."""
         with self._lock:
+            self._cancelled = True
             if self._timer is not None:
                 self._timer.cancel()
             for own in self._busy:
@@ -125,8 +126,10 @@ class KeptPools:
             raise WorkerError(f"the dask worker on {platform.node()} has {', '.join(different)}")
 
     def _taken(self) -> _OwnPool:
-        """Return a pool that no other thread uses."""
+        """Return a pool that no other thread uses; a WorkerError after `cancel`."""
         with self._lock:
+            if self._cancelled:
+                raise WorkerError("the computation was cancelled")
             if self._timer is not None:
                 self._timer.cancel()
             if self._idle:

@@ -61,6 +61,9 @@ class Pool:
         # A worker reads its experiments after its imports, which all of them do at the same time.
         for number in numbers:
             self._workers[number].load(self._data)
+            # `cancel` of another thread may have seen those before them only.
+            if self._cancelled:
+                self._workers[number].kill()
 
     def _log(self, number: int) -> Path | None:
         """Return the file that gets the output of components."""
