@@ -60,7 +60,7 @@ def test_quickstart_without_a_checkout(installed, tmp_path):
     before = {path for path in installed.rglob("*") if path.is_file()}
     done = call(installed, tmp_path, "run", "quickstart", "--runs", "4", "-j", "1")
     assert done.returncode == 0, done.stderr
-    assert "mse" in done.stdout
+    assert "mean MSE [rad^2]" in done.stdout
     assert (tmp_path / "results" / "quickstart" / "report.html").is_file()
     new = {path for path in installed.rglob("*") if path.is_file()} - before
     assert {path.parent.name for path in new} <= {"__pycache__"}

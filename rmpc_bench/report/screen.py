@@ -27,7 +27,7 @@ from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
 WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
-MOST_NOTES = 6  # lines below the table
+MOST_NOTES = 7  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
 _FIRST = "page differs failed note stop claims tuned requirements lost remarks worst driven".split()

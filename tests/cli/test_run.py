@@ -131,7 +131,7 @@ def test_strict(here, claims, options, code):
     assert result.exit_code == code, result.output
     modified = len(options) > 1 and options[-1] != "6"
     assert ("not evaluated" in result.stdout) == modified
-    assert ("recorded confirmed, now not-confirmed: large" in result.stdout) == (claims[-1] == FAILS and not modified)
+    assert ("recorded confirmed, now not confirmed: large" in result.stdout) == (claims[-1] == FAILS and not modified)
     assert (here / "out" / "claims.md").exists()
 
 

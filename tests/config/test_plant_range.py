@@ -111,7 +111,7 @@ def test_an_unstable_system_without_control_fails(tmp_path):
     assert result.exit_code == 3, result.output
     assert statuses(tmp_path / "out") == ["diverged"] * 12
     assert {row["mse"] for row in trials(tmp_path / "out")} == {""}
-    assert "12 failed" in result.output and "better" not in result.output
+    assert "12 failed" in result.output and "is better" not in result.output
 
 
 def test_a_larger_limit_keeps_the_runs_of_an_unstable_system(tmp_path):

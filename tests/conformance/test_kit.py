@@ -246,7 +246,7 @@ def test_own_components_of_an_experiment(tmp_path):
     )
     result = cli("check", "--deep", write(tmp_path, methods=methods))
     assert result.exit_code == 1, result.output
-    own = result.stdout.partition("own components")[2]
+    own = " ".join(result.stdout.partition("own components")[2].split())
     assert own.count("own.py:Late") == 1 and "error exact: " in own and "it returns x(k-1), 1 sample late" in own
     assert "own components" not in cli("check", "--deep", write(tmp_path)).stdout
 

@@ -93,7 +93,7 @@ def test_the_first_example_draws_two_parameters_and_no_noise(tmp_path):
     done = forked_commands.run(["run", "servo.yaml", "-s", "noise=same", "--progress", "none"], tmp_path)
     assert done.returncode == 0, done.stderr
     change = printed(done.stdout, "R-MPC")[2].split(" [")[0]
-    assert f"With `noise: same`, that of the design model, R-MPC is {change.lstrip('+')} worse." in WORDS
+    assert f"With `noise: same` it is that of the design model, and R-MPC is {change.lstrip('+')} worse." in WORDS
     drawn = pd.read_csv(followed(README).place / "results" / "servo" / "uncertainty.csv")
     assert {*drawn.columns} == {"run", "eps", "eps_load"}
     assert "\nnoise:" not in (tmp_path / "servo.yaml").read_text(encoding="utf-8")

@@ -37,7 +37,7 @@ def test_a_mean_below_the_other_beside_a_positive_change():
     """Both averages are shown."""
     table = MADE["worse_size_uncertain"]
     a, b = table.rows
-    assert b.described["mean"] < a.described["mean"]
+    assert b.mean.value < a.mean.value
     assert b.compared["geometric_pct"] > 0 > b.compared["mean_pct"]
 
 

@@ -63,7 +63,7 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
     assert 'id="figure-tuning"' in page and not [*tmp_path.glob("figures/tuning.*")]
     screen = written.summary()
     assert " tuned: R-MPC radius 0.05; budget 4, 3 runs (tables/tuning.md)\n" in screen
-    assert "parameters default, not tuned: S-MPC; tuned: R-MPC" in " ".join(screen.split())
+    assert "parameters: 1 method default, not tuned; 1 method tuned" in " ".join(screen.split())
 
 
 def test_files_of_an_earlier_tuning_are_removed(tuned, tmp_path):

@@ -229,10 +229,10 @@ def test_claims_have_a_line():
 
 
 @pytest.mark.parametrize("width", [80, 60])
-def test_at_most_six_lines_of_notes(width):
+def test_at_most_seven_lines_of_notes(width):
     lines = shown(one(LOST), width, verdicts=TWO_CLAIMS, stop="decide: claims: not met at look 4 of 4, 40 runs; " * 2)
     notes = lines[len(lines) - lines[::-1].index("") :]
-    assert len(notes) <= 6 and notes[-1] == " results/tiny/report.html"
+    assert len(notes) <= 7 and notes[-1] == " results/tiny/report.html"
     assert any(line.startswith(" recorded") for line in notes) and any("failed: WKF" in line for line in notes)
 
 
