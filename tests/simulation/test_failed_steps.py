@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,7 +54,9 @@ def failing(tmp_path_factory):
     directory = tmp_path_factory.mktemp("failing")
     (directory / "failing.yaml").write_text(TEXT, encoding="utf-8")
     path, out = directory / "failing.yaml", directory / "out"
-    done = CliRunner().invoke(main, ["run", str(path), "-o", str(out), "-j", "1", "--progress", "none"])
+    # Commands of long paths leave less room for notes.
+    with contextlib.chdir(directory):
+        done = CliRunner().invoke(main, ["run", path.name, "-o", out.name, "-j", "1", "--progress", "none"])
     assert "the optimisation failed in 27 of 30 steps" in done.output
     return load_trials(out), out
 
