@@ -10,6 +10,8 @@ from rmpc_bench.analysis.drivers import FEWEST, REST
 from rmpc_bench.analysis.rounding import decimal_text
 
 Row = Mapping[Hashable, Any]
+LITTLE = "the uncertain quantities explain little of the change"
+"""What is said where no quantity is named."""
 MOST_OF = 0.5
 """Share from which on a quantity alone is named."""
 MUCH_OF = 0.25
@@ -61,4 +63,4 @@ def gist(rows: Iterable[Row], baseline: str) -> str:
         return f"mostly {names[0]}"
     if len(names) > 1 and largest[names[1]] > MUCH_OF:
         return f"{names[0]} and {names[1]}"
-    return "the uncertain quantities explain little of the change"
+    return LITTLE

@@ -115,16 +115,21 @@ def interval_text(x: Estimate, unit: str = "", *, sign: bool = False) -> str:
     """
     if math.isnan(x.value):
         return "-"
-    unit = f" {unit}" if unit else ""
+    text, ends = _with_ends(x, sign=sign)
+    return " ".join(filter(None, [text, unit, ends]))
+
+
+def _with_ends(x: Estimate, *, sign: bool) -> tuple[str, str]:
+    """Write a number, and its interval in brackets, empty where there is none or all runs are equal."""
     if math.isnan(x.half) or x.half <= NOISE * abs(x.value):
-        return f"{'+' * (sign and x.value > 0)}{short(x.value, 4)}{unit}"
+        return f"{'+' * (sign and x.value > 0)}{short(x.value, 4)}", ""
     sizes = [math.floor(math.log10(abs(end))) for end in x if end and math.isfinite(end)]
     if math.isinf(x.half) or not PLAIN[0] <= max(sizes, default=0) < PLAIN[1]:
         texts = [f"{'+' * (sign and end > 0)}{short(end)}" for end in x]
     else:
         d = _with_both_ends(x, min(places(x.half), _FINEST))
         texts = [number(end, d, sign=sign) for end in x]
-    return f"{texts[0]}{unit} [{texts[1]}, {texts[2]}]"
+    return texts[0], f"[{texts[1]}, {texts[2]}]"
 
 
 def change_texts(change: Estimate, *, mirrored: bool = False) -> tuple[str, str]:
@@ -201,8 +206,8 @@ def difference_texts(change: Estimate, unit: str = "", *, mirrored: bool = False
     if math.isnan(change.value):
         return "", ""
     shown = _mirrored(change) if mirrored else change
-    text, bracket, ends = interval_text(shown, sign=not mirrored and not math.isnan(change.half)).partition(" [")
-    return f"{text} {unit}".strip(), f"{bracket.strip()}{ends}"
+    text, ends = _with_ends(shown, sign=not mirrored and not math.isnan(change.half))
+    return f"{text} {unit}".strip(), ends
 
 
 def plain(text: str) -> str:

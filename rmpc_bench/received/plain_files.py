@@ -38,12 +38,13 @@ def wrong_message(value: Any) -> str:
     return "" if isinstance(value, str) else "must be text"
 
 
-_OPTIONS = {"--smoke", "--runs", "-s", "--only", "--add-method"}
+_WITH_WORD = ("-s", "--only", "--add-method")
+_OPTION = re.compile(rf"--smoke|--runs [0-9]{{1,15}}|(?:{'|'.join(_WITH_WORD)}) (.+)", re.DOTALL)
 
 
 def wrong_option(value: Any) -> str:
     """Say what is wrong with an option of `run` that changes an experiment; empty where nothing is."""
-    found = re.fullmatch(r"--smoke|--runs [0-9]{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
+    found = _OPTION.fullmatch(str(value))
     given = found[1] or "x" if found else ""
     try:
         # What follows is one word for a shell.
@@ -62,7 +63,7 @@ def wrong_command(value: Any) -> str:
         words = []
     # For a shell every word is one, and none is an option that names code or a place.
     good = start == "rmpc-bench" and words and " ".join(map(shlex.quote, words)) == rest
-    options = {word for word in words if word.startswith("-")} - _OPTIONS
+    options = {word for word in words if word.startswith("-")} - {"--smoke", "--runs", *_WITH_WORD}
     return "" if good and not options else "must be `rmpc-bench run` with a file and options that change an experiment"
 
 

@@ -1,4 +1,4 @@
-"""The screen at the end of a run: what ran, the answer, the table or matrix, and at most five lines of notes."""
+"""The screen at the end of a run: what ran, the answer, the table or matrix, and a few notes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.driver_text import gist
+from rmpc_bench.analysis.driver_text import LITTLE, gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
@@ -65,9 +65,11 @@ class Screen:
             answered = answered.replace(name, name.replace(" ", _GLUE))
         said = [line.replace(_GLUE, " ") for line in wrapped(answered, width)]
         blank = [""] * (len(head) + len(said) < 5)
-        above = [*head, *blank, *said, "", *self._table(width), ""]
+        tables = self._tables(self.metric)
+        table = self._table(tables, width)
+        above = [*head, *blank, *said, "", *table, ""]
         room = max(4, min(MOST_NOTES, MOST_LINES - len(above)))
-        return "\n".join([*above, *self._notes(room, width)])
+        return "\n".join([*above, *self._notes(tables, table, room, width)])
 
     def _head(self, width: int) -> list[str]:
         k, what = len(self.extent.points), f"{self.extent.text}, {self.trials.n_failed_trials} failed"
@@ -90,10 +92,9 @@ class Screen:
         verdicts = () if self.reasons else self.verdicts
         return answer(tables, verdicts, unfinished=self.extent.is_unfinished, n_blank=len(self.extent.blank))
 
-    def _table(self, width: int) -> list[str]:
+    def _table(self, tables: Sequence[ResultTable], width: int) -> list[str]:
         if not self.trials.with_verdicts:
             return ran_lines(self.trials, width)
-        tables = self._tables(self.metric)
         if self.ranked.found is not None:
             lines = rank_lines(self.ranked.found, self.trials, width)
         elif len(tables) > 1:
@@ -104,13 +105,13 @@ class Screen:
         moments = moment_lines(self.trials, width) if shows_moments else []
         return [*lines, *([""] if lines and moments else []), *moments]
 
-    def _notes(self, room: int, width: int) -> list[str]:
+    def _notes(self, tables: Sequence[ResultTable], table: Sequence[str], room: int, width: int) -> list[str]:
         """Choose the notes that fit, the most important ones first; they are shown in another order."""
         notes = {
             name: [f" {line}" for line in texts]
             if name in _WHOLE
             else [line for text in texts for line in wrapped(plain(text), width, " ", " ")]
-            for name, texts in self._texts(width)
+            for name, texts in self._texts(tables, table, width)
             if texts
         }
         kept: set[str] = set()
@@ -119,42 +120,48 @@ class Screen:
                 kept.add(name)
         return [line for name, lines in notes.items() if name in kept for line in lines]
 
-    def _texts(self, width: int) -> Iterator[tuple[str, list[str]]]:
+    def _texts(
+        self, tables: Sequence[ResultTable], table: Sequence[str], width: int
+    ) -> Iterator[tuple[str, list[str]]]:
         """Yield the notes in the order in which they are shown, each as its name and texts that begin a line."""
         if self.trials.with_verdicts and self.extent.planned:
-            yield "note", [self._note(width)]
+            yield "note", [self._note(tables, table)]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
             yield "tuned", [*filter(None, [self.tuned.gist])]
             yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()
         yield "failed", self._failed(width)
-        yield "worst", self._worst(width)
+        yield "worst", self._worst(tables, width)
         yield "claims", self._claims()
         yield "differs", [cut(text, width - 1) for text in self._differing()]
         yield "driven", self._driven()
         yield "remarks", [cut(text, 2 * width - 4) for text in remark_lines(self.trials)[:1]]
         yield "page", [str(self.page)]
 
-    def _note(self, width: int) -> str:
-        """Say what runs share, what brackets are, and where parameters come from."""
-        tables = self._tables(self.metric)
+    def _note(self, tables: Sequence[ResultTable], table: Sequence[str]) -> str:
+        """Say what runs share, what the signs of the table are, and where parameters come from."""
+        shown = "\n".join(table)
         compared = [row.compared for table in tables for row in table.rows if row.compared]
         parts = ["same draws for all"] if compared else []
         if self.ranked.found is not None:
             parts = ["[ ]: simultaneous intervals of geometric means over all points"]
         elif len(tables) > 1:
-            shown = "".join(f"{line} " for line in sweep_lines(tables, width))
-            marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if f" {plain(mark)} " in shown)
+            # The mark of a cell ends it; in a title the sign of equality has one blank behind it.
+            ends = {
+                mark for mark in map(plain, MARKS.values()) if re.search(rf" {re.escape(mark)}(?:  |$)", shown, re.M)
+            }
+            marks = ", ".join(f"{plain(mark)} {word}" for word, mark in MARKS.items() if plain(mark) in ends)
             parts = [f"{marks}; intervals: tables/summary.md".removeprefix("; ")]
         elif tables:
-            shown = "".join(row_lines(tables[0], width))
-            bars = " and ".join(sign for sign, part in (("[ ]", "["), ("\u00b1", "\u00b1")) if part in shown)
             simultaneous = any(float(row["ci_level"]) > self.trials.confidence for row in compared)
             level = f"{100 * self.trials.confidence:g} %"
-            bars = bars.replace("[ ] and", f"[ ]: simultaneous {level},") if simultaneous else bars
-            level = f"simultaneous {level}" if simultaneous and bars == "[ ]" else level
-            parts.append(f"{bars}: {level}{', ties count half' * (tables[0].form == 'share')}")
+            # A unit stands in brackets, too.
+            signs = ["[ ]"] * bool(_INTERVAL.search(shown)) + ["\u00b1"] * ("\u00b1" in shown)
+            which = {"[ ]": "simultaneous "} if simultaneous else {}
+            said = [f"{sign}: {which.get(sign, '')}{level}" for sign in signs]
+            parts.append(", ".join(said) if simultaneous or len(said) < 2 else f"{' and '.join(signs)}: {level}")
+            parts += ["ties count half"] if tables[0].form == "share" else []
             parts += [f"change: {_AVERAGES[average_of(tables[0])]}"] if tables[0].form == "ratio" else []
         parts += [] if self.trials.planned is None else [self.trials.planned.text]
         look = max((int(row["look"]) for row in compared), default=1)
@@ -173,7 +180,7 @@ class Screen:
         what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
         mostly = "mostly " * text.startswith("mostly ")
         found = f"{what} depends {mostly}on {text.removeprefix(mostly)}"
-        return [found] if text and not text.startswith("the uncertain") else []
+        return [found] if text not in ("", LITTLE) else []
 
     def _lost(self) -> list[str]:
         """Count the lost runs at the only point, where the configuration says what a lost run is."""
@@ -184,9 +191,9 @@ class Screen:
         rule = f"failed, or {info.words} above {self.trials.lost:g} times that of {self.trials.baseline}"
         return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': lost.csv' * (len(counts) > MOST_NAMED)}"]
 
-    def _worst(self, width: int) -> list[str]:
+    def _worst(self, tables: Sequence[ResultTable], width: int) -> list[str]:
         """Show the worst run: that of the baseline."""
-        worst = worst_of(self._tables(self.metric)) if self.trials.with_verdicts else None
+        worst = worst_of(tables) if self.trials.with_verdicts else None
         if worst is None:
             return []
         command = worst.command(self.page.parent)
@@ -231,8 +238,5 @@ class Screen:
             return []
         found = [each for each in self.verdicts if each.differs]
         more = f" (and {len(found) - 1} more: claims.md)" if len(found) > 1 else ""
-        recorded = [finding_words(each.claim.finding) if each.claim.finding else "nothing" for each in found[:1]]
-        return [
-            f"recorded {words}, now {finding_words(found[0].finding)}{more}: {found[0].claim.says}"
-            for words in recorded
-        ]
+        words = [(finding_words(each.claim.finding or each.finding), finding_words(each.finding)) for each in found[:1]]
+        return [f"recorded {before}, now {now}{more}: {found[0].claim.says}" for before, now in words]

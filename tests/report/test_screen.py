@@ -87,6 +87,10 @@ def test_the_rows_of_one_point_and_marks_that_are_explained():
     trials = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"])
     text = "\n".join(shown(trials))
     assert " ? inconclusive; intervals: tables/summary.md" in text and "equivalent" not in text
+    # The sign of equality of a title is no mark, and the brackets of a unit are no interval.
+    long = sweep(lambda k: one({"KF": BASE, "A": noisy(0.8), "B": BASE[::-1]}), ["1", "2"], path="plant.value.x")
+    assert "x = plant.value.x" in "\n".join(shown(long)) and "equivalent" not in "\n".join(shown(long))
+    assert " \u00b1: 95 %" in shown(one({"KF": BASE}, unit="rad^2"))
 
 
 @pytest.mark.parametrize("width", [80, 60, 40])
