@@ -85,7 +85,7 @@ class ResultRow(NamedTuple):
 
     @property
     def is_sized(self) -> bool:
-        """Whether the change has an interval that excludes 0, or none: counts of few runs decide without it."""
+        """Whether the interval of the change excludes 0, or there is none; a verdict by counts does not rest on it."""
         return not _contains_0(self.change)
 
     @property
@@ -194,10 +194,12 @@ class ResultTable(NamedTuple):
     def short_change(self, row: ResultRow) -> str:
         """Write the change of a cell: in whole per cent or as a factor, with a mark where it is not better or worse.
 
-        A row without a change has its word.
+        A row without a finished run is ``failed``, or empty if it is not computed; one without a change has its word.
         """
+        if not row.n:
+            return "failed" if row.n_failed else ""
         text = self.change_texts(row)[0]
-        if not text or not row.n:
+        if not text:
             return row.word
         if self.form == "ratio" and not math.isnan(row.change.value) and is_per_cent(row.change):
             text = f"{number(row.change.value, 0, sign=True)} %"
@@ -303,7 +305,7 @@ def _change(compared: Mapping[str, Any]) -> Estimate:
 
 
 def _contains_0(change: Estimate) -> bool:
-    """Whether an interval contains no change; with few runs counts decide all the same."""
+    """Whether the interval of a change contains 0."""
     return change.low <= 0 <= change.high
 
 

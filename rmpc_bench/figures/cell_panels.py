@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, INCONCLUSIVE, MARKS, WORSE
-from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, change_texts, is_per_cent, number, places, short
+from rmpc_bench.analysis.shown_numbers import MINUS, Estimate, number, places, short
 from rmpc_bench.figures.axes import NONE
 from rmpc_bench.figures.labels import (
     literal,
@@ -164,14 +164,11 @@ def _changed(content: SweepContent, table: ResultTable, row: ResultRow | None) -
         return None
     value = content.number(table, row.method)
     if math.isnan(value.value):
-        return Cell("failed" if not row.n else row.word, INK, GROUND, 0.0, f"method-{row.method}")
-    if content.form == "share":
-        text = f"{number(100 * value.value, 0)} %"
-    elif content.form == "difference":
+        return Cell(table.short_change(row), INK, GROUND, 0.0, f"method-{row.method}")
+    text = table.short_change(row._replace(word=""))
+    if content.form == "difference":
+        # The unit stands in the title.
         text = ("+" if value.value > 0 else "") + _text(value)
-    else:
-        whole = is_per_cent(row.change)
-        text = f"{number(row.change.value, 0, sign=True)} %" if whole else change_texts(row.change)[0]
     word = row.word or _direction(content, value)
     colour = VERDICT_COLOURS.get(word)
     text = f"{text} {MARKS.get(word, '')}".strip()

@@ -160,7 +160,7 @@ def test_points_of_a_sweep_have_one_form():
     tables = [rows_of(each)[0] for each in (usual, {"KF": lost, "A": BASE}, {"KF": BASE, "A": lost})]
     assert [table.form for table in in_one_form(tables)] == ["ratio"] * 3
     shown = [table.short_change(table.row_of("A")) for table in in_one_form(tables)]
-    assert shown == ["\u221220 %", "better", "fails more"]
+    assert shown == ["\u221220 %", "better", "failed"]
     zero = rows_of({"KF": np.zeros(N), "A": BASE})[0]
     assert [table.form for table in in_one_form([tables[0], zero])] == ["share", "share"]
 

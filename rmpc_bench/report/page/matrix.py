@@ -136,7 +136,7 @@ def _cell(table: ResultTable, method: str, title: str, lowest: str) -> MatrixCel
     if row is None:
         return MatrixCell("", "", method)
     css = [row.word] if row.word in (BETTER, WORSE) else ["fails"] if row.word == "fails more" else []
-    text = table.short_change(row) if row.n else "failed" if row.n_failed else ""
+    text = table.short_change(row)
     tip = ": ".join(filter(None, [f"{method} at {title}", table.change_text(row), row.word]))
     return MatrixCell(text, " ".join([*css, *["best"] * (method == lowest)]), method, tip)
 
