@@ -37,6 +37,7 @@ MAY_IMPORT = {
         "components",
         # Keys on the command line are validated as those of a configuration.
         "config",
+        "config_file",
         "figures",
         "models",
         "numerics",
@@ -82,9 +83,24 @@ MAY_IMPORT = {
     # Pictures and tables are files.
     "figures": {"analysis", "types", "replaced_file", "notices"},
     "report": {"figures", "claims", "analysis", "types", "replaced_file"},
+    # A YAML file with the place of everything; it knows no section.
+    "config_file": {
+        "registry",
+        "extras",  # the extra of a component that is not installed
+        "components",
+        "expressions",
+        "simulation",  # the shape of an initial state
+        "models",  # the key `disturbance` of every model
+        "types",
+        "received",
+        "rmpc_bench",  # where the installed configurations are
+    },
+    # What editors and `describe` say of the keys.
+    "schema": {"registry", "extras", "components", "config", "config_file", "models", "types"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
     # NUMERICS is a part of the key of a trial.
     "config": {
+        "config_file",
         "registry",
         "extras",
         "components",
@@ -101,6 +117,7 @@ MAY_IMPORT = {
     "execution": {
         "extras",
         "config",
+        "config_file",
         "components",
         "simulation",
         "analysis",

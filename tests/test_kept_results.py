@@ -12,8 +12,8 @@ from rmpc_bench import load_config
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.markdown import claims_markdown
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config import reader
-from rmpc_bench.config.tree import plain
+from rmpc_bench.config_file import reader
+from rmpc_bench.config_file.tree import plain
 from rmpc_bench.types.texts import inert_markdown
 
 ROOT = Path(__file__).parents[1]

@@ -17,7 +17,7 @@ from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.component_text import show, show_own
 from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.typed_files import TypedPath
-from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
+from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, short_names
 from rmpc_bench.extras import NEEDED_BY, missing_for
 
 if TYPE_CHECKING:
@@ -156,9 +156,9 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
-    from rmpc_bench.config.short_forms import kind_of
-    from rmpc_bench.config.tree import plain
-    from rmpc_bench.config.writer import dump
+    from rmpc_bench.config_file.short_forms import kind_of
+    from rmpc_bench.config_file.tree import plain
+    from rmpc_bench.config_file.writer import dump
 
     plant, resolved = config.experiment.plant, config.first_point
     lines = [str(config.path), config.title or config.name, ""]
@@ -223,7 +223,7 @@ def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
 
 def _panels(group: str, kind: str) -> tuple[Any, ...]:
     """Panels of a plant with its default parameters; empty for one without plots or with required keys."""
-    from rmpc_bench.config.schema import model_of
+    from rmpc_bench.config_file.schema import model_of
 
     if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
         return ()

@@ -26,8 +26,8 @@ def check_component(component: str, keys: str | None, model: str | None, group: 
     seconds : time limit of one check
     """
     from rmpc_bench.components.code import split_reference
-    from rmpc_bench.config.reader import parse
-    from rmpc_bench.config.tree import Map
+    from rmpc_bench.config_file.reader import parse
+    from rmpc_bench.config_file.tree import Map
     from rmpc_bench.conformance.subject import subject_of
     from rmpc_bench.conformance.supervisor import check_subject
     from rmpc_bench.types import DesignError
@@ -60,7 +60,7 @@ def _system(text: str) -> LinearSystem:
     DesignError
         If the model is not linear.
     """
-    from rmpc_bench.config.reader import parse
+    from rmpc_bench.config_file.reader import parse
     from rmpc_bench.conformance.linear_system import LinearSystem
     from rmpc_bench.types import DesignError
 
@@ -75,7 +75,7 @@ def _system(text: str) -> LinearSystem:
 
 def _inline(tree: Any) -> tuple[Any, float]:
     """Build the model of a mapping; its key Ts is the sampling time, 1 s unless given."""
-    from rmpc_bench.config.component import read_component
+    from rmpc_bench.config_file.component import read_component
     from rmpc_bench.types import ConfigError, Problem
 
     tree = tree.copy()
@@ -91,9 +91,9 @@ def _inline(tree: Any) -> tuple[Any, float]:
 def _of_config(path: Path) -> tuple[Any, float]:
     """Build the model of the first method of a configuration."""
     from rmpc_bench.components.consent import CodeAccess
-    from rmpc_bench.config.component import read_component
     from rmpc_bench.config.load import load_config
-    from rmpc_bench.config.tree import Map, Mark
+    from rmpc_bench.config_file.component import read_component
+    from rmpc_bench.config_file.tree import Map, Mark
     from rmpc_bench.types import ConfigError, Problem
 
     config, mark = load_config(path), Mark(str(path), 1, 1)

@@ -120,7 +120,7 @@ def _is_skipped(config: Path) -> bool:
 
 def _done_before(request: Request) -> Shown | None:
     """Return what the same command has shown where nothing has changed; it imports no NumPy."""
-    from rmpc_bench.config.known_files import located
+    from rmpc_bench.config_file.known_files import located
     from rmpc_bench.execution.published_state import FILE, unchanged
 
     if not request.may_be_done or own_code.imported:

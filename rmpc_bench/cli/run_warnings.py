@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rmpc_bench.config.component import build_component
+from rmpc_bench.config_file.component import build_component
 from rmpc_bench.diagnostics import run_warnings
 from rmpc_bench.simulation.threads import single_thread
 

@@ -17,7 +17,7 @@ def schema() -> int:
     An editor with a YAML language server then completes and checks keys.  Write the schema to a file and name it in the
     first line of a configuration: # yaml-language-server: $schema=rmpc-bench.schema.json
     """
-    from rmpc_bench.config.json_schema import json_schema
+    from rmpc_bench.schema.json_schema import json_schema
 
     click.echo(json.dumps(json_schema(), indent=2))
     return 0

@@ -11,7 +11,7 @@ import click
 from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run import run
 from rmpc_bench.cli.typed_files import TypedPath, from_here
-from rmpc_bench.config.known_files import known_configs, located, short_names
+from rmpc_bench.config_file.known_files import known_configs, located, short_names
 
 FOLDER = "configs/suite/"
 """Where the sets of the suite are."""

@@ -1,6 +1,7 @@
 """From a YAML file to an ExperimentConfig.
 
-`load_config` (load.py) calls seven stages in this order.  Each is one module with one public function:
+`load_config` (load.py) calls seven stages in this order.  Each is one module with one public function, of this room or
+of `config_file`:
 
 =====================  =================  =======================================================================
 stage                  module             result
@@ -16,10 +17,8 @@ stage                  module             result
 
 Used by the stages:
 
-- YAML: reader.py (text to tree), tree.py (trees with places), writer.py (plain data to text);
-- keys: sections.py (top level), schema.py and unions.py (keys of a component from its signature), component.py;
-- errors in keys: key_errors.py; files of the user: short_forms.py, user_files.py, plugins.py;
-- stage 2 and 3: plant_source.py (what comes with a plant or a model), sweep_section.py (reads and checks the sweep);
+- trees with places, keys of a component and the messages about them: the room config_file;
+- keys: sections.py (top level), plugins.py; stage 3: sweep_section.py (reads and checks the sweep);
 - stage 4: draft.py (the sections of a point), noise_section.py (uncertainty, noise, initial state);
 - stage 5: build_method.py (model, estimator, controller), build_noise.py, identity.py (what is hashed), sweep_point.py
   (the hashes of a point);

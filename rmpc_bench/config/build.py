@@ -13,7 +13,6 @@ import numpy as np
 
 from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.identity import sweep_point
@@ -25,6 +24,7 @@ from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.uncertain_parameter import UncertainParameter
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.received.names import wrong_metric
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence

@@ -6,10 +6,10 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.identity import nominal_plant
 from rmpc_bench.config.recorded_data import refuse_other_sizes, refuse_runs_of_input
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest

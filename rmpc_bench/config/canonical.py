@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim
-from rmpc_bench.config.component import plain_data
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import (
@@ -22,13 +21,14 @@ from rmpc_bench.config.identity import (
     uncertainty_data,
 )
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plant_source import SECTIONS_OF_A_PLANT, has_source, lay_over_source
 from rmpc_bench.config.relocation import as_of_configuration
 from rmpc_bench.config.sections import SECTIONS, Time
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import NAME, columns
-from rmpc_bench.config.tree import Items, Map, locate, plain, split
+from rmpc_bench.config_file.component import plain_data
+from rmpc_bench.config_file.plant_source import SECTIONS_OF_A_PLANT, has_source, lay_over_source
+from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
 from rmpc_bench.simulation.scenario import Experiment
 
 

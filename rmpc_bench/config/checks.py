@@ -11,7 +11,6 @@ from rmpc_bench.config.evaluation_checks import check_evaluation, check_recordin
 from rmpc_bench.config.figure_checks import check_figures
 from rmpc_bench.config.labels import labels_of
 from rmpc_bench.config.left_out import SWEPT_PATHS, Inherited, drop_statistics, leave_out
-from rmpc_bench.config.plant_source import PATH
 from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.statistics_section import Statistics
@@ -19,8 +18,9 @@ from rmpc_bench.config.stop_checks import check_stop
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
-from rmpc_bench.config.tree import Map, join, locate, locate_key, split
 from rmpc_bench.config.tune_checks import BEST_AT
+from rmpc_bench.config_file.plant_source import PATH
+from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import MetricInfo, Problem
 

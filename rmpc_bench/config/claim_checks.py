@@ -21,7 +21,7 @@ from rmpc_bench.claims.tree import (
 from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sections import ClaimKeys, StatedKeys
-from rmpc_bench.config.tree import Map, plain
+from rmpc_bench.config_file.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ResultLayout

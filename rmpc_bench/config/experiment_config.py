@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import ModelFacts
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.report_section import ReportKeys
@@ -19,6 +18,7 @@ from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
 from rmpc_bench.config.tuning_plan import Origin, TuningPlan
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Problem
 from rmpc_bench.types.sweep_points import relevant_paths

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Estimate, Method, Plant
 

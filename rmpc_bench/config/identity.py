@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.component import Component, Writer, as_given, plain_data, without_path
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, NoiseTerm
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config_file.component import Component, Writer, as_given, plain_data, without_path
 from rmpc_bench.simulation.scenario import Experiment
 
 ADDED_LATER: Mapping[tuple[str, str], Any] = {

@@ -17,9 +17,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rmpc_bench.config.component import Component, plain_data
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
-from rmpc_bench.config.tree import Mark, locate
+from rmpc_bench.config_file.component import Component, plain_data
+from rmpc_bench.config_file.tree import Mark, locate
 from rmpc_bench.received.names import wrong_label
 from rmpc_bench.registry import unknown
 

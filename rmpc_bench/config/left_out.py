@@ -14,7 +14,7 @@ from typing import Any
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.tree import OPTIONS, Items, Map, Mark, locate, split
+from rmpc_bench.config_file.tree import OPTIONS, Items, Map, Mark, locate, split
 from rmpc_bench.types import Problem
 
 SWEPT_PATHS = "paths of the sweep into methods that do not exist here"

@@ -8,28 +8,28 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.added_methods import texts_of
 from rmpc_bench.config.build import build
 from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.inheritance import inherit
-from rmpc_bench.config.known_files import located
 from rmpc_bench.config.left_out import Inherited, fitting_metrics, fitting_sweep
-from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.relocation import check_copies
 from rmpc_bench.config.required_libraries import reported_once
-from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
-from rmpc_bench.config.tree import Map
 from rmpc_bench.config.tune_checks import check_tuning
 from rmpc_bench.config.tuned_config import with_tuning
 from rmpc_bench.config.tuning_plan import Chosen, Origin
 from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config_file.added_methods import texts_of
+from rmpc_bench.config_file.inheritance import inherit
+from rmpc_bench.config_file.known_files import located
+from rmpc_bench.config_file.matrix_files import with_matrices
+from rmpc_bench.config_file.source import GivenConfig, read
+from rmpc_bench.config_file.tree import Map
 from rmpc_bench.types import ConfigError
 
 

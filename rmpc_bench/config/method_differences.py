@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump, one_line
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.writer import dump, one_line
 
 
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, ModelFacts
+from rmpc_bench.config_file.component import Component
 
 
 def model_facts(draft: DraftConfig, model: Callable[[Component | None], Any]) -> tuple[ModelFacts, ...]:

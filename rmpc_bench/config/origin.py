@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.tree import Items, Map, join, locate, locate_key
+from rmpc_bench.config_file.tree import Items, Map, join, locate, locate_key
 from rmpc_bench.types import Problem
 
 

@@ -21,7 +21,7 @@ from rmpc_bench.components.private_modules import package_of
 from rmpc_bench.components.reached import reached_text
 from rmpc_bench.components.source import Source, data_hash, read_source
 from rmpc_bench.components.untouched import replaced
-from rmpc_bench.config.component import Component
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
 from rmpc_bench.received.consent import is_code
 from rmpc_bench.types import Problem

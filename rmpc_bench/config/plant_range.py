@@ -15,7 +15,7 @@ from annotated_types import Gt, Len, Lt
 from pydantic import BeforeValidator
 
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.tree import Map
+from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions import quantity
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.state_range import LARGEST, StateRange

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.recorded_data import gap_warnings
-from rmpc_bench.config.tree import Map, join, locate
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map, join, locate
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise.heavy_tailed import StudentT
 from rmpc_bench.simulation.scenario import Experiment

@@ -5,10 +5,10 @@ from __future__ import annotations
 from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.consent import CodeAccess, name_files
 from rmpc_bench.components.loading import module_of
-from rmpc_bench.config.component import problem_of
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.tree import Items, Map, Mark, locate
-from rmpc_bench.config.user_files import named_in
+from rmpc_bench.config_file.component import problem_of
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.tree import Items, Map, Mark, locate
+from rmpc_bench.config_file.user_files import named_in
 from rmpc_bench.types import ConfigError, Problem
 
 KEY = "plugins"

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.tree import Map
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import InputSignal, Metric, Model, Plant
 

@@ -16,7 +16,7 @@ from typing import Any
 from rmpc_bench.components.code import split_reference
 from rmpc_bench.components.source import read_source
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.tree import Items, Map, locate
+from rmpc_bench.config_file.tree import Items, Map, locate
 from rmpc_bench.received.plain_files import DamagedError, content_of
 
 COPIES = "code"

@@ -8,9 +8,9 @@ from dataclasses import replace
 from rmpc_bench.config.draft import DraftConfig, TunedMethod
 from rmpc_bench.config.left_out import Inherited
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map, join, locate, locate_key, split
 from rmpc_bench.config.tune_section import SMOKE_BUDGET, ValueRow
 from rmpc_bench.config.tuned_methods import as_value, nearest_value
+from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
 from rmpc_bench.types.tuning import MOST_PARAMETERS

@@ -10,12 +10,12 @@ import numpy as np
 
 from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.component import without_path
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import method_data
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tune_checks import metric_of_tuning
+from rmpc_bench.config_file.component import without_path
 from rmpc_bench.simulation.random_streams import words_of
 from rmpc_bench.types.tuning import NOTHING_TUNED, OTHER_SETTINGS, TunedParameter, TuningProtocol
 

@@ -15,10 +15,10 @@ from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Items, Map, join, locate_key
 from rmpc_bench.config.tuned_methods import as_value, with_values
 from rmpc_bench.config.tuning_plan import WantedSearch
 from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config_file.tree import Items, Map, join, locate_key
 from rmpc_bench.types import ConfigError
 
 SEPARATOR = "~"

@@ -13,9 +13,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.code import is_reference
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config import plant_range
-from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, ParameterChange
-from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.method_section import read_method_section
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty, uncertain_names
 from rmpc_bench.config.recorded_data import refuse_sections
@@ -23,8 +21,10 @@ from rmpc_bench.config.required_libraries import check_required
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.stop_checks import apply_stop
 from rmpc_bench.config.sweep import SweptTree
-from rmpc_bench.config.tree import Map, locate, locate_key
 from rmpc_bench.config.tune_checks import shrink_tuning
+from rmpc_bench.config_file.component import Component, read_component
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.tree import Map, locate, locate_key
 from rmpc_bench.expressions import quantity
 
 Chosen = Mapping[tuple[str, str], Mapping[str, float]]

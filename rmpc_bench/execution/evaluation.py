@@ -10,8 +10,8 @@ from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config.component import Component, read_component
-from rmpc_bench.config.tree import Map, Mark
+from rmpc_bench.config_file.component import Component, read_component
+from rmpc_bench.config_file.tree import Map, Mark
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import FigureResult, thin_lines
 from rmpc_bench.figures.style import Rendering, rendered

@@ -13,7 +13,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import set_keys
 from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
-from rmpc_bench.config.tree import plain
+from rmpc_bench.config_file.tree import plain
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import (
     PointMethod,

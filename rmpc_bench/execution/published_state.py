@@ -180,7 +180,7 @@ def _fingerprint(config: ExperimentConfig, directory: Path, options: Collection[
     None where own code or another library takes part, or a writer was killed.
     """
     # They import NumPy.
-    from rmpc_bench.config.tree import plain
+    from rmpc_bench.config_file.tree import plain
     from rmpc_bench.execution.engines.tasks import has_own_code
 
     experiments = [point.experiment for point in config.points]

@@ -25,8 +25,8 @@ from rmpc_bench.received.store import decoded
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.component import Component
     from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.config_file.component import Component
     from rmpc_bench.execution.progress import Progress
 
 

@@ -24,9 +24,9 @@ from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Items, Map
 from rmpc_bench.config.tuning_plan import Chosen
 from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config_file.tree import Items, Map
 from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in, work
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.store import Store

@@ -7,7 +7,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import registry
-from rmpc_bench.config.schema import PROVIDED, model_of
+from rmpc_bench.config_file.schema import PROVIDED, model_of
 from rmpc_bench.extras import NEEDED_BY, missing_for, need
 from rmpc_bench.types import Line, Panel, Plant
 
@@ -233,7 +233,7 @@ def configs(tmp_path, monkeypatch):
         directory = tmp_path / "configs" / folder
         directory.mkdir(parents=True, exist_ok=True)
         write(directory, file=f"{file}.yaml", **keys)
-    monkeypatch.setattr("rmpc_bench.config.known_files.installed_folder", lambda: tmp_path / "installed")
+    monkeypatch.setattr("rmpc_bench.config_file.known_files.installed_folder", lambda: tmp_path / "installed")
     monkeypatch.chdir(tmp_path)
     return tmp_path / "configs"
 

@@ -12,7 +12,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench.cli.run_request import Request
-from rmpc_bench.config.known_files import file_beside
+from rmpc_bench.config_file.known_files import file_beside
 from rmpc_bench.execution import published_state
 from rmpc_bench.execution.published_state import FILE, Command
 from rmpc_bench.received.plain_files import noted

@@ -5,8 +5,8 @@ import tuned_experiment
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.writer import dump
 
 CLAIM = "[{says: a, check: 'mean(mse[S-MPC]) < 1', finding: confirmed}]"
 SHARED = {

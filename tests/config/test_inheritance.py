@@ -8,8 +8,8 @@ from small_experiment import cli, ran
 from uncertain_experiment import INITIAL, METHODS, MODEL, PLANT, write_estimation, write_taking
 
 from rmpc_bench import load_config, load_trials, registry
-from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.writer import dump
 from rmpc_bench.types import ConfigError
 
 BENCH = "b/bench.yaml"

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft7Validator
 
-from rmpc_bench.config.json_schema import json_schema
-from rmpc_bench.config.reader import load
-from rmpc_bench.config.tree import DELETE, plain
+from rmpc_bench.config_file.reader import load
+from rmpc_bench.config_file.tree import DELETE, plain
+from rmpc_bench.schema.json_schema import json_schema
 
 CONFIGS = sorted(Path(__file__).parents[2].joinpath("configs").rglob("*.yaml"))
 

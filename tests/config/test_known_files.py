@@ -6,7 +6,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.known_files import installed_folder, known_configs, located
+from rmpc_bench.config_file.known_files import installed_folder, known_configs, located
 from rmpc_bench.types import ConfigError
 
 FIG7 = "configs/zenere2018/fig7.yaml"

@@ -4,8 +4,8 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.writer import dump
 
 ROWS = [
     "{plant.perturb: {R: 1 + eps}}",

@@ -9,9 +9,9 @@ import pytest
 from annotated_types import Ge, Gt
 
 from rmpc_bench import registry
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.reader import parse
-from rmpc_bench.config.schema import PROVIDED, model_of, validate
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.reader import parse
+from rmpc_bench.config_file.schema import PROVIDED, model_of, validate
 from rmpc_bench.types import Count, Matrix, NonNegative, Positive
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]

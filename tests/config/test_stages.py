@@ -9,7 +9,8 @@ from small_experiment import write
 
 import rmpc_bench.config
 from rmpc_bench import load_config
-from rmpc_bench.config import build, canonical, checks, inheritance, load, source, sweep, validation
+from rmpc_bench.config import build, canonical, checks, load, sweep, validation
+from rmpc_bench.config_file import inheritance, source
 from rmpc_bench.types import ConfigError
 
 STAGES = {  # module -> its only public function

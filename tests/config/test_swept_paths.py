@@ -13,15 +13,15 @@ from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.build import build
 from rmpc_bench.config.build_method import DesignCache
 from rmpc_bench.config.first_calls import FirstCalls
-from rmpc_bench.config.inheritance import inherit
-from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
-from rmpc_bench.config.source import read
 from rmpc_bench.config.sweep import SweptTree, compose, expand
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, SWEPT, SweepReader, SweptValue, assigned
-from rmpc_bench.config.tree import Map
 from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config_file.inheritance import inherit
+from rmpc_bench.config_file.matrix_files import with_matrices
+from rmpc_bench.config_file.source import read
+from rmpc_bench.config_file.tree import Map
 from rmpc_bench.types import ConfigError
 
 CONFIGS = Path(__file__).parents[2] / "configs"

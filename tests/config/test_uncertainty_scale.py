@@ -6,8 +6,8 @@ from conftest import ROUND
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.writer import dump
 from rmpc_bench.noise.distributions import Choice, Fixed, Normal, Uniform
 from rmpc_bench.types import ConfigError
 

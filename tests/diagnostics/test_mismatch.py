@@ -7,8 +7,8 @@ import pytest
 from conftest import ROUND, servo_model
 from small_experiment import write
 
-from rmpc_bench.config.component import build_component
 from rmpc_bench.config.load import load_config
+from rmpc_bench.config_file.component import build_component
 from rmpc_bench.diagnostics import mismatch
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.types import Noise, Plant

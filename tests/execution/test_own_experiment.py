@@ -7,8 +7,8 @@ import pytest
 from small_experiment import cli
 
 from rmpc_bench import load_config, load_trials
-from rmpc_bench.config.reader import load
 from rmpc_bench.config.relocation import in_directory
+from rmpc_bench.config_file.reader import load
 from rmpc_bench.execution import libraries
 from rmpc_bench.types import ConfigError
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rmpc_bench.config import reader
+from rmpc_bench.config_file import reader
 
 ROOT = Path(__file__).parents[2] / "configs"
 PAPERS = ("belda2017", "ma2025", "souto2011", "zenere2017", "zenere2018")

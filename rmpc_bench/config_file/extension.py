@@ -14,11 +14,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.known_files import file_beside, is_file_name
-from rmpc_bench.config.reader import EXTENDS, load
-from rmpc_bench.config.short_forms import with_kind
-from rmpc_bench.config.tree import DELETE, Items, Map, Mark, join, locate, locate_key, same_kind
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.known_files import file_beside, is_file_name
+from rmpc_bench.config_file.reader import EXTENDS, load
+from rmpc_bench.config_file.short_forms import with_kind
+from rmpc_bench.config_file.tree import DELETE, Items, Map, Mark, join, locate, locate_key, same_kind
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 

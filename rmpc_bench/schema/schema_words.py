@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rmpc_bench.config.annotation_schema import Schema
+from rmpc_bench.schema.annotation_schema import Schema
 
 ANY = "any value"
 _TYPES: Mapping[str, str] = {

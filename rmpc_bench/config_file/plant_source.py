@@ -10,11 +10,11 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config.component import read_component
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.schema import model_of
-from rmpc_bench.config.short_forms import with_kind
-from rmpc_bench.config.tree import Map, locate, merge
+from rmpc_bench.config_file.component import read_component
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.schema import model_of
+from rmpc_bench.config_file.short_forms import with_kind
+from rmpc_bench.config_file.tree import Map, locate, merge
 from rmpc_bench.types import ConfigError, Problem
 
 SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference", "input")

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml  # type: ignore[import-untyped]
 
-from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
+from rmpc_bench.config_file.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
 from rmpc_bench.received.names import wrong_formula
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import ConfigError, Problem

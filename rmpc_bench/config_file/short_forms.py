@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rmpc_bench.config.tree import Map, locate, locate_key
+from rmpc_bench.config_file.tree import Map, locate, locate_key
 
 FILE = "file"
 """Key that stands for `kind` in a component from a Python file."""

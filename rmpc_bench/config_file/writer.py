@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml  # type: ignore[import-untyped]
 
-from rmpc_bench.config.tree import MAX_DEPTH, scalar
+from rmpc_bench.config_file.tree import MAX_DEPTH, scalar
 
 _WIDTH = 100
 _LONGEST_KEY = 1000

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from rmpc_bench.config.added_methods import read_methods
-from rmpc_bench.config.extension import read_extended
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.reader import EXTENDS, Override, parse_override
-from rmpc_bench.config.tree import Map, Mark, split
+from rmpc_bench.config_file.added_methods import read_methods
+from rmpc_bench.config_file.extension import read_extended
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.reader import EXTENDS, Override, parse_override
+from rmpc_bench.config_file.tree import Map, Mark, split
 from rmpc_bench.types import ConfigError, Problem
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.tree import Items, Map, locate
+from rmpc_bench.config_file.tree import Items, Map, locate
 from rmpc_bench.types import FromCode, FromData
 
 

@@ -28,10 +28,10 @@ from pydantic import (
 )
 
 from rmpc_bench.components.designs import is_built_in, registered_design
-from rmpc_bench.config.key_errors import BUILT_IN_KEYS, key_problem
-from rmpc_bench.config.tree import Mark
-from rmpc_bench.config.unions import union
-from rmpc_bench.config.user_files import names_files, read_data, read_function, read_function_or_text
+from rmpc_bench.config_file.key_errors import BUILT_IN_KEYS, key_problem
+from rmpc_bench.config_file.tree import Mark
+from rmpc_bench.config_file.unions import union
+from rmpc_bench.config_file.user_files import names_files, read_data, read_function, read_function_or_text
 from rmpc_bench.expressions import quantity
 from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime, Problem
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Tag
 from rmpc_bench import registry
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.words import MEANINGS
-from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
+from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.types import Problem, row_by_row
 
 BUILT_IN_KEYS = "rmpc_bench.built_in_keys"

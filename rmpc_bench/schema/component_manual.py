@@ -11,12 +11,12 @@ from collections.abc import Iterable
 from dataclasses import is_dataclass
 from typing import Any, NamedTuple, get_args
 
-from rmpc_bench.config.annotation_schema import Schema, mapping_schema, record_schema
-from rmpc_bench.config.component import SHARED_KEYS, plain_data
-from rmpc_bench.config.key_meanings import key_meanings
-from rmpc_bench.config.schema import hints, keys_of
-from rmpc_bench.config.schema_words import type_words, unit_of
-from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS
+from rmpc_bench.config_file.component import SHARED_KEYS, plain_data
+from rmpc_bench.config_file.schema import hints, keys_of
+from rmpc_bench.schema.annotation_schema import Schema, mapping_schema, record_schema
+from rmpc_bench.schema.key_meanings import key_meanings
+from rmpc_bench.schema.schema_words import type_words, unit_of
+from rmpc_bench.schema.section_schemas import MODEL_KEYS, PLANT_KEYS
 from rmpc_bench.types.sweep_points import value_text
 
 _SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.config.added_methods import with_methods
-from rmpc_bench.config.extension import read_extended
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.known_files import file_beside, is_file_name
-from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
-from rmpc_bench.config.reader import Override
-from rmpc_bench.config.source import GivenConfig
-from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, split
+from rmpc_bench.config_file.added_methods import with_methods
+from rmpc_bench.config_file.extension import read_extended
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.known_files import file_beside, is_file_name
+from rmpc_bench.config_file.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
+from rmpc_bench.config_file.reader import Override
+from rmpc_bench.config_file.source import GivenConfig
+from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, split
 from rmpc_bench.types import ConfigError, Problem
 
 

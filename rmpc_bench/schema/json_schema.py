@@ -13,16 +13,16 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
-from rmpc_bench.config import section_schemas
-from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, schema_of
-from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.config.method_section import Source
-from rmpc_bench.config.schema import hints, keys_of, model_of
-from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
-from rmpc_bench.config.short_forms import SHORT_FORMS
 from rmpc_bench.config.tune_section import Range
+from rmpc_bench.config_file.schema import hints, keys_of, model_of
+from rmpc_bench.config_file.short_forms import SHORT_FORMS
 from rmpc_bench.extras import EXTRAS
+from rmpc_bench.schema import section_schemas
+from rmpc_bench.schema.annotation_schema import CODE, Schema, mapping_schema, schema_of
+from rmpc_bench.schema.key_meanings import key_meanings
+from rmpc_bench.schema.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
 _EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS}

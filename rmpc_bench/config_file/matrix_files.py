@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.known_files import MAX_NAME, is_file_name
-from rmpc_bench.config.tree import Items, Map, Mark, join, locate
+from rmpc_bench.config_file.known_files import MAX_NAME, is_file_name
+from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.received.arrays import MAX_ENTRIES, ArrayFileError, matrices
 from rmpc_bench.received.plain_files import content_of

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.reader import parse
-from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key, plain
-from rmpc_bench.config.writer import one_line
+from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.reader import parse
+from rmpc_bench.config_file.tree import Map, Mark, join, locate, locate_key, plain
+from rmpc_bench.config_file.writer import one_line
 from rmpc_bench.types import ConfigError, Problem
 
 OPTION = "--add-method"

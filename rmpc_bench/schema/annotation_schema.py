@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from annotated_types import Ge, Gt, Le, Len, Lt
 from pydantic.fields import FieldInfo
 
-from rmpc_bench.config.key_meanings import key_meanings
+from rmpc_bench.schema.key_meanings import key_meanings
 from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime
 
 Schema = dict[str, Any]

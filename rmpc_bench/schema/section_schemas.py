@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rmpc_bench.config.annotation_schema import CODE, Schema, record_schema
 from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
 from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.schema.annotation_schema import CODE, Schema, record_schema
 
 NUMBER: Schema = {"type": ["number", "string"]}
 _EXPRESSIONS: Schema = {
