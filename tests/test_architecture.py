@@ -322,10 +322,10 @@ def test_only_cli_and_progress_print():
 
 
 def test_no_file_is_too_long():
-    """400 lines at most; the message lists what is on the way there."""
+    """500 lines at most; the message lists what is on the way there."""
     lengths = {file: len(path.read_text(encoding="utf-8").splitlines()) for file, path in FILES.items()}
-    long = {file: length for file, length in lengths.items() if length > 300}
-    assert max(lengths.values()) <= 400, f"longer than 300 lines: {long}"
+    long = {file: length for file, length in lengths.items() if length > 400}
+    assert max(lengths.values()) <= 500, f"longer than 400 lines: {long}"
 
 
 def test_names_say_something():

@@ -12,7 +12,7 @@ from rmpc_bench import load_config
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.markdown import claims_markdown
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config_file import reader
+from rmpc_bench.config_file import yaml
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.types.texts import inert_markdown
 
@@ -25,7 +25,7 @@ OTHER = ("trials.csv", "series.csv", "trials.sqlite", "manifest.json", "figures/
 
 def first_figure(path):
     """Name of the file of a configuration's first figure; None without figures."""
-    figures = reader.load(path).get("figures") or [None]
+    figures = yaml.load(path).get("figures") or [None]
     return figures[0] if figures[0] is None or isinstance(figures[0], str) else figures[0]["kind"]
 
 
@@ -92,7 +92,7 @@ def texts_of(node):
 def test_code_in_the_texts_of_claims_stays_code():
     """Backticks of the project's own texts are written as they are; others that do not close are escaped."""
     with_code = [path for path in CONFIGS if "`" in path.read_text(encoding="utf-8")]
-    found = [text for path in with_code for text in texts_of(plain(reader.load(path)).get("claims") or [])]
+    found = [text for path in with_code for text in texts_of(plain(yaml.load(path)).get("claims") or [])]
     found = [text for text in found if "`" in text]
     for text in found:
         claim = Claim(says="s", source="p. 1", check=(), finding=Finding.NOT_TESTABLE, assumptions=(text,))

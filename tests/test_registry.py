@@ -8,7 +8,7 @@ from small_experiment import write
 
 from rmpc_bench import Estimator, load_config, registry, single_run
 from rmpc_bench.components import by_kind
-from rmpc_bench.config_file.schema import PROVIDED, model_of
+from rmpc_bench.config_file.keys import PROVIDED, model_of
 from rmpc_bench.extras import missing_for
 from rmpc_bench.installed import InstalledComponent
 from rmpc_bench.models.servo import ServoNoise

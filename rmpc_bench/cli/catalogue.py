@@ -156,9 +156,8 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
-    from rmpc_bench.config_file.short_forms import kind_of
-    from rmpc_bench.config_file.tree import plain
-    from rmpc_bench.config_file.writer import dump
+    from rmpc_bench.config_file.tree import kind_of, plain
+    from rmpc_bench.config_file.yaml import dump
 
     plant, resolved = config.experiment.plant, config.first_point
     lines = [str(config.path), config.title or config.name, ""]
@@ -223,7 +222,7 @@ def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
 
 def _panels(group: str, kind: str) -> tuple[Any, ...]:
     """Panels of a plant with its default parameters; empty for one without plots or with required keys."""
-    from rmpc_bench.config_file.schema import model_of
+    from rmpc_bench.config_file.keys import model_of
 
     if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
         return ()

@@ -26,8 +26,8 @@ def check_component(component: str, keys: str | None, model: str | None, group: 
     seconds : time limit of one check
     """
     from rmpc_bench.components.code import split_reference
-    from rmpc_bench.config_file.reader import parse
     from rmpc_bench.config_file.tree import Map
+    from rmpc_bench.config_file.yaml import parse
     from rmpc_bench.conformance.subject import subject_of
     from rmpc_bench.conformance.supervisor import check_subject
     from rmpc_bench.types import DesignError
@@ -60,7 +60,7 @@ def _system(text: str) -> LinearSystem:
     DesignError
         If the model is not linear.
     """
-    from rmpc_bench.config_file.reader import parse
+    from rmpc_bench.config_file.yaml import parse
     from rmpc_bench.conformance.linear_system import LinearSystem
     from rmpc_bench.types import DesignError
 

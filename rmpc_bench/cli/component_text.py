@@ -11,7 +11,7 @@ from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
     from rmpc_bench.components.code import CodeReference
-    from rmpc_bench.schema.component_manual import KeyEntry
+    from rmpc_bench.schema.manual import KeyEntry
 
 
 def show_own(group: str, reference: CodeReference) -> None:
@@ -35,7 +35,7 @@ def show(group: str, kind: str) -> None:
 
 
 def _show_design(group: str, kind: str, design: Any) -> None:
-    from rmpc_bench.schema.component_manual import manual_of, shared_keys
+    from rmpc_bench.schema.manual import manual_of, shared_keys
     from rmpc_bench.types.texts import folded
 
     manual = manual_of(group, kind, design)
@@ -57,7 +57,7 @@ def _show_design(group: str, kind: str, design: Any) -> None:
 
 def _key_lines(key: KeyEntry) -> list[str]:
     """Write a key with default, type and meaning, and the keys of the mapping that is its value."""
-    from rmpc_bench.schema.schema_words import ANY
+    from rmpc_bench.schema.manual import ANY
 
     default = "required" if key.default is None else f"default {key.default}" if key.default else "optional"
     kind = "" if key.kind == ANY else f"  {key.kind.replace('`', '')}"

@@ -12,9 +12,8 @@ from rmpc_bench import registry
 from rmpc_bench.cli.run_warnings import warning_texts
 from rmpc_bench.cli.tuning import tuning_line
 from rmpc_bench.config.method_differences import method_differences, short_value
-from rmpc_bench.config_file.schema import model_of
-from rmpc_bench.config_file.short_forms import kind_of
-from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.keys import model_of
+from rmpc_bench.config_file.tree import kind_of, plain
 from rmpc_bench.execution.cost import megabytes, seconds
 from rmpc_bench.types.texts import cut, in_columns, width_of, wrapped
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rmpc_bench.config_file.component import build_component
-from rmpc_bench.config_file.short_forms import kind_of
+from rmpc_bench.config_file.tree import kind_of
 from rmpc_bench.diagnostics.mismatch import STEADY, GainConvergence, MethodMismatch, Mismatch, model_mismatch
 from rmpc_bench.simulation.threads import single_thread
 

@@ -38,9 +38,8 @@ def from_here(texts: Sequence[str], config: Path) -> tuple[list[str], list[Path]
     the texts with the names as the configuration reads them, and the files that are there: who types the name of a file
     allows its code.  A text that cannot be read stays as it is, and so does the name of a file that is not there
     """
-    from rmpc_bench.config_file.reader import parse
     from rmpc_bench.config_file.tree import plain
-    from rmpc_bench.config_file.writer import one_line
+    from rmpc_bench.config_file.yaml import one_line, parse
     from rmpc_bench.types import ConfigError
 
     found, files = [], list[Path]()

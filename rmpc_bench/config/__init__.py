@@ -7,7 +7,7 @@ of `config_file`:
 stage                  module             result
 =====================  =================  =======================================================================
 1 read                 source.py          tree of the file and the overrides; every value knows its line and column
-2 inherit              inheritance.py     the tree with overrides and the files of ``plant.from`` in place
+2 inherit              inherit.py         the tree with overrides and the files of ``plant.from`` in place
 3 expand the sweep     sweep.py           one tree per point of the sweep
 4 validate             validation.py      sections and components of every point (draft.py)
 5 build                build.py           designs of every point and the data that identify its trials

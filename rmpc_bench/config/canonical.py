@@ -27,7 +27,7 @@ from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import NAME, columns
 from rmpc_bench.config_file.component import plain_data
-from rmpc_bench.config_file.plant_source import SECTIONS_OF_A_PLANT, has_source, lay_over_source
+from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, lay_over_source
 from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
 from rmpc_bench.simulation.scenario import Experiment
 

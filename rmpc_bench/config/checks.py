@@ -19,7 +19,7 @@ from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
 from rmpc_bench.config.tune_checks import BEST_AT
-from rmpc_bench.config_file.plant_source import PATH
+from rmpc_bench.config_file.inherit import PATH
 from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import MetricInfo, Problem

@@ -11,7 +11,7 @@ from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.tune_section import ValueRow
 from rmpc_bench.config_file.component import Component
-from rmpc_bench.config_file.schema import validate
+from rmpc_bench.config_file.keys import validate
 from rmpc_bench.config_file.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions

@@ -9,8 +9,8 @@ from typing import Any
 
 from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import Map
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.types import ConfigError
 

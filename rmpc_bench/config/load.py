@@ -24,11 +24,10 @@ from rmpc_bench.config.tune_checks import check_tuning
 from rmpc_bench.config.tuned_config import with_tuning
 from rmpc_bench.config.tuning_plan import Chosen, Origin
 from rmpc_bench.config.validation import validate_sections
-from rmpc_bench.config_file.added_methods import texts_of
-from rmpc_bench.config_file.inheritance import inherit
+from rmpc_bench.config_file.inherit import inherit
 from rmpc_bench.config_file.known_files import located
 from rmpc_bench.config_file.matrix_files import with_matrices
-from rmpc_bench.config_file.source import GivenConfig, read
+from rmpc_bench.config_file.source import GivenConfig, read, texts_of
 from rmpc_bench.config_file.tree import Map
 from rmpc_bench.types import ConfigError
 

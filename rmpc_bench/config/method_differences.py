@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump, one_line
+from rmpc_bench.config_file.yaml import dump, one_line
 
 
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -10,9 +10,8 @@ from rmpc_bench import registry
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.tuned_methods import read_tuned
 from rmpc_bench.config_file.component import Component, read_component
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.short_forms import with_kind
-from rmpc_bench.config_file.tree import Map, locate_key, merge
+from rmpc_bench.config_file.keys import shown
+from rmpc_bench.config_file.tree import Map, locate_key, merge, with_kind
 from rmpc_bench.received.names import wrong_label, wrong_method
 from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol

@@ -13,10 +13,8 @@ from rmpc_bench.components.code import is_reference
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config_file.component import read_component
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.schema import validate
-from rmpc_bench.config_file.short_forms import FILE
-from rmpc_bench.config_file.tree import Items, Map, locate
+from rmpc_bench.config_file.keys import shown, validate
+from rmpc_bench.config_file.tree import FILE, Items, Map, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Matrix

@@ -6,7 +6,7 @@ from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.consent import CodeAccess, name_files
 from rmpc_bench.components.loading import module_of
 from rmpc_bench.config_file.component import problem_of
-from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Items, Map, Mark, locate
 from rmpc_bench.config_file.user_files import named_in
 from rmpc_bench.types import ConfigError, Problem

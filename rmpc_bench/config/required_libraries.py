@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rmpc_bench import extras
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config_file.extension import REQUIRES, read_extended
 from rmpc_bench.config_file.known_files import located
+from rmpc_bench.config_file.source import REQUIRES, read_extended
 from rmpc_bench.config_file.tree import Items, Map
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem

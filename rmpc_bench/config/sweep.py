@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config.sweep_section import NAME, Axis, SweepReader, SweptValue, assigned, columns
-from rmpc_bench.config_file.plant_source import PATH, compose
-from rmpc_bench.config_file.reader import Override
+from rmpc_bench.config_file.inherit import PATH, compose
 from rmpc_bench.config_file.tree import Map, split
+from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.types import ConfigError, Problem
 
 

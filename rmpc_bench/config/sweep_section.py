@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
-from rmpc_bench.config_file.plant_source import FILE, PATH, open_section
+from rmpc_bench.config_file.inherit import FILE, PATH, open_section
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, join, locate, locate_key, plain, split
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem

@@ -10,10 +10,8 @@ from rmpc_bench.config.draft import DraftConfig, MethodComponents, TunedMethod
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS
 from rmpc_bench.config.tune_section import Range, parameter_of
 from rmpc_bench.config_file.component import plain_data
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.schema import validate
-from rmpc_bench.config_file.short_forms import with_kind
-from rmpc_bench.config_file.tree import Map, Mark, assign, locate, locate_key, merge, split
+from rmpc_bench.config_file.keys import shown, validate
+from rmpc_bench.config_file.tree import Map, Mark, assign, locate, locate_key, merge, split, with_kind
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.tuning import TunedParameter

@@ -23,7 +23,7 @@ from rmpc_bench.config.stop_checks import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune_checks import shrink_tuning
 from rmpc_bench.config_file.component import Component, read_component
-from rmpc_bench.config_file.key_errors import shown
+from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Map, locate, locate_key
 from rmpc_bench.expressions import quantity
 

@@ -20,10 +20,8 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.recipes import Recipe, inside
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.schema import keys_of, keys_with_files, validate
-from rmpc_bench.config_file.short_forms import FILE, given_forms, with_kind
-from rmpc_bench.config_file.tree import Map, Mark, join, locate, locate_key, split
+from rmpc_bench.config_file.keys import keys_of, keys_with_files, shown, validate
+from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, locate_key, split, with_kind
 from rmpc_bench.config_file.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for

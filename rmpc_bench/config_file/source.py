@@ -1,17 +1,38 @@
-"""Stage 1, read: the file of a configuration and the overrides of the command line, as trees with positions."""
+"""Stage 1, read: the file of a configuration with all that it extends, and what the command line changes and adds.
+
+``extends: other.yaml`` lays the file over the other one, deep: a mapping is merged key by key, a list or a scalar
+replaces what is inherited, and ``key: !delete`` removes an inherited key.  The lists under `requires` are joined.  A
+component of another kind, a noise of another law and a distribution of another name replace the inherited one whole.
+The name and the claims are not inherited: results of two configurations need two names, and a claim is about the
+configuration in which it stands.
+
+Every value keeps its place, so that a path is relative to the file it stands in, and an error names that file.
+"""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rmpc_bench.config_file.added_methods import read_methods
-from rmpc_bench.config_file.extension import read_extended
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.reader import EXTENDS, Override, parse_override
-from rmpc_bench.config_file.tree import Map, Mark, split
+from rmpc_bench.config_file.keys import shown
+from rmpc_bench.config_file.known_files import file_beside, is_file_name
+from rmpc_bench.config_file.tree import (
+    DELETE,
+    Items,
+    Map,
+    Mark,
+    join,
+    locate,
+    locate_key,
+    plain,
+    same_kind,
+    split,
+    with_kind,
+)
+from rmpc_bench.config_file.yaml import EXTENDS, Override, load, one_line, parse, parse_override
+from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 
 
@@ -53,3 +74,200 @@ def read(path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] 
             problems += error.problems
     added = read_methods(add_methods, problems)
     return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added)
+
+
+NOT_INHERITED = ("name", "claims")
+"""Top-level keys that every configuration has of its own."""
+
+REQUIRES = "requires"
+"""Top-level key whose list is joined with the inherited one: inherited components need their libraries, too."""
+
+_COMPONENTS = {
+    **{"plant": "plants", "model": "models", "estimator": "estimators", "controller": "controllers"},
+    **{"reference": "references", "input": "inputs"},
+}
+"""Keys of components -> their groups."""
+
+
+def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
+    """Read a configuration with all that it inherits, without the key `extends`; not a mapping where the file is none.
+
+    `extended` has the resolved files that extend this one.  Raises a ConfigError if a file cannot be read, extends
+    itself, or deletes what it does not inherit.
+    """
+    tree = load(path)
+    if not isinstance(tree, Map) or EXTENDS not in tree:
+        return tree
+    base = _base_of(tree, Path(path), (*extended, Path(path).resolve()))
+    own = tree.copy()
+    del own[EXTENDS]
+    for key in NOT_INHERITED:
+        base.pop(key, None)
+    merger = _Merger()
+    merged = merger.merged(base, own, [])
+    if merger.problems:
+        raise ConfigError(merger.problems)
+    return merged
+
+
+def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
+    """Read the configuration that a tree extends, and return it as an own copy."""
+    text, mark = tree[EXTENDS], locate(tree, [EXTENDS])
+    if not is_file_name(text):
+        raise ConfigError([Problem(*mark, EXTENDS, f"must be the name of a configuration (got {shown(text)})")])
+    file = file_beside(path.parent, text)
+    if file.resolve() in extended:
+        raise ConfigError([Problem(*mark, EXTENDS, f"{text}: extends itself")])
+    try:
+        base = read_extended(file, extended)
+    except ConfigError as error:
+        at_the_name = [Problem(*mark, EXTENDS, f"{each.file}: {each.message}") for each in error.problems]
+        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
+    if not isinstance(base, Map):
+        raise ConfigError([Problem(*mark, EXTENDS, f"{text}: must be a mapping (got {shown(base)})")])
+    return base.copy()
+
+
+class _Merger:
+    """Lays one configuration over another and collects problems."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+
+    def merged(self, base: Map, own: Map, path: list[str | int]) -> Map:
+        """Lay a mapping over an inherited one at a path; neither is changed."""
+        result = base.copy()
+        result.mark = own.mark
+        _drop_other_length(result, own, path)
+        for key, value in own.items():
+            here = [*path, key]
+            if value is DELETE:
+                self._delete(result, base, own, here)
+                continue
+            inherited = base.get(key)
+            if isinstance(value, Map) and isinstance(inherited, Map) and not _replaces(inherited, value, here):
+                value = self.merged(inherited, value, here)
+            else:
+                self._refuse_deletions(value, here)
+            if here == [REQUIRES] and isinstance(value, Items) and isinstance(inherited, Items):
+                value = _joined(inherited, value)
+            result.put(key, value, locate_key(own, [key]), locate(own, [key]))
+        return result
+
+    def _delete(self, result: Map, base: Map, own: Map, path: list[str | int]) -> None:
+        key = str(path[-1])
+        if key in base:
+            for each in (result, result.key_marks, result.value_marks):
+                each.pop(key, None)
+        else:
+            self._note(own, path, unknown(key, base, "inherited key"))
+
+    def _refuse_deletions(self, value: Any, path: list[str | int]) -> None:
+        """Report every `!delete` in a value that is laid over nothing."""
+        steps = list(value) if isinstance(value, Map) else range(len(value)) if isinstance(value, Items) else ()
+        for step in steps:
+            if value[step] is DELETE:
+                self._note(value, [*path, step], "there is nothing to delete: the value around it is not inherited")
+            else:
+                self._refuse_deletions(value[step], [*path, step])
+
+    def _note(self, own: Map | Items, path: list[str | int], message: str) -> None:
+        mark: Mark = locate(own, [path[-1]])
+        self.problems.append(Problem(*mark, join(path), message))
+
+
+def _joined(base: Items, own: Items) -> Items:
+    """Return the entries of two lists, each once and with its place."""
+    placed: list[tuple[Any, Mark]] = []
+    for each in (own, base):
+        for number, entry in enumerate(each):
+            if entry not in [known for known, _ in placed]:
+                placed.append((entry, locate(each, [number])))
+    return Items([entry for entry, _ in placed], mark=own.mark, value_marks=[mark for _, mark in placed])
+
+
+def _drop_other_length(result: Map, own: Map, path: list[str | int]) -> None:
+    """Drop the inherited length of the runs where the other key for it is given."""
+    if path != ["time"]:
+        return
+    for given, other in (("steps", "duration"), ("duration", "steps")):
+        if given in own and other not in own:
+            result.pop(other, None)
+
+
+def _replaces(base: Map, own: Map, path: list[str | int]) -> bool:
+    """Whether a mapping stands for something of another kind than the inherited one."""
+    group = _COMPONENTS.get(str(path[-1])) if len(path) == 1 or (len(path) == 3 and path[0] == "methods") else None
+    if group is not None:
+        base, own = with_kind(group, base), with_kind(group, own)
+    if "kind" in base and "kind" in own:
+        return not same_kind(base, own)
+    if path[0] == "uncertainty" and len(path) == 2:
+        return base.get("dist") != own.get("dist") and "dist" in own
+    if path == ["plant", "uncertainty"]:
+        # The bounds of one law have no meaning for another.
+        return "law" in own
+    if path[0] == "noise" or path[:2] == ["initial", "x"]:
+        # A law is a mapping with its name as its only key.
+        return len(path) == 2 and not {*base} & {*own}
+    return False
+
+
+OPTION = "--add-method"
+
+
+def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
+    """Read methods from YAML mappings of the command line, such as ``NAME: {estimator: {kind: kalman}}``.
+
+    The values keep their places in the texts.
+    """
+    found = Map(mark=Mark(OPTION, 1, 1))
+    for text in texts:
+        file = f"{OPTION} {text}"
+        try:
+            tree = parse(text, file)
+        except ConfigError as error:
+            problems += error.problems
+            continue
+        if not isinstance(tree, Map) or not tree:
+            message = f"must be a mapping such as 'NAME: {{estimator: {{kind: kalman}}}}' (got {shown(tree)})"
+            problems.append(Problem(file, 1, 1, "", message))
+            continue
+        for name, method in tree.items():
+            key_mark = locate_key(tree, [name])
+            if name in found:
+                problems.append(Problem(*key_mark, name, "is added twice"))
+            elif not isinstance(method, Map):
+                message = f"must be a mapping with an estimator or a controller (got {shown(method)})"
+                problems.append(Problem(*locate(tree, [name]), name, message))
+            else:
+                found.put(name, method, key_mark, locate(tree, [name]))
+    return found
+
+
+def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
+    """Add methods from `read_methods` to a tree with overrides and files in place; a taken name is a problem."""
+    methods = tree.get("methods")
+    if not added or not isinstance(methods, Map):
+        return tree
+    result, merged = tree.copy(), methods.copy()
+    for name, method in added.items():
+        key_mark = locate_key(added, [name])
+        if name in methods:
+            message = "is a method of the configuration already; choose another name"
+            problems.append(Problem(*key_mark, join(["methods", name]), message))
+        else:
+            merged.put(name, method, key_mark, locate(added, [name]))
+    result["methods"] = merged
+    return result
+
+
+def texts_of(added: Map) -> Mapping[str, str]:
+    """Return name -> the method as the command line takes it, on one line.
+
+    Examples
+    --------
+    >>> dict(texts_of(read_methods(["A: {estimator: {kind: kalman}}"], [])))
+    {'A': 'A: {estimator: {kind: kalman}}'}
+    """
+    return {name: one_line({name: plain(method)})[1:-1] for name, method in added.items()}

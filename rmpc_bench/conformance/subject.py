@@ -106,7 +106,7 @@ class Subject:
             With all errors.
         """
         # Validation needs pydantic, which a component without keys need not wait for.
-        from rmpc_bench.config_file.schema import keys_of, validate
+        from rmpc_bench.config_file.keys import keys_of, validate
 
         problems: list[Problem] = []
         checked = validate(keys_of(group, self.text, design), self.keys, [], problems)

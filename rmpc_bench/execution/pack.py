@@ -21,9 +21,8 @@ from typing import Any
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.relocation import COPIES, renamed
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.pack_metadata import CITATION, Contents, citation, crate
 from rmpc_bench.execution.results import Results, load_results

@@ -18,9 +18,8 @@ import rmpc_bench
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.relocation import COPIES, in_directory, renamed
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
 from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text

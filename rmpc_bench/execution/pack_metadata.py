@@ -212,7 +212,7 @@ def _licence(licence: str) -> tuple[str, str]:
 
 def citation(contents: Contents) -> str:
     """Return the citation file (CFF 1.2.0): these results, the program, and the paper whose methods they compare."""
-    from rmpc_bench.config_file.writer import dump
+    from rmpc_bench.config_file.yaml import dump
 
     authors = [{"name": name} for name in contents.authors or (UNKNOWN_AUTHORS,)]
     bench = contents.manifest.get("versions", {}).get("rmpc-bench", rmpc_bench.__version__)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.method_differences import method_differences, short_value
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results

@@ -16,7 +16,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.execution.block_lengths import BlockLengths
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import FILE, WriteError

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.runner import RESOLVED

@@ -1,28 +1,323 @@
-"""JSON Schema of a configuration, for editors with a YAML language server.
+"""JSON Schema of a configuration, for editors with a YAML language server, and the meaning of every key.
 
 It is made from what validates a configuration: the sections, and the signatures and docstrings of all components that
-are known here, installed ones included.  Relations between keys are not in it; `rmpc-bench check` knows them.
+are known here, installed ones included.  Relations between keys are not in it; `rmpc-bench check` knows them.  A number
+may be written as a quantity (``2*pi``, ``5%``), so that its type is number or text and bounds hold for plain numbers.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le, Len, Lt
+from pydantic.fields import FieldInfo
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config.method_section import Source
+from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
+from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.tune_section import Range
-from rmpc_bench.config_file.schema import hints, keys_of, model_of
-from rmpc_bench.config_file.short_forms import SHORT_FORMS
+from rmpc_bench.config_file.keys import hints, keys_of, model_of
+from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import EXTRAS
-from rmpc_bench.schema import section_schemas
-from rmpc_bench.schema.annotation_schema import CODE, Schema, mapping_schema, schema_of
-from rmpc_bench.schema.key_meanings import key_meanings
-from rmpc_bench.schema.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
+from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime
+
+
+def key_meanings(design: Any) -> dict[str, str]:
+    """Return the meaning of every documented parameter; a class has those of its base classes too."""
+    documented = reversed(design.__mro__) if inspect.isclass(design) else (design,)
+    return {key: text for each in documented for key, text in meanings_in(inspect.getdoc(each) or "").items()}
+
+
+def meanings_in(doc: str) -> dict[str, str]:
+    r"""Return the meaning of every parameter in a numpydoc section.
+
+    Examples
+    --------
+    >>> meanings_in("Parameters\n----------\nc : radius of the ball\nHp, Hu : horizons\n    [samples]")
+    {'c': 'radius of the ball', 'Hp': 'horizons [samples]', 'Hu': 'horizons [samples]'}
+    """
+    meanings: dict[str, str] = {}
+    names: list[str] = []
+    for line in doc.split("\n"):
+        head, colon, text = line.partition(" : ")
+        if colon and not line.startswith(" "):
+            names = head.split(", ")
+            meanings |= dict.fromkeys(names, text)
+        elif names and line.startswith("    "):
+            meanings |= {name: f"{meanings[name]} {line.strip()}" for name in names}
+        elif not line.strip():
+            names = []
+    return meanings
+
+
+Schema = dict[str, Any]
+
+CODE: Schema = {
+    "title": "PATH.py:NAME",
+    "type": "string",
+    "pattern": r"^.+\.py:[A-Za-z_]\w*$",
+    "description": "A name in a Python file, PATH.py:NAME; the path is relative to this file.",
+}
+_DATA_FILES: Schema = {
+    "title": "data files",
+    "type": ["string", "array"],
+    "description": "Data files: a path or a pattern, relative to this file.",
+}
+_MATRIX: Schema = {
+    "title": "matrix",
+    "type": ["number", "string", "array", "object", "null"],
+    "description": "A number (times the identity), a list (the diagonal), rows of numbers, or {file: .., name: ..}.",
+}
+
+
+def schema_of(annotation: Any) -> Schema:
+    """Return the schema of the values that an annotation allows.
+
+    Examples
+    --------
+    >>> schema_of(Annotated[float, Gt(0)])
+    {'type': ['number', 'string'], 'exclusiveMinimum': 0}
+    >>> schema_of(Literal["filter", "predictor"] | None)
+    {'anyOf': [{'enum': ['filter', 'predictor']}, {'type': 'null'}]}
+    """
+    if annotation in _SIMPLE:
+        return dict(_SIMPLE[annotation])
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _annotated(*arguments)
+    if origin in (Union, UnionType):
+        return {"anyOf": [schema_of(member) for member in arguments]}
+    if origin is Literal:
+        return {"enum": list(arguments)}
+    if origin in _CONTAINERS:
+        return _CONTAINERS[origin](arguments)
+    if inspect.isclass(annotation) and dataclasses.is_dataclass(annotation):
+        return record_schema(annotation)
+    return {}
+
+
+def _annotated(inner: Any, *constraints: Any) -> Schema:
+    for constraint in constraints:
+        for marker, schema in _MARKED.items():
+            if isinstance(constraint, marker):
+                return dict(schema)
+    schema = schema_of(inner)
+    for constraint in constraints:
+        schema |= _limits(constraint)
+    return schema
+
+
+def _limits(constraint: Any) -> Schema:
+    """Keywords of one constraint; a constraint that JSON Schema cannot express gives none."""
+    if isinstance(constraint, Len):
+        longest = {} if constraint.max_length is None else {"maxItems": constraint.max_length}
+        return {"minItems": constraint.min_length, "minLength": constraint.min_length, **longest}
+    if isinstance(constraint, FieldInfo):
+        patterns = [each.pattern for each in constraint.metadata if getattr(each, "pattern", None)]
+        return {"pattern": patterns[0]} if patterns else {}
+    words = (
+        (Gt, "exclusiveMinimum", "gt"),
+        (Ge, "minimum", "ge"),
+        (Lt, "exclusiveMaximum", "lt"),
+        (Le, "maximum", "le"),
+    )
+    return {word: getattr(constraint, name) for kind, word, name in words if isinstance(constraint, kind)}
+
+
+def record_schema(kind: type) -> Schema:
+    """Return the schema of a mapping with the fields of a dataclass as keys."""
+    found = get_type_hints(kind, include_extras=True)
+    defaults: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        if field.default is not dataclasses.MISSING:
+            defaults[field.name] = field.default
+        elif field.default_factory is not dataclasses.MISSING:
+            defaults[field.name] = field.default_factory()
+    return mapping_schema(found, [*defaults], defaults, key_meanings(kind))
+
+
+def mapping_schema(
+    annotations: Mapping[str, Any], optional: Sequence[str], defaults: Mapping[str, Any], meanings: Mapping[str, str]
+) -> Schema:
+    """Return the schema of a mapping with fixed keys; a trailing ``_`` of a name is not a part of the key.
+
+    `optional` has the names that need not be given, `defaults` those defaults that are plain data.
+    """
+    properties: dict[str, Schema] = {}
+    for name, annotation in annotations.items():
+        schema = schema_of(annotation)
+        if meanings.get(name):
+            schema["description"] = meanings[name]
+        if name in defaults and isinstance(defaults[name], str | int | float | list | NoneType):
+            schema["default"] = defaults[name]
+        properties[name.rstrip("_")] = schema
+    required = [name.rstrip("_") for name in annotations if name not in optional]
+    made: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    return made | ({"required": required} if required else {})
+
+
+def _list(arguments: tuple[Any, ...]) -> Schema:
+    return {"type": "array", "items": schema_of(arguments[0])}
+
+
+def _tuple(arguments: tuple[Any, ...]) -> Schema:
+    if arguments[-1] is ...:
+        return _list(arguments)
+    n = len(arguments)
+    return {"type": "array", "items": [schema_of(each) for each in arguments], "minItems": n, "maxItems": n}
+
+
+def _dict(arguments: tuple[Any, ...]) -> Schema:
+    return {"type": "object", "additionalProperties": schema_of(arguments[1])}
+
+
+_SIMPLE: Mapping[Any, Schema] = {
+    float: {"type": ["number", "string"]},
+    int: {"type": ["integer", "string"]},
+    str: {"type": "string"},
+    bool: {"type": "boolean"},
+    NoneType: {"type": "null"},
+    None: {"type": "null"},
+}
+_CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {list: _list, tuple: _tuple, dict: _dict}
+_MARKED: Mapping[type, Schema] = {
+    # Before the mark from which it is derived.
+    FromCodeOrText: {"type": "string"},
+    FromCode: CODE,
+    FromData: _DATA_FILES,
+    OverTime: _MATRIX,
+}
+
+
+NUMBER: Schema = {"type": ["number", "string"]}
+_EXPRESSIONS: Schema = {
+    "title": "mapping from names to numbers or expressions",
+    "type": "object",
+    "additionalProperties": NUMBER,
+}
+_VECTOR: Schema = {"title": "number or list of numbers", "type": ["number", "string", "array"]}
+_PLAIN_MATRIX: Schema = {"title": "matrix", "type": ["number", "string", "array"]}
+
+PLANT_KEYS: dict[str, Schema] = {
+    "perturb": {
+        **_EXPRESSIONS,
+        "description": "parameter -> factor on its nominal value, such as 1 + eps, in the uncertain quantities",
+    },
+    "set": {
+        **_EXPRESSIONS,
+        "description": "parameter -> its value, such as 2 + eps, in the uncertain quantities",
+    },
+    "bounds": {
+        "type": "object",
+        "description": "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is "
+        "`out-of-range`; a plant with names takes these, and limits its inputs, so that u is what acts and u_command "
+        "what the controller returns: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}",
+    },
+    "diverged": {
+        "type": ["number", "string", "array", "object"],
+        "description": "magnitude of a state, one number, one per state or by name, beyond which a run is `diverged`; "
+        "1e6 times the largest of 1, its initial value and the reference if not given",
+    },
+}
+"""Keys of every plant."""
+PLANT_OF: Schema = {"type": "string", "description": "a configuration whose plant is taken; see `plant`"}
+MODEL_KEYS: dict[str, Schema] = {
+    "from": {"const": "plant", "description": "takes the parameters of the plant, which further keys may change"},
+    "disturbance": {
+        "anyOf": [{"enum": ["none"]}, record_schema(Disturbance)],
+        "default": "none",
+        "description": "unknown disturbances, which the estimator estimates as further states and the controller "
+        "takes into account",
+    },
+}
+"""Keys of every model."""
+
+
+def _uncertainty() -> Schema:
+    """Return the schema of the laws of the uncertain quantities."""
+    laws: list[Schema] = []
+    for name, record in DISTRIBUTIONS.items():
+        law = record_schema(record)
+        first = (record.__doc__ or "").partition("\n")[0].rstrip(".").replace("``", "`")
+        law["properties"] = {"dist": {"const": name, "description": first}, **law["properties"]}
+        laws.append({**law, "required": ["dist", *law.get("required", ())]})
+    spread: Schema = {"type": "string", "description": "a range about 0, such as +-10%: uniform"}
+    about = "factor on the spread of all quantities about their centres, 1 unless given; no quantity may have this name"
+    scale: Schema = {"minimum": 0, **NUMBER, "description": about}
+    return {"type": "object", "properties": {SCALE: scale}, "additionalProperties": {"anyOf": [spread, *laws]}}
+
+
+def _law(kinds: Iterable[str]) -> Schema:
+    """Return the schema of a noise law of one of the loadable kinds, which may be a sum of laws."""
+    any_law: Schema = {"$ref": "#/definitions/law"}
+    keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in kinds}
+    keys["same"] = record_schema(SameLaw)
+    keys["sum"] = {"type": "array", "items": any_law, "minItems": 1}
+    keys["file"] = CODE
+    one: Schema = {"type": "object", "properties": keys, "minProperties": 1}
+    return {"title": "noise law", "anyOf": [{"enum": ["none", "same"]}, one]}
+
+
+def _noise() -> Schema:
+    """Return the schema of the noises of the true system."""
+    law: Schema = {"$ref": "#/definitions/law", "title": "noise law"}
+    channels: dict[str, Schema] = {
+        "process": {**law, "description": "law of w(k)"},
+        "measurement": {**law, "description": "law of v(k)"},
+        "cross": {
+            "title": "`same`, number or matrix",
+            "description": "covariance of w(k) and v(k), both Gaussian; 0 if not given",
+        },
+    }
+    mapping: Schema = {"type": "object", "properties": channels, "additionalProperties": False}
+    return {"anyOf": [{"enum": ["none", "same"]}, mapping]}
+
+
+def _initial() -> Schema:
+    """Return the schema of the initial state and of the initial estimate."""
+    x: Schema = {"title": "number, list of numbers or noise law", "anyOf": [_VECTOR, {"$ref": "#/definitions/law"}]}
+    process: Schema = {**_PLAIN_MATRIX, "title": "`process` or matrix", "default": "process"}
+    keys: dict[str, Schema] = {
+        "x": {**x, "default": 0, "description": "true initial state, or its law"},
+        "x_hat": {**_VECTOR, "default": 0, "description": "initial estimate of all estimators"},
+        "P": {**process, "description": "its covariance; `process` is the covariance of the design process noise"},
+        "M": {
+            **_PLAIN_MATRIX,
+            "default": 0,
+            "description": "shape matrix of its ellipsoid, for estimators with sets",
+        },
+    }
+    return {"type": "object", "properties": keys, "additionalProperties": False}
+
+
+def _sweep() -> Schema:
+    """Return the schema of a sweep: values of some paths."""
+    rows: Schema = {"type": "array", "items": {"type": "object"}}
+    lists: Schema = {"type": "object", "additionalProperties": {"type": ["array", "object"]}}
+    keys: dict[str, Schema] = {
+        "grid": {
+            **lists,
+            "title": "mapping from paths to lists",
+            "description": "every combination of the values; a mapping gives the values names",
+        },
+        "zip": {
+            "title": "mapping from paths to lists, or list of rows",
+            "anyOf": [lists, rows],
+            "description": "values that change together; a row may have a `name`, and changes only what it names",
+        },
+        "exclude": {**rows, "title": "list of points", "description": "points that are left out, by some coordinates"},
+    }
+    return {"type": "object", "properties": keys, "additionalProperties": False}
+
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
 _EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS}
@@ -56,7 +351,7 @@ def json_schema() -> Schema:
             "properties": {name: _one_of(f"{name}s", partial=False) for name in ("plant", "reference", "input")},
         },
         "additionalProperties": False,
-        "definitions": {**_definitions(), "law": section_schemas.law(_usable("noises"))},
+        "definitions": {**_definitions(), "law": _law(_usable("noises"))},
     }
 
 
@@ -142,10 +437,10 @@ _SPECIAL: dict[str, Any] = {
     "methods": _methods,
     "metrics": lambda: _list_of("metrics"),
     "figures": lambda: _list_of("figures"),
-    "uncertainty": section_schemas.uncertainty,
-    "noise": section_schemas.noise,
-    "initial": section_schemas.initial,
-    "sweep": section_schemas.sweep,
+    "uncertainty": _uncertainty,
+    "noise": _noise,
+    "initial": _initial,
+    "sweep": _sweep,
     "claims": lambda: {"type": "array", "items": schema_of(ClaimKeys)},
     "requires": lambda: {"type": "array", "items": {"enum": [*EXTRAS]}},
 }

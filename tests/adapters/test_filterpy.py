@@ -14,7 +14,7 @@ from components.one_run import designed, kalman
 
 from rmpc_bench.adapters.filterpy import filterpy_estimator
 from rmpc_bench.components.single_run import design_function
-from rmpc_bench.config_file.schema import keys_of
+from rmpc_bench.config_file.keys import keys_of
 
 EQUAL = {
     "kf": 1e-12,

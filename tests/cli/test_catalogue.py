@@ -7,7 +7,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import registry
-from rmpc_bench.config_file.schema import PROVIDED, model_of
+from rmpc_bench.config_file.keys import PROVIDED, model_of
 from rmpc_bench.extras import NEEDED_BY, missing_for, need
 from rmpc_bench.types import Line, Panel, Plant
 

@@ -245,9 +245,8 @@ def test_plugins_register_kinds(tmp_path, clean, capsys):
 
 def test_methods_with_a_default_of_another_short_form():
     """A short form counts as the kind before the merge: the keys of the default do not count for another form."""
-    from rmpc_bench.config_file.reader import parse
-    from rmpc_bench.config_file.short_forms import with_kind
-    from rmpc_bench.config_file.tree import merge, plain
+    from rmpc_bench.config_file.tree import merge, plain, with_kind
+    from rmpc_bench.config_file.yaml import parse
 
     default, own = (
         with_kind("models", parse(text, "a.yaml"))

@@ -6,7 +6,7 @@ from conftest import EXACT, ROUND
 
 from rmpc_bench import Metric
 from rmpc_bench.components.single_run import design_function, single_run
-from rmpc_bench.config_file.schema import keys_of
+from rmpc_bench.config_file.keys import keys_of
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.types import Positive, Status
 

@@ -9,7 +9,7 @@ from components.one_run import MODEL, Fixed, Textbook, designed
 
 from rmpc_bench import Controller, Estimator, Metric, single_run
 from rmpc_bench.components.single_run import design_function, is_single_run
-from rmpc_bench.config_file.schema import keys_of, validate
+from rmpc_bench.config_file.keys import keys_of, validate
 from rmpc_bench.config_file.tree import Map, Mark
 from rmpc_bench.registry import _REGISTERED
 from rmpc_bench.types import Command, DesignError, Positive, as_command, as_estimate, as_motion

@@ -8,7 +8,7 @@ from uncertain_experiment import PLANT, write_estimation
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.estimators import kalman
 from rmpc_bench.noise.bounded import ellipsoid, uniform
 from rmpc_bench.noise.gaussian import gaussian

@@ -8,7 +8,7 @@ from uncertain_experiment import write_estimation
 
 from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import RandomBursts
 from rmpc_bench.numerics.burst_times import Burst

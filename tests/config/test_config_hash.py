@@ -6,7 +6,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 
 CLAIM = "[{says: a, check: 'mean(mse[S-MPC]) < 1', finding: confirmed}]"
 SHARED = {

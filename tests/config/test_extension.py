@@ -6,10 +6,9 @@ import pytest
 from small_experiment import text, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config_file.extension import read_extended
-from rmpc_bench.config_file.reader import parse
+from rmpc_bench.config_file.source import read_extended
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump, parse
 from rmpc_bench.types import ConfigError
 
 CLAIM = "[{says: a, source: b, check: 'mean(mse[R-MPC]) < mean(mse[S-MPC])', finding: confirmed}]"

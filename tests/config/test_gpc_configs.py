@@ -4,7 +4,7 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.types import ConfigError
 

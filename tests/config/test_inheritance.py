@@ -9,7 +9,7 @@ from uncertain_experiment import INITIAL, METHODS, MODEL, PLANT, write_estimatio
 
 from rmpc_bench import load_config, load_trials, registry
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.types import ConfigError
 
 BENCH = "b/bench.yaml"

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft7Validator
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import DELETE, plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.schema.json_schema import json_schema
 
 CONFIGS = sorted(Path(__file__).parents[2].joinpath("configs").rglob("*.yaml"))

@@ -39,7 +39,7 @@ def test_an_override_changes_the_label(tmp_path, overrides, label):
 
 def test_the_resolved_configuration_keeps_the_template(tmp_path):
     """Oracle: the label of a resolved configuration follows an override, too."""
-    from rmpc_bench.config_file.writer import dump
+    from rmpc_bench.config_file.yaml import dump
 
     config = load_config(write(tmp_path, methods=TEMPLATE))
     again = tmp_path / "again.yaml"

@@ -7,9 +7,8 @@ from missing_libraries import skip_without_libraries
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config, load_results
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import one_line
+from rmpc_bench.config_file.yaml import load, one_line
 from rmpc_bench.types import ConfigError
 
 CONFIGS = Path(__file__).parents[2] / "configs"

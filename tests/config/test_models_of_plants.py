@@ -158,7 +158,7 @@ def test_check_prints_the_operating_point(load):
 
 def test_the_resolved_configuration_is_the_same(load):
     """With all defaults it has the same keys."""
-    from rmpc_bench.config_file.writer import dump
+    from rmpc_bench.config_file.yaml import dump
 
     config = load()
     again = config.path.with_name("again.yaml")

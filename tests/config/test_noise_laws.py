@@ -9,7 +9,7 @@ from uncertain_experiment import write_estimation
 from rmpc_bench import estimator, load_config, registry
 from rmpc_bench.config.missing_measurements import BRIDGING
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise import correlated, heavy_tailed, measurement
 from rmpc_bench.noise.bounded import corners, ellipsoid

@@ -8,7 +8,7 @@ from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.config.plant_range import KEYS
-from rmpc_bench.config_file.schema import PROVIDED, model_of
+from rmpc_bench.config_file.keys import PROVIDED, model_of
 from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import ConfigError
 

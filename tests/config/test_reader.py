@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.config_file.reader import load, parse, parse_override
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, locate_key, merge, plain, scalar
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump, load, parse, parse_override
 from rmpc_bench.types import ConfigError
 
 CONFIG = """\
@@ -242,7 +241,7 @@ def test_unreadable_file(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("rmpc_bench.config_file.reader.content_of", refuse)
+    monkeypatch.setattr("rmpc_bench.config_file.yaml.content_of", refuse)
     with pytest.raises(ConfigError, match=r"x\.yaml:1:1: cannot be read: Permission denied"):
         load(tmp_path / "x.yaml")
 
@@ -371,7 +370,5 @@ def test_stock_loaders_are_untouched():
 
 def test_import_is_light():
     """Nothing heavier than what the types need is imported."""
-    code = (
-        "import sys, rmpc_bench.config_file.reader as y; sys.exit(any(m in sys.modules for m in ('scipy', 'pandas')))"
-    )
+    code = "import sys, rmpc_bench.config_file.yaml as y; sys.exit(any(m in sys.modules for m in ('scipy', 'pandas')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

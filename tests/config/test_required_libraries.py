@@ -11,7 +11,7 @@ from small_experiment import cli, write
 from rmpc_bench import extras, load_config
 from rmpc_bench.config.required_libraries import missing_extras
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.types import ConfigError
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 
 ROWS = [
     "{plant.perturb: {R: 1 + eps}}",

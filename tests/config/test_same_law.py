@@ -79,7 +79,7 @@ def test_nothing_changes_without_a_key(load):
 
 def test_departures_are_in_the_hash_and_in_the_resolved_file(load, tmp_path):
     """And the resolved file loads as the same experiment."""
-    from rmpc_bench.config_file.writer import dump
+    from rmpc_bench.config_file.yaml import dump
 
     configs = [
         load(f"{{same: {{{keys}}}}}") for keys in ("bias: 1", "dof: 4", "outliers: {probability: 0.1, factor: 5}")

@@ -9,9 +9,8 @@ import pytest
 from annotated_types import Ge, Gt
 
 from rmpc_bench import registry
-from rmpc_bench.config_file.key_errors import shown
-from rmpc_bench.config_file.reader import parse
-from rmpc_bench.config_file.schema import PROVIDED, model_of, validate
+from rmpc_bench.config_file.keys import PROVIDED, model_of, shown, validate
+from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.types import Count, Matrix, NonNegative, Positive
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]

@@ -10,12 +10,12 @@ from small_experiment import write
 import rmpc_bench.config
 from rmpc_bench import load_config
 from rmpc_bench.config import build, canonical, checks, load, sweep, validation
-from rmpc_bench.config_file import inheritance, source
+from rmpc_bench.config_file import inherit, source
 from rmpc_bench.types import ConfigError
 
 STAGES = {  # module -> its only public function
     source: "read",
-    inheritance: "inherit",
+    inherit: "inherit",
     sweep: "expand",
     validation: "validate_sections",
     build: "build",
@@ -42,10 +42,11 @@ def test_load_config_calls_every_stage_once_and_in_order():
 
 @pytest.mark.parametrize("module", STAGES, ids=[module.__name__.rpartition(".")[2] for module in STAGES])
 def test_a_stage_is_a_module_with_one_public_function(module):
-    """And the first lines of the room name the module."""
+    """And the first lines of the room name the module; those of `config_file` have what others read files with, too."""
     functions = [name for name, each in vars(module).items() if inspect.isfunction(each)]
     own = [name for name in functions if getattr(module, name).__module__ == module.__name__]
-    assert [name for name in own if not name.startswith("_")] == [STAGES[module]]
+    public = [name for name in own if not name.startswith("_")]
+    assert public == [STAGES[module]] if "config_file" not in module.__name__ else STAGES[module] in public
     assert f"{module.__name__.rpartition('.')[2]}.py" in rmpc_bench.config.__doc__
 
 

@@ -5,7 +5,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.types import ConfigError
 
 CLAIM = '[{says: s, source: additional result, check: "mean(mse[R-MPC]) < mean(mse[S-MPC])"}]'

@@ -5,8 +5,8 @@ from small_experiment import KEYS, text, write
 
 from rmpc_bench import load_config
 from rmpc_bench.config.sweep import expand
-from rmpc_bench.config_file.reader import parse
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.sweep_points import relevant_paths
 

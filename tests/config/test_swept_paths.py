@@ -18,7 +18,7 @@ from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import SweptTree, compose, expand
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, SWEPT, SweepReader, SweptValue, assigned
 from rmpc_bench.config.validation import validate_sections
-from rmpc_bench.config_file.inheritance import inherit
+from rmpc_bench.config_file.inherit import inherit
 from rmpc_bench.config_file.matrix_files import with_matrices
 from rmpc_bench.config_file.source import read
 from rmpc_bench.config_file.tree import Map

@@ -6,7 +6,7 @@ from tuned_experiment import KEYS, write
 from rmpc_bench import load_config
 from rmpc_bench.config.tuned_methods import _inside
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.numerics.direct_search import MOST_DIMENSIONS
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter

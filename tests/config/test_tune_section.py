@@ -9,7 +9,7 @@ import rmpc_bench
 from rmpc_bench import load_config
 from rmpc_bench.config.tuning_plan import tuning_seed
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.types import ConfigError
 
 

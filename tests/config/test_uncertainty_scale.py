@@ -7,7 +7,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.noise.distributions import Choice, Fixed, Normal, Uniform
 from rmpc_bench.types import ConfigError
 

@@ -7,9 +7,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.config_file.reader import parse
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump, parse
 
 # The reader refuses the others in a key.
 CHARACTERS = st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zl", "Zp"))

@@ -9,7 +9,7 @@ from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config, run
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.metrics.optimised_steps import QP, QpShare
 
 ROOT = Path(__file__).parents[2] / "configs"

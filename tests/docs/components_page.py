@@ -9,9 +9,9 @@ from docs.markdown import DOCS, anchor, heading, kept_figures, key_table, page, 
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
-from rmpc_bench.config_file.short_forms import SHORT_FORMS
+from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import NEEDED_BY
-from rmpc_bench.schema.component_manual import Manual, manual_of, shared_keys
+from rmpc_bench.schema.manual import Manual, manual_of, shared_keys
 
 PAGE = DOCS / "components.md"
 _LABEL = re.compile(r"([A-Z][a-z]+) +(?=\S)")

@@ -13,8 +13,8 @@ import pandas as pd
 from docs.markdown import DOCS, ROOT, filled, table
 
 from rmpc_bench.analysis.intervals import wilson
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 
 PAGE = DOCS / "constraints.md"
 SERVO, PLACEMENT = "servo-constrained", "model.disturbance"

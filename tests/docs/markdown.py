@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from rmpc_bench.schema.component_manual import KeyEntry
+from rmpc_bench.schema.manual import KeyEntry
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

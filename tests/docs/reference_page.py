@@ -16,9 +16,8 @@ from rmpc_bench import registry
 from rmpc_bench.claims.tree import FUNCTION_HELP
 from rmpc_bench.cli import exits, main
 from rmpc_bench.config.sections import SECTIONS
-from rmpc_bench.schema.component_manual import KeyEntry, default_text, entry, keys_of_schema
-from rmpc_bench.schema.json_schema import json_schema
-from rmpc_bench.schema.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
+from rmpc_bench.schema.json_schema import MODEL_KEYS, PLANT_KEYS, PLANT_OF, json_schema
+from rmpc_bench.schema.manual import KeyEntry, default_text, entry, keys_of_schema
 
 PAGE = DOCS / "reference.md"
 INTRODUCTION = """# Reference

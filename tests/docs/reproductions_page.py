@@ -12,8 +12,8 @@ from docs.markdown import DOCS, ROOT, anchor, code, heading, kept_figures, page,
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.evidence import number_text
 from rmpc_bench.claims.papers import IDENTIFIERS
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 
 PAGE = DOCS / "reproductions.md"
 N_NUMBERS = 2

@@ -14,8 +14,8 @@ import pandas as pd
 from docs.markdown import DOCS, ROOT, filled, table
 from scipy import stats
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 
 PAGE = DOCS / "suite.md"
 KEPT = ROOT / "results" / "suite" / "suite-1"

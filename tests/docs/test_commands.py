@@ -17,8 +17,8 @@ from docs.followed_page import BLOCK, README, follow
 from jsonschema import Draft7Validator
 
 from rmpc_bench.cli import main
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.schema.json_schema import json_schema
 
 ROOT = Path(__file__).parents[2]

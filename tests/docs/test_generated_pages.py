@@ -14,10 +14,10 @@ from jsonschema import Draft7Validator
 from docs import components_page, reference_page, result_files
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.schema.component_manual import manual_of
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.schema.json_schema import json_schema
+from rmpc_bench.schema.manual import manual_of
 
 COMPONENTS = [(group, kind) for group in registry.BUILT_IN for kind in sorted(registry.BUILT_IN[group])]
 

@@ -9,8 +9,8 @@ import pytest
 from docs.followed_page import follow
 from docs.suite_page import LEFT_OUT, NOT_APPLICABLE, ONE_PLANT, interval, kept, over_systems, row_logs, short, without
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "suite.md"

@@ -8,7 +8,7 @@ from small_experiment import cli
 
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.config.relocation import in_directory
-from rmpc_bench.config_file.reader import load
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.execution import libraries
 from rmpc_bench.types import ConfigError
 

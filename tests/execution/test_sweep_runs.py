@@ -11,7 +11,7 @@ from small_experiment import cli, ran, spied, text, write
 
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.execution.engines import tasks
 
 HP, HU, C, STD = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c", "noise.measurement.gaussian.std"

@@ -6,8 +6,8 @@ from conftest import ROUND, random_psd
 from metrics.estimate_records import LAYOUT, N, plant, trajectories
 from metrics.issue_checks import only_issue
 
-from rmpc_bench.config_file.reader import parse
-from rmpc_bench.config_file.schema import model_of, validate
+from rmpc_bench.config_file.keys import model_of, validate
+from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.metrics.cost import Cost
 from rmpc_bench.types import Record
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from metrics.issue_checks import only_issue
 
-from rmpc_bench.config_file.reader import parse
-from rmpc_bench.config_file.schema import model_of, validate
+from rmpc_bench.config_file.keys import model_of, validate
+from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.metrics.input import InputPower, InputRoughness
 from rmpc_bench.metrics.tracking import Mae, Mse, Rmse, SettlingTime, SteadyStateError
 from rmpc_bench.types import MetricLayout, Record

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.models.servo import TABLE_1
 
 ROOT = Path(__file__).parents[2]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from docs.constraints_page import RIVALS, candidates, tuned_values
 
-from rmpc_bench.config_file.reader import load
 from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.estimators import kalman
 from rmpc_bench.models.servo import ServoNoise
 from rmpc_bench.models.servo import design as servo

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rmpc_bench.config_file import reader
+from rmpc_bench.config_file import yaml
 
 ROOT = Path(__file__).parents[2] / "configs"
 PAPERS = ("belda2017", "ma2025", "souto2011", "zenere2017", "zenere2018")
@@ -12,7 +12,7 @@ PAPERS = ("belda2017", "ma2025", "souto2011", "zenere2017", "zenere2018")
 
 def claims_of(paper):
     """Every claim of a paper, with the name of its configuration."""
-    trees = [(path.stem, reader.load(path)) for path in sorted((ROOT / paper).glob("*.yaml"))]
+    trees = [(path.stem, yaml.load(path)) for path in sorted((ROOT / paper).glob("*.yaml"))]
     return [(name, claim) for name, tree in trees for claim in tree.get("claims") or []]
 
 

@@ -8,7 +8,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench.config.labels import LabelError, Parameter, fill
-from rmpc_bench.config_file.reader import parse
+from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.figures.labels import shortened, typeset, wrapped
 from rmpc_bench.received.names import (
     LONGEST_LABEL,

@@ -11,7 +11,7 @@ from tuned_experiment import KEYS, STD, record, run, write
 import rmpc_bench
 from rmpc_bench import load_config, load_results
 from rmpc_bench.config.tuning_plan import tuning_seed
-from rmpc_bench.config_file.writer import dump
+from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning import tune
 from rmpc_bench.execution.tuning.record import read_record, read_seconds
