@@ -34,6 +34,7 @@ MAY_IMPORT = {
     # A component is loaded and designed as in a run, and simulated with a linear system whose best filter is known.
     "conformance": {
         "analysis",
+        "child_process",
         "components",
         # Keys on the command line are validated as those of a configuration.
         "config",
@@ -50,6 +51,7 @@ MAY_IMPORT = {
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "notices": set(),
     "replaced_file": set(),
+    "child_process": set(),
     # Everything stored or received is read here, before any room that uses it.
     # A name that is replaced or refused is said where a notebook shows it.
     "received": {"types", "replaced_file"},
@@ -115,6 +117,7 @@ MAY_IMPORT = {
         "received",
     },
     "execution": {
+        "child_process",
         "extras",
         "config",
         "config_file",

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rmpc_bench.child_process import held
 from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run_request import Request, ShardOption, check_division
 from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.cli.tuning import tuned_config, tuning_line
 from rmpc_bench.cli.typed_files import TypedPath
-from rmpc_bench.execution.interrupts import held
 from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from rmpc_bench.child_process import start
 from rmpc_bench.conformance.results import Returned
 from rmpc_bench.conformance.subject import Subject, packed
 
@@ -27,7 +27,7 @@ def started(
     hash_seed: str,
     directory: Path | None = None,
     *,
-    errors: IO[bytes] | None = None,
+    errors: IO[bytes] | int = subprocess.DEVNULL,
     session: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Start a Python process that runs ``main`` of a module of the kit; it gets its job from stdin.
@@ -40,20 +40,9 @@ def started(
     errors : file for stderr; dropped unless given
     session : whether the process gets a group of its own, which can be ended together
     """
-    root = str(Path(__file__).parents[2])
-    environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-    code = f"from {module} import main; main()"
-    # Code of the user may print; what it writes must not get between the results.
-    return subprocess.Popen(
-        # -P: a file of the current directory with the name of a standard module is not imported in its place.
-        [sys.executable, "-P", "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=errors or subprocess.DEVNULL,
-        cwd=directory,
-        start_new_session=session and os.name == "posix",
-        env=environment,
+    environment = {"PYTHONHASHSEED": hash_seed}
+    return start(
+        module, subprocess.PIPE, subprocess.PIPE, errors, environment=environment, directory=directory, session=session
     )
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock, Timer
 
+from rmpc_bench.child_process import held
 from rmpc_bench.execution.database import Database, StoreError, WriteError
-from rmpc_bench.execution.interrupts import held
 
 INTERVAL = 0.5
 """Longest time that a block waits [s]; a process that is killed loses no more than the blocks of this time."""

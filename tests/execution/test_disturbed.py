@@ -11,8 +11,9 @@ from execution.misbehaving import STEPS, Misbehaving, experiment
 from execution.worker_tree import WORKER, disturbed, with_command
 from simulation.toy import Halfway, Proportional
 
-from rmpc_bench.execution.engines import process_state, worker_process
+from rmpc_bench import child_process
 from rmpc_bench.execution.engines import processes as engine
+from rmpc_bench.execution.engines import worker_process
 from rmpc_bench.execution.engines.attempts import MAX_DEATHS, MAX_KILLS, End, Job, after
 from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
@@ -109,7 +110,7 @@ class HangsOnce(Halfway):
 def test_a_worker_that_hangs(tmp_path, monkeypatch):
     """It uses no time of the processor for long."""
     monkeypatch.setattr(engine, "patience", lambda experiments: 1.0)
-    monkeypatch.setattr(process_state, "BETWEEN", 0.2)
+    monkeypatch.setattr(child_process, "BETWEEN", 0.2)
     made, notes = made_of(HangsOnce(str(tmp_path / "marker")), 4), []
     dones = processes([made], queue_of(made, 4), 1, note=lambda *each: notes.append(each))
     assert results_of(dones, 4) == serial_results(4)

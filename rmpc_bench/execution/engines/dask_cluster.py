@@ -19,17 +19,16 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from rmpc_bench.child_process import held, is_stopped
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.execution.engines.attempts import MAX_STARTS, End, Failed, Job, after
 from rmpc_bench.execution.engines.dask_worker import Report, Setup, compute, versions
 from rmpc_bench.execution.engines.failures import failed
 from rmpc_bench.execution.engines.pool import Note
-from rmpc_bench.execution.engines.process_state import is_stopped
 from rmpc_bench.execution.engines.processes import patience
 from rmpc_bench.execution.engines.tasks import Done
 from rmpc_bench.execution.engines.watch import Limits
 from rmpc_bench.execution.engines.worker_process import STOPPED
-from rmpc_bench.execution.interrupts import held
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.extras import install

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from pathlib import Path
 
+from rmpc_bench.child_process import held
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.execution.engines.attempts import Failed
 from rmpc_bench.execution.engines.failures import failed
@@ -17,7 +18,6 @@ from rmpc_bench.execution.engines.pool import Note, Pool
 from rmpc_bench.execution.engines.tasks import Done, has_own_code
 from rmpc_bench.execution.engines.watch import Limits
 from rmpc_bench.execution.engines.worker_process import HUNG, HUNG_WITH_OWN_CODE
-from rmpc_bench.execution.interrupts import held
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.scenario import Experiment
 

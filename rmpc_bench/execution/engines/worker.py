@@ -10,7 +10,7 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
@@ -37,19 +37,25 @@ _KILL_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of Linux."""
 
 
-def main(given: Mapping[str, Any]) -> None:
+def main(connection: int, watch: int, trace: int, parent: int) -> None:
     """Work until the parent closes the connection; nothing after this returns to the caller's clean-up."""
     # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
-    _end_with(given["parent"])
-    with os.fdopen(given["watch"], "r+b", buffering=0) as file:
-        watch = SharedWatch(file)
+    _end_with(parent)
+    with os.fdopen(watch, "r+b", buffering=0) as file:
+        shared = SharedWatch(file)
         # A component may call os.fork.
-        os.register_at_fork(after_in_child=watch.detach)
-    faulthandler.enable(given["trace"], all_threads=False)
-    faulthandler.register(DUMP_TRACE, given["trace"], all_threads=False)
-    connection = Connection(given["connection"])
+        os.register_at_fork(after_in_child=shared.detach)
+    faulthandler.enable(trace, all_threads=False)
+    faulthandler.register(DUMP_TRACE, trace, all_threads=False)
+    _work(Connection(connection), shared)
+    # Threads and exit handlers of components must not keep the process.
+    os._exit(0)
+
+
+def _work(connection: Connection, watch: SharedWatch) -> None:
+    """Load the experiments and do tasks until the connection is closed."""
     try:
         data, limits = connection.recv()
         watch.has_limits = limits.timed
@@ -65,8 +71,6 @@ def main(given: Mapping[str, Any]) -> None:
             _serve(connection, experiments, watch, limits)
     except (EOFError, ConnectionError):
         pass
-    # Threads and exit handlers of components must not keep the process.
-    os._exit(0)
 
 
 def _end_with(parent: int) -> None:

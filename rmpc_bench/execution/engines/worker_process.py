@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import nullcontext
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+from rmpc_bench.child_process import Idleness, held, is_stopped, start
 from rmpc_bench.execution.engines.attempts import End, Job
-from rmpc_bench.execution.engines.process_state import Idleness, is_stopped
 from rmpc_bench.execution.engines.watch import SIZE, Limits, SharedWatch
 from rmpc_bench.execution.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
-from rmpc_bench.execution.interrupts import held
 
-_PROGRAM = """
-import json, sys
-given = json.loads(sys.argv[1])
-sys.path[:] = given["path"]
-from rmpc_bench.execution.engines.worker import main
-main(given)
-"""
-_ENVIRONMENT = dict.fromkeys(
-    (f"{name}_NUM_THREADS" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMEXPR", "NUMBA")), "1"
-) | {
-    "VECLIB_MAXIMUM_THREADS": "1",
-    # What a component prints shortly before it ends the process is wanted most.
-    "PYTHONUNBUFFERED": "1",
-}
+MODULE = "rmpc_bench.execution.engines.worker"
+"""What a worker process runs."""
 DISTURBED = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGXCPU})
 """Signals that come from outside as a rule: from a person, a batch scheduler, or the system when memory runs out."""
 LONGEST_PAUSE = 1.0
@@ -196,28 +182,16 @@ class WorkerProcess:
 
 
 def _started(child: Connection, watch: int, trace: int, log: Path | None) -> subprocess.Popen[bytes]:
-    """Start the process; nothing of the program that runs here is imported in it."""
+    """Start the process."""
     connection = child.fileno()
-    # Each entry once: an argument has a limited length.
-    path = [*dict.fromkeys(sys.path)]
-    given = {"connection": connection, "watch": watch, "trace": trace, "parent": os.getpid(), "path": path}
-    output: Any = None
-    if log is not None:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        output = log.open("ab")
-    try:
-        return subprocess.Popen(
-            # -P: a file of the current directory with the name of a standard module is not imported in its place.
-            [sys.executable, "-P", "-c", _PROGRAM, json.dumps(given)],
-            pass_fds=(connection, watch, trace),
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            env={**os.environ, **_ENVIRONMENT},
-        )
-    finally:
-        if output is not None:
-            output.close()
+    given = {"connection": connection, "watch": watch, "trace": trace, "parent": os.getpid()}
+    with nullcontext() if log is None else _appended(log) as output:
+        return start(MODULE, subprocess.DEVNULL, output, output, given=given, inherited=(connection, watch, trace))
+
+
+def _appended(log: Path) -> IO[bytes]:
+    log.parent.mkdir(parents=True, exist_ok=True)
+    return log.open("ab")
 
 
 def _ended(code: int, limits: Limits) -> str:

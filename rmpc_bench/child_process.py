@@ -1,16 +1,84 @@
-"""State of a worker process: whether it is stopped, and whether it computes."""
+"""Child processes: how they start, without interruption, and whether they are stopped or compute nothing."""
 
 from __future__ import annotations
 
+import json
 import os
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any
 
+_PROGRAM = """
+import json, sys
+sys.path[:], given = json.loads(sys.argv[1])
+from {module} import main
+main(**given)
+"""
+_ENVIRONMENT = dict.fromkeys(
+    (f"{name}_NUM_THREADS" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMEXPR", "NUMBA")), "1"
+) | {
+    "VECLIB_MAXIMUM_THREADS": "1",
+    # What a component prints shortly before it ends the process is wanted most.
+    "PYTHONUNBUFFERED": "1",
+}
 QUIET = 0.02
 """A process that uses less time of the processor between two looks does not compute [s]."""
 BETWEEN = 2.0
 """Time between two looks [s]."""
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Delay Ctrl-C and SIGTERM until the end of the block; processes that it starts inherit the delay."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def start(
+    module: str,
+    stdin: int,
+    stdout: int | IO[bytes] | None,
+    stderr: int | IO[bytes] | None,
+    *,
+    given: Mapping[str, Any] | None = None,
+    inherited: Collection[int] = (),
+    environment: Mapping[str, str] | None = None,
+    directory: Path | None = None,
+    session: bool = False,
+) -> subprocess.Popen[bytes]:
+    """Start a Python process that calls ``main`` of a module; nothing of the program that runs here is imported in it.
+
+    Parameters
+    ----------
+    module : imported along the search path of this process
+    stdin, stdout, stderr : as `subprocess.Popen` takes them
+    given : keyword arguments of ``main``, which JSON can write
+    inherited : open files that the process keeps, beside the three streams
+    environment : variables that differ from those of this process
+    directory : working directory; this one unless given
+    session : whether the process gets a group of its own, which can be ended together
+    """
+    # Each entry once: an argument has a limited length.
+    path = [*dict.fromkeys(entry or os.getcwd() for entry in sys.path)]
+    return subprocess.Popen(
+        # -P: a file of the current directory with the name of a standard module is not imported in its place.
+        [sys.executable, "-P", "-c", _PROGRAM.format(module=module), json.dumps([path, given or {}])],
+        pass_fds=inherited,
+        stdin=stdin,
+        stdout=stdout,
+        stderr=stderr,
+        cwd=directory,
+        start_new_session=session,
+        env={**os.environ, **_ENVIRONMENT, **(environment or {})},
+    )
 
 
 def is_stopped(process: int) -> bool:
