@@ -5,7 +5,7 @@ EXTRAS ?= dev
 STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow dist-check smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
+.PHONY: help setup run test test-slow dist-check smoke site docs lint type perf perf-large bytes clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -48,6 +48,9 @@ perf: setup  ## measure speed and memory beside plain programs, and write result
 
 perf-large: setup  ## the same for 100,000 and 1,000,000 runs
 	RMPC_BENCH_UNCHECKED=1 PYTHONPATH=tests $(BIN)/python -m perf --large
+
+bytes: setup  ## compare what HEAD and another commit write, at the small size of every configuration (BASE=COMMIT)
+	PYTHONPATH=tests $(BIN)/python -m byte_gate $(BASE)
 
 clean:  ## remove generated files (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
