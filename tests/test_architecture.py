@@ -132,6 +132,22 @@ MAY_IMPORT = {
         "types",
         "numerics",  # whether compiled code is kept in a file
         "rmpc_bench",  # for the version
+        "publishing",  # a pilot measures the time of a report
+    },
+    # The code of a user's figure may raise anything; what a task is made of says whether own code takes part.
+    "publishing": {
+        "config",
+        "config_file",
+        "components",
+        "execution",
+        "analysis",
+        "claims",
+        "figures",
+        "report",
+        "replaced_file",
+        "received",
+        "types",
+        "rmpc_bench",  # for the version
     },
     "rmpc_bench": set(),
 }

@@ -15,7 +15,7 @@ import click
 from rmpc_bench.cli.streams import OutputError, screen_width
 
 if TYPE_CHECKING:
-    from rmpc_bench.execution.publish import Publication
+    from rmpc_bench.publishing.pages import Publication
 
 FINDING_DIFFERS = 1
 USAGE = 2

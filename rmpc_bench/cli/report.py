@@ -13,8 +13,7 @@ from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.types.report_choices import DEFAULT_FORMATS
 
 if TYPE_CHECKING:
-    from rmpc_bench.execution.publish import Publication
-    from rmpc_bench.execution.site import KeptClaims
+    from rmpc_bench.publishing.pages import KeptClaims, Publication
 
 OPTIONS = {"metrics": "--metric"}
 """Key of the section `report` -> its option, where that is not the key itself."""
@@ -53,9 +52,8 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     The options replace the section `report` of the configuration.  With --to nothing in DIR changes; several
     directories are then written to --to/PAPER/NAME, with an index of their pages in --to/index.html.
     """
-    from rmpc_bench.execution.publish import publish
-    from rmpc_bench.execution.report_choices import choose
     from rmpc_bench.execution.results import load_results
+    from rmpc_bench.publishing.publish import choose, publish
     from rmpc_bench.replaced_file import inside
 
     several = to is not None and len(directories) > 1
@@ -71,7 +69,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
         code = max(code, exits.code_of(written, strict=False))
         published[directory] = written
     if several and to is not None:
-        from rmpc_bench.execution.site import write_site
+        from rmpc_bench.publishing.pages import write_site
 
         pages = write_site([published[directory] for directory in directories], to)
         click.echo(f"index       {pages[0]}")
@@ -81,7 +79,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
 def _kept_claims(directories: tuple[Path, ...]) -> dict[Path, KeptClaims]:
     """Read the kept findings of experiments whose trials are not stored, and say which these are."""
     from rmpc_bench.execution.database import FILE
-    from rmpc_bench.execution.site import kept_claims
+    from rmpc_bench.publishing.pages import kept_claims
 
     missing = [directory for directory in directories if not (directory / FILE).exists()]
     found = {directory: claims for directory in missing if (claims := kept_claims(directory)) is not None}
@@ -96,8 +94,8 @@ def _places(
     directories: Sequence[Path], to: Path | None, choices: dict[str, Any], *, several: bool
 ) -> list[Path | None]:
     """Return where to write the files of every directory; refuse what is wrong before anything is written."""
-    from rmpc_bench.execution.report_choices import wrong_choices
     from rmpc_bench.execution.results import load_experiment
+    from rmpc_bench.publishing.publish import wrong_choices
 
     experiments = [load_experiment(directory) for directory in directories]
     wrong = dict.fromkeys(pair for experiment in experiments for pair in wrong_choices(experiment, **choices))

@@ -21,8 +21,8 @@ from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.published_state import Shown
     from rmpc_bench.execution.stored_stop import StoredStop
+    from rmpc_bench.publishing.published import Shown
 
 
 @click.command()
@@ -121,7 +121,7 @@ def _is_skipped(config: Path) -> bool:
 def _done_before(request: Request) -> Shown | None:
     """Return what the same command has shown where nothing has changed; it imports no NumPy."""
     from rmpc_bench.config_file.known_files import located
-    from rmpc_bench.execution.published_state import FILE, unchanged
+    from rmpc_bench.publishing.published import FILE, unchanged
 
     if not request.may_be_done or own_code.imported:
         return None
@@ -137,15 +137,15 @@ def _run_all(
     """Compute what is missing and write all results; show them as they are where nothing has changed."""
     options = [f"--only {name}" for name in request.only] + ["--accept-versions"] * request.accept_versions
     with held():
-        from rmpc_bench.execution.published_state import Command, Shown, keep_state, up_to_date
+        from rmpc_bench.publishing.published import Command, Shown, keep_state, up_to_date
     said, command = [*request.said], Command.of(request.arguments, config.path, read)
     shown = None if request.missing or request.fresh else up_to_date(config, directory, options, screen_width())
     if shown is not None:
         return _show_again(request, shown, time.monotonic() - started)
     with held():
         from rmpc_bench.execution.progress import choose
-        from rmpc_bench.execution.publish import publish
         from rmpc_bench.execution.results import run as run_experiment
+        from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
     _say_shards(request, directory)

@@ -25,12 +25,12 @@ from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of, sp
 from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text
 from rmpc_bench.execution.pack_metadata import CITATION, citation, crate, stated_by
 from rmpc_bench.execution.pack_rows import read_rows
-from rmpc_bench.execution.publish import publish, write_tables_of_rows
-from rmpc_bench.execution.report_choices import choose
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.runner import CONFIG, RESOLVED, added_in
 from rmpc_bench.execution.step_times import with_timings
 from rmpc_bench.execution.tuning.record import FILE as TUNING
+from rmpc_bench.publishing.publish import choose, publish
+from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.received.plain_files import checked

@@ -127,7 +127,7 @@ def answered() -> None:
 
 def _measured(config: ExperimentConfig) -> Pilot:
     from rmpc_bench.execution.pilot_rows import enlarged
-    from rmpc_bench.execution.publish import publish
+    from rmpc_bench.publishing.publish import publish
 
     part = _points(config)
     scale = _n_methods(config) / max(1, _n_methods(part))

@@ -7,7 +7,7 @@ xarray = pytest.importorskip("xarray")
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench.adapters.xarray import dataset, traces  # noqa: E402
-from rmpc_bench.execution.publish import _write_traces  # noqa: E402
+from rmpc_bench.publishing.table_files import write_traces  # noqa: E402
 
 CONFIG = """\
 version: 1
@@ -161,7 +161,7 @@ def test_a_failed_run_ends_with_its_failure(stored, failing):
             ends.add(len(again.signals["y"]))
     assert min(ends) < 11
     assert failing == "built-in bounds" or ends == {5}
-    _write_traces(results.trials, results.directory / "traces.npz")
+    write_traces(results.trials, results.directory / "traces.npz")
     file = np.load(results.directory / "traces.npz")
     np.testing.assert_array_equal(file["Kalman/y"], data["y"].sel({"method": "Kalman"}))
     np.testing.assert_array_equal(results.traces["Kalman"].signals["y"], file["Kalman/y"])

@@ -13,8 +13,8 @@ from small_experiment import cli, write
 
 from rmpc_bench.cli.run_request import Request
 from rmpc_bench.config_file.known_files import file_beside
-from rmpc_bench.execution import published_state
-from rmpc_bench.execution.published_state import FILE, Command
+from rmpc_bench.publishing import published
+from rmpc_bench.publishing.published import FILE, Command
 from rmpc_bench.received.plain_files import noted
 
 CODE = """
@@ -192,9 +192,9 @@ def test_a_store_that_has_changed(finished):
 
 
 def test_another_version_of_a_library_or_of_the_code(finished, monkeypatch):
-    monkeypatch.setattr(published_state, "_version", lambda name: "0.0")
+    monkeypatch.setattr(published, "_version", lambda name: "0.0")
     assert "report.html" in finished()[1]
-    monkeypatch.setattr(published_state, "_sources", lambda: [])
+    monkeypatch.setattr(published, "_sources", lambda: [])
     assert "report.html" in finished()[1]
     assert finished()[1] == set()
 

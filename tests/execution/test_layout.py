@@ -165,7 +165,7 @@ def test_a_report_imports_no_design(own, tmp_path):
     there = moved(own[0], tmp_path / "there")
     code = (
         "import sys\n"
-        "from rmpc_bench.execution.publish import publish\n"
+        "from rmpc_bench.publishing.publish import publish\n"
         "from rmpc_bench.execution.results import load_results\n"
         f"publish(load_results({str(there)!r}))\n"
         "print(*sys.modules)\n"

@@ -30,6 +30,7 @@ from rmpc_bench.replaced_file import replace_text
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
+
 FILE = "published.json"
 PROGRESS = "progress.json"
 KEPT = ("config.yaml", "config.resolved.yaml", "manifest.json")

@@ -1,34 +1,117 @@
-"""report.html and report.md of an experiment, with the figures that only the page shows."""
+"""What a published experiment shows: report.html and report.md, the text on the screen, and its place in an index."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rmpc_bench.claims.record import ExperimentRecord
+import rmpc_bench
+from rmpc_bench.claims.claim import FINDINGS
+from rmpc_bench.claims.record import ClaimsRecord, ExperimentRecord
+from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
-from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read, relative_to_cwd
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
+from rmpc_bench.publishing.figure_files import WrittenFigure, more_figures
+from rmpc_bench.publishing.published import with_time
+from rmpc_bench.publishing.table_files import experiment_record
+from rmpc_bench.received import plain_files
+from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.context import answer_of, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
+from rmpc_bench.report.page.statements import KINDS, IndexEntry, index_context
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
+from rmpc_bench.report.screen import WIDTH, Screen
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import Tuning
+
+
+@dataclass(frozen=True, eq=False)
+class Publication:
+    """What `publish` has written.
+
+    Parameters
+    ----------
+    results : the results that were published
+    directory : where the files are
+    tables : summary and comparisons
+    verdicts : the finding of every claim
+    drivers : what drives the primary metric
+    requirements : runs that meet the requirements
+    ranks : the methods in the order of their ranks over all points
+    tuning : how the parameters were chosen
+    paths : the files, in the order in which they were written
+    figures : the figures with their captions and files
+    left_out : figures that could not be drawn, each as ``kind: reason``
+    remarks : what a reader of the files should know, such as a font that is not installed
+    """
+
+    results: Results
+    directory: Path
+    tables: Summary
+    verdicts: tuple[ClaimVerdict, ...]
+    drivers: DriversTable
+    requirements: RequirementsTable
+    ranks: RanksTable
+    tuning: TuningTable
+    paths: tuple[Path, ...] = ()
+    figures: tuple[WrittenFigure, ...] = ()
+    left_out: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def differing(self) -> tuple[ClaimVerdict, ...]:
+        """Claims whose finding differs from the recorded one; none where `results` are not final."""
+        return tuple(each for each in self.verdicts if each.differs) if self.results.is_final else ()
+
+    def summary(self, seconds: float | None = None, width: int = WIDTH) -> str:
+        """Return the text that the command line shows at the end of a run.
+
+        Parameters
+        ----------
+        seconds : time that the command took [s]; left out where None
+        width : columns of the terminal
+        """
+        experiment, results = self.results.experiment, self.results
+        overridden, missing = results.overrides, results.incomplete
+        reasons = [f"the configuration was overridden ({', '.join(overridden)})"] if overridden else []
+        reasons += [f"runs are missing ({', '.join(missing)})"] if missing else []
+        screen = Screen(
+            name="/".join(filter(None, [experiment.paper, experiment.name])),
+            trials=results.trials,
+            tables=self.tables,
+            metric=(experiment.report.metrics or [experiment.primary])[0],
+            page=self.directory / PAGE,
+            extent=results.extent,
+            driven=self.drivers,
+            tuned=self.tuning,
+            demanded=self.requirements,
+            ranked=self.ranks,
+            verdicts=self.verdicts,
+            reasons=reasons,
+            stop="" if experiment.stop is None else experiment.stop.text,
+        )
+        text = screen.text(width)
+        return text if seconds is None else with_time(text, seconds, width)
+
+    def __str__(self) -> str:
+        return self.summary()
+
 
 PAGE = "report.html"
 CONFIGURATION = "config.resolved.yaml"
@@ -47,53 +130,28 @@ LONGEST = 300
 """Characters of a value that the page shows; config.resolved.yaml has all."""
 
 
-class Drawn(NamedTuple):
-    """The figures of an experiment."""
-
-    figures: Sequence[WrittenFigure]
-    left_out: Sequence[str]
-    """Those that could not be drawn, with the reason."""
-    rendering: Rendering
-
-
-class Evaluated(NamedTuple):
-    """What is computed from the trials of an experiment."""
-
-    record: ExperimentRecord
-    """Name, seed, hash and command."""
-    tables: Summary
-    verdicts: Sequence[ClaimVerdict]
-    drivers: DriversTable
-    requirements: RequirementsTable
-    ranks: RanksTable
-    tuning: TuningTable
-
-
 def write_page(
-    results: Results,
-    evaluated: Evaluated,
-    drawn: Drawn,
-    paths: Sequence[Path],
-    directory: Path,
-    place: str,
-    index: Path | None = None,
+    published: Publication, record: ExperimentRecord, rendering: Rendering, place: str, index: Path | None
 ) -> list[Path]:
-    """Write report.html and report.md beside files that are written already, and return all files of the page."""
-    more = write_more(results, _wanted(results, drawn.figures), directory / "figures", drawn.rendering)
-    figures = [*drawn.figures, *more]
-    written = [path for figure in more for path in figure.paths]
+    """Write report.html and report.md beside the files that are written already."""
+    results, directory = published.results, published.directory
+    more = more_figures(results, _wanted(results, published.figures), rendering)
     configuration = _configuration(results.directory)
     methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
-    files = [path.relative_to(directory).as_posix() for path in [*paths, *written]]
     source = PageSource(
-        **evaluated._asdict(),
+        record=record,
         trials=results.trials,
-        figures=[_page_figure(figure, directory) for figure in figures],
+        tables=published.tables,
+        verdicts=published.verdicts,
+        figures=[
+            PageFigure(each.name, each.kind, each.caption, each.svg, _relative(each.paths, directory))
+            for each in [*published.figures, *more]
+        ],
         place=place,
         extent=results.extent,
-        drawings=_drawings(results, evaluated.tables, drawn.rendering),
-        left_out=drawn.left_out,
+        drawings=_drawings(results, published.tables, rendering),
+        left_out=published.left_out,
         incomplete=results.incomplete,
         overrides=results.overrides,
         manifest=read(results.directory),
@@ -102,15 +160,26 @@ def write_page(
         },
         shared=_shared(configuration, differences),
         confounded=_confounded(differences, results.experiment.baseline),
+        drivers=published.drivers,
+        requirements=published.requirements,
+        ranks=published.ranks,
+        tuning=published.tuning,
         timings=results.timings,
-        files=[*files, "report.md"],
+        files=[*_relative(published.paths, directory), "report.md"],
         index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),
     )
-    context = page_context(source)
-    pages = [directory / PAGE, directory / "report.md"]
-    replace_text(pages[0], render_html("page.html", context))
-    replace_text(pages[1], render_markdown("page.md", context))
-    return [*written, *pages]
+    return _rendered("page", page_context(source), directory / PAGE)
+
+
+def _rendered(template: str, context: Mapping[str, Any], page: Path) -> list[Path]:
+    """Write a page in HTML and in Markdown."""
+    replace_text(page, render_html(f"{template}.html", context))
+    replace_text(page.with_suffix(".md"), render_markdown(f"{template}.md", context))
+    return [page, page.with_suffix(".md")]
+
+
+def _relative(paths: Sequence[Path], directory: Path) -> list[str]:
+    return [path.relative_to(directory).as_posix() for path in paths]
 
 
 def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[str, Any]]:
@@ -135,11 +204,6 @@ def _drawings(results: Results, tables: Summary, rendering: Rendering) -> Mappin
         return {}
     with rendered(rendering):
         return page_drawings(rows)
-
-
-def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:
-    files = [path.relative_to(directory).as_posix() for path in figure.paths]
-    return PageFigure(figure.name, figure.kind, figure.caption, figure.svg, files)
 
 
 def place_of(directory: Path) -> str:
@@ -218,3 +282,46 @@ def _confounded(differences: Mapping[str, Mapping[str, Any]], baseline: str) -> 
         if {"estimator", "controller"} <= changed:
             found.append(name)
     return found
+
+
+CLAIMS = "claims.json"
+
+
+class KeptClaims(NamedTuple):
+    """The findings of an experiment whose trials are not stored, from its kept claims.json."""
+
+    directory: Path
+    record: ClaimsRecord
+
+
+def kept_claims(directory: Path) -> KeptClaims | None:
+    """Read the claims.json of a directory of an experiment; None where there is none, or one of another version."""
+    data: Any = json_of(directory / CLAIMS, plain_files.CLAIMS, "`rmpc-bench report` of its trials writes it again")
+    words = [(claim["kind"] in KINDS, claim["joined"] in FINDINGS) for claim in data["claims"]] if data else []
+    return KeptClaims(directory, data) if data and all(map(all, words)) else None
+
+
+def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[Path]:
+    """Write index.html and index.md of several experiments."""
+    to.mkdir(parents=True, exist_ok=True)
+    context = index_context([_entry(each, to) for each in published], rmpc_bench.__version__)
+    return _rendered("index", context, to / "index.html")
+
+
+def _entry(each: Publication | KeptClaims, to: Path) -> IndexEntry:
+    if isinstance(each, KeptClaims):
+        record = each.record["experiment"]
+        group = record["paper"] or _group(each.directory)
+        return IndexEntry(group, record, each.record["claims"], "", "")
+    experiment = experiment_record(each.results)
+    page = Path(os.path.relpath(each.directory / PAGE, to)).as_posix()
+    group = experiment["paper"] or _group(each.results.directory)
+    claims = claims_record(each.verdicts, experiment)["claims"]
+    verdicts = each.verdicts if each.results.is_final else []
+    return IndexEntry(group, experiment, claims, page, answer_of(each.tables, verdicts, each.results.extent))
+
+
+def _group(directory: Path) -> str:
+    """Name the group of an experiment without a paper: the directory that it stands in, below ``results``."""
+    name = directory.resolve().parent.name
+    return "examples" if name == "results" else name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in, replacement_of
@@ -13,20 +13,16 @@ from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config_file.tree import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
-from rmpc_bench.execution.latex_files import write_caption
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import page_svg, save, thin_lines
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.svg_text import for_page
+from rmpc_bench.publishing.table_files import write_caption
 from rmpc_bench.types import DesignError, Figure
 
 PRINTED = ("pdf", "pgf")
 """Formats for papers."""
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
-
-
-Written: TypeAlias = "tuple[str, tuple[Path, ...], str]"
-"""Caption, files and SVG of a figure."""
 
 
 class WrittenFigure(NamedTuple):
@@ -57,8 +53,8 @@ def write_figures(
         keys = results.experiment.figures[number]
         try:
             with rendered(rendering):
-                written = _written(results, number, directory / stem, rendering)
-            figures.append(WrittenFigure(stem, kind, keys, *written))
+                caption, paths, svg = _written(results, number, directory / stem, rendering)
+            figures.append(WrittenFigure(stem, kind, keys, caption, paths, svg))
         except DesignError as error:
             # A method that the figure shows has not been computed yet.
             left_out.append(f"{kind}: {error}")
@@ -67,41 +63,30 @@ def write_figures(
     return tuple(figures), tuple(left_out)
 
 
-def write_more(
-    results: Results, wanted: Sequence[Mapping[str, Any]], directory: Path, rendering: Rendering
-) -> tuple[WrittenFigure, ...]:
-    """Draw figures for the page that the configuration does not name; what the results cannot show is left out.
-
-    The page has them inside it; they are no files.
-    """
+def more_figures(results: Results, wanted: Sequence[Mapping[str, Any]], rendering: Rendering) -> list[WrittenFigure]:
+    """Draw figures that are no files, only inside of the page; what the results cannot show is left out."""
     figures = []
     rendering = replace(rendering, formats=())
     for keys in wanted:
+        kind = keys["kind"]
         try:
             with rendered(rendering):
                 made = figure_of(results, figure_component(keys), rendering)
-                written = _saved(made, results, directory / keys["kind"], rendering)
+                picture, caption, _ = _drawn(made, results, Path(kind), rendering)
+                figures.append(WrittenFigure(kind, kind, keys, caption, (), page_svg(picture, kind)))
         except DesignError:
             continue
-        figures.append(WrittenFigure(keys["kind"], keys["kind"], keys, *written))
-    return tuple(figures)
+    return figures
 
 
-def _svg(picture: Any, stem: str, paths: Sequence[Path]) -> str:
-    """Return the picture for a page: the content of its file, if there is one."""
-    file = next((path for path in paths if path.suffix == ".svg"), None)
-    return page_svg(picture, stem) if file is None else for_page(file.read_text(encoding="utf-8"), stem)
-
-
-def _written(results: Results, number: int, stem: Path, rendering: Rendering) -> Written:
-    """Find a figure of an experiment, draw it and write its files."""
+def _written(results: Results, number: int, stem: Path, rendering: Rendering) -> tuple[str, tuple[Path, ...], str]:
+    """Find a figure of an experiment, draw it and write its files; return caption, files and SVG."""
     keys = results.experiment.figures[number]
     own = results.components.get(number)
     if own is not None:
         # The code of a user may raise anything; the tables and the other figures are written all the same.
         with user_code(None if own.code is None else own.code.path):
-            made = figure_of(results, own, rendering)
-            return _saved(made, results, stem, rendering)
+            return _saved(figure_of(results, own, rendering), results, stem, rendering)
     if FILE not in keys and (old := replacement_of("figures", keys["kind"])):
         raise DesignError(old)
     if FILE in keys or not is_built_in("figures", keys["kind"]):
@@ -109,14 +94,15 @@ def _written(results: Results, number: int, stem: Path, rendering: Rendering) ->
     return _saved(figure_of(results, figure_component(keys), rendering), results, stem, rendering)
 
 
-def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> Written:
+def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> tuple[str, tuple[Path, ...], str]:
     """Draw a figure and write its files; those for papers have the labels of methods in place of their keys."""
     trials = results.plotted
     printed = tuple(each for each in rendering.formats if each in PRINTED)
     with_labels = bool(printed) and any(trials.labels.get(name, name) != name for name in trials.methods)
     own = tuple(each for each in rendering.formats if not (with_labels and each in printed))
     picture, caption, paths = _drawn(made, results, stem, replace(rendering, formats=own))
-    svg = _svg(picture, stem.name, paths)
+    file = next((path for path in paths if path.suffix == ".svg"), None)
+    svg = page_svg(picture, stem.name) if file is None else for_page(file.read_text(encoding="utf-8"), stem.name)
     printed_caption = caption
     if with_labels:
         _, printed_caption, more = _drawn(made, results, stem, replace(rendering, formats=printed, labels=True))

@@ -1,0 +1,234 @@
+"""Write every file that is derived from stored trials, with what options replace in the section `report`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, get_args
+
+from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.execution.evaluation import drivers, judge, ranks, requirements, summarise
+from rmpc_bench.execution.manifest import note_look, note_report, read
+from rmpc_bench.execution.results import Results
+from rmpc_bench.execution.stored_experiment import StoredExperiment
+from rmpc_bench.figures.files import NO_LATEX, latex_program
+from rmpc_bench.figures.style import Rendering, remark_on
+from rmpc_bench.publishing.figure_files import write_figures
+from rmpc_bench.publishing.pages import Publication, place_of, write_page
+from rmpc_bench.publishing.table_files import (
+    experiment_record,
+    write_claims,
+    write_failures,
+    write_frame,
+    write_latex,
+    write_summary,
+    write_table,
+    write_traces,
+)
+from rmpc_bench.replaced_file import folder, inside
+from rmpc_bench.report.run_tables import lost_table
+from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.report_choices import Column, Font, Format, Style
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "columns": get_args(Column),
+    "format": get_args(Format),
+    "font": get_args(Font),
+    "style": get_args(Style),
+}
+"""Key -> its values."""
+NOUNS = {"order": "method", "metrics": "metric of this experiment"}
+
+
+def wrong_choices(experiment: StoredExperiment, **keys: Any) -> list[tuple[str, str]]:
+    """Return key and message of everything that is wrong with these keys; see `choose`."""
+    given = {key: value for key, value in keys.items() if value is not None}
+    found = [*_wrong_names(experiment, given)]
+    for key, value in given.items():
+        try:
+            ReportKeys(**{key: value})
+        except ValueError as error:
+            found.append((key, str(error)))
+    wrong = {key for key, _ in found}
+    valid = {key: value for key, value in given.items() if key not in wrong}
+    if "pgf" in replace(experiment.report, **valid).formats and latex_program() is None:
+        found.append(("format", NO_LATEX))
+    return found
+
+
+def choose(results: Results, **keys: Any) -> Results:
+    """Return the same results whose tables and figures show something else, or are written otherwise.
+
+    The keys replace those of the section `report`: order, width, metrics, columns, style, font, format.  None leaves a
+    key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> choose(results, width="252pt", order=["R-MPC", "S-MPC"]).experiment.report.order
+    ['R-MPC', 'S-MPC']
+    """
+    if problems := wrong_choices(results.experiment, **keys):
+        raise DesignError("\n".join(f"{key}: {message}" for key, message in problems), problems[0][0])
+    given = {key: value for key, value in keys.items() if value is not None}
+    report = replace(results.experiment.report, **given)
+    return replace(results, experiment=replace(results.experiment, report=report))
+
+
+def _wrong_names(experiment: StoredExperiment, given: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield key and message of every name that does not exist."""
+    names_of = {"order": experiment.methods, "metrics": [info.name for info in experiment.points[0].metrics]}
+    for key, value in given.items():
+        values = [value] if isinstance(value, str) else value
+        for name in values if key in CHOICES else ():
+            if name not in CHOICES[key]:
+                yield key, f"must be one of {', '.join(CHOICES[key])} (got {name!r})"
+        known = names_of.get(key, CHOICES.get(key, ()))
+        if known and not value:
+            yield key, f"must name at least one of {', '.join(known)}"
+        if key not in names_of:
+            continue
+        for name in value:
+            if name not in names_of[key]:
+                yield key, unknown(name, names_of[key], NOUNS[key])
+
+
+def publish(
+    results: Results,
+    *,
+    to: str | Path | None = None,
+    rendering: Rendering | None = None,
+    index: Path | None = None,
+    place: str = "",
+) -> Publication:
+    """Write all tables, series, recorded runs, claims and figures of stored results; nothing is simulated.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+    to : directory to write to, made if it is not there; the one of the results unless given
+    rendering : width, font, style and formats of the figures; those of the section `report` unless given
+    index : index of several experiments that the page links; none if None
+    place : the directory as commands in the files name it; from the present one, else from ``results`` on, else its
+        last part, unless given
+
+    Returns
+    -------
+    the written files with the tables and verdicts in them; `summary()` is the text of the command line
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> written = publish(results, to=f"{directory}/published")
+    >>> [path.name for path in written.paths][:2]
+    ['trials.csv', 'uncertainty.csv']
+    """
+    directory = results.directory if to is None else Path(to)
+    with inside(directory):
+        report = results.experiment.report
+        rendering = rendering or Rendering(
+            width=report.width_in, font=report.font, style=report.style, formats=report.formats
+        )
+        known = read(results.directory)
+        stated = known.get("report", {})
+        # With a given `place` the files are made elsewhere; the file of the configuration is then the recorded one.
+        file = str(stated.get("file", "") if place else known.get("file", ""))
+        named = place or place_of(results.directory)
+        if named != stated.get("place") and not Path(file).is_file():
+            file = ""
+        return _published(results, directory, rendering, index, named, file)
+
+
+def _published(
+    results: Results, directory: Path, rendering: Rendering, index: Path | None, place: str, file: str
+) -> Publication:
+    """Write everything below a directory."""
+    texts, report = folder(directory, "tables"), results.experiment.report
+    pictures = folder(directory, "figures") if results.experiment.figures else directory / "figures"
+    published = Publication(
+        results=results,
+        directory=directory,
+        tables=summarise(results).shown(report.order, report.metrics),
+        verdicts=judge(results),
+        drivers=drivers(results),
+        requirements=requirements(results),
+        ranks=ranks(results),
+        tuning=tuning(results),
+        remarks=tuple(filter(None, [remark_on(rendering.font)])),
+    )
+    paths = [
+        *write_summary(results, published.tables, directory),
+        *write_table(published.drivers, directory, "drivers"),
+        *write_table(published.requirements, directory, "requirements"),
+        *write_frame(lost_table(results.trials), directory / "lost.csv"),
+        *write_table(published.ranks, directory, "ranks"),
+        *write_table(published.tuning, directory, "tuning"),
+        *write_traces(results.stored, directory / "traces.npz"),
+        *write_claims(results, published.verdicts, directory, rendering.formats),
+        *write_frame(results.timings, directory / "timings.csv"),
+        *write_failures(results, directory / "failures", place),
+    ]
+    # Another directory says nothing else than this one, which stays as it is.
+    if directory.resolve() == results.directory.resolve():
+        if len(results.trials.runs) and results.trials.with_verdicts:
+            note_look(directory, len(results.trials.runs))
+        note_report(directory, _way(results, place, file))
+    record = experiment_record(results, file)
+    paths += write_latex(published.tables, record, texts, report)
+    figures, left_out = write_figures(results, pictures, rendering)
+    paths += [path for figure in figures for path in figure.paths]
+    published = replace(published, paths=tuple(paths), figures=figures, left_out=left_out)
+    pages = write_page(published, record, rendering, place, index)
+    return replace(published, paths=(*paths, *pages))
+
+
+def _way(results: Results, place: str, file: str) -> dict[str, Any]:
+    """Describe how the files are made, as plain data."""
+    keys = {key: value for key, value in asdict(results.experiment.report).items() if value is not None}
+    return {
+        "place": place,
+        **({"file": file} if file else {}),
+        "keys": keys,
+        "labels": dict(results.experiment.labels),
+        "own_figures": bool(results.components),
+        "matplotlib": version("matplotlib"),
+    }
+
+
+def tuning(results: Results) -> TuningTable:
+    """Return how the parameters were chosen, what that gains, and how far the ranks of tuned methods can be relied on.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+
+    Returns
+    -------
+    the table, with `frame`, `sentences`, `to_markdown()` and `to_screen()`; empty where no method is tuned
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> changes = ["tune={budget: 3, runs: 2}", "methods.R-MPC.tune={estimator.c: [0.01, 1]}"]
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4, overrides=changes)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC"])
+    >>> tuning(results).frame[["method", "parameter", "n_values", "n_runs"]].to_numpy().tolist()
+    [['R-MPC', 'estimator.c', 3, 2]]
+    """
+    return TuningTable(results.trials, results.tuning)
