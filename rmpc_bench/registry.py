@@ -178,11 +178,11 @@ _REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUIL
 
 
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
-    """Say that a name is unknown; see `rmpc_bench.types.issue.unknown`."""
+    """Say that a name is unknown; see `rmpc_bench.types.errors.unknown`."""
     # Imported here because `types` needs NumPy, and the names of components are listed without it.
-    from rmpc_bench.types import issue
+    from rmpc_bench.types import errors
 
-    return issue.unknown(name, known, noun, way_out)
+    return errors.unknown(name, known, noun, way_out)
 
 
 def unknown_kind(name: str, group: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rmpc_bench.adapters.casadi_calls import CasadiFunction, reason
 from rmpc_bench.extras import library
-from rmpc_bench.models.ode_names import Names, count
+from rmpc_bench.models.ode_functions import Names, count
 from rmpc_bench.types import DesignError
 
 ARGUMENTS = {1: ("x",), 2: ("x", "u"), 3: ("x", "u", "p"), 4: ("t", "x", "u", "p")}

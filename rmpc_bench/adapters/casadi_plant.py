@@ -16,7 +16,7 @@ from rmpc_bench.adapters.casadi_equation import (
     sampled_dae,
 )
 from rmpc_bench.extras import library
-from rmpc_bench.models.ode_names import Names
+from rmpc_bench.models.ode_functions import Names
 from rmpc_bench.plants import ode
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import DesignError, UserFunction

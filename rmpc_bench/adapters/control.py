@@ -7,13 +7,12 @@ from typing import Any, Literal
 from rmpc_bench.adapters.control_export import system as system
 from rmpc_bench.adapters.control_system import KEY, linear, nonlinear
 from rmpc_bench.models import ode as ode_model
-from rmpc_bench.models.equation import blamed
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.library_systems import blamed, design_model, parametric_system
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.operating_point import At
-from rmpc_bench.models.realisation import design_model, parametric_system
 from rmpc_bench.plants import ode as ode_plant
+from rmpc_bench.plants.linear import linear_plant
 from rmpc_bench.plants.ode_stepping import Solver
-from rmpc_bench.plants.parametric_linear import linear_plant
 from rmpc_bench.types import Count, DesignError, Model, Plant, UserFunction
 
 

@@ -9,8 +9,15 @@ from numbers import Real
 from typing import Any
 
 from rmpc_bench.extras import library
-from rmpc_bench.models.equation import Equation, ignores_time, usable_names
-from rmpc_bench.models.realisation import Realisation, arguments, refuse_other_step, refuse_unknown
+from rmpc_bench.models.library_systems import (
+    Equation,
+    Realisation,
+    arguments,
+    ignores_time,
+    refuse_other_step,
+    refuse_unknown,
+    usable_names,
+)
 from rmpc_bench.types import Array, DesignError, Parameters
 
 KEY = "control"

@@ -9,7 +9,7 @@ import numpy as np
 
 from rmpc_bench.adapters.fmu_file import described
 from rmpc_bench.adapters.fmu_plant import FmuPlant, FmuRun
-from rmpc_bench.models.ode_names import Names, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
 from rmpc_bench.types import DataFiles, DesignError, Parameters, Signals
 

@@ -12,7 +12,7 @@ from rmpc_bench.components.process_directory import process_directory
 from rmpc_bench.extras import library
 from rmpc_bench.received.consent import refused
 from rmpc_bench.types import DesignError, Signals
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 REAL = ("Real", "Float64")
 """Types of variables that have numbers in double precision, of version 2 and 3."""

@@ -19,7 +19,7 @@ from warnings import catch_warnings, simplefilter
 from rmpc_bench.adapters.gymnasium_design import Keys, designed
 from rmpc_bench.adapters.gymnasium_env import env as env
 from rmpc_bench.adapters.gymnasium_plant import EnvironmentPlant
-from rmpc_bench.models.ode_names import Names
+from rmpc_bench.models.ode_functions import Names
 from rmpc_bench.types import UserFunction, UserFunctionOrText
 
 

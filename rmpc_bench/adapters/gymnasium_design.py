@@ -23,11 +23,11 @@ from rmpc_bench.adapters.gymnasium_trials import (
     without_effect,
 )
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
-from rmpc_bench.models.ode_names import Names, check_output, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, check_output, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
 from rmpc_bench.received.consent import reason_against_module
 from rmpc_bench.types import Array, DesignError, Parameters, Signals
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 BY_ACTION = (
     "the environment draws other random numbers after other actions: in one run the methods have different noise, so "

@@ -19,7 +19,7 @@ from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.simulation.episode import Episode, Sample
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, DesignError, Method, PlantInfo, Status
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 LARGEST_RUN = 2**31
 """Training runs have indices below it."""

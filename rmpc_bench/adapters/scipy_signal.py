@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.models.library_systems import Realisation, design_model, parametric_system
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.noise_covariances import DesignNoise
-from rmpc_bench.models.realisation import Realisation, design_model, parametric_system
-from rmpc_bench.plants.parametric_linear import linear_plant
+from rmpc_bench.models.noise_sets import DesignNoise
+from rmpc_bench.plants.linear import linear_plant
 from rmpc_bench.types import DesignError, Plant, UserFunction
 
 

@@ -10,7 +10,7 @@ import click
 
 from rmpc_bench.cli import exits
 from rmpc_bench.cli.typed_files import TypedPath
-from rmpc_bench.types.report_choices import DEFAULT_FORMATS
+from rmpc_bench.types.result_layout import DEFAULT_FORMATS
 
 if TYPE_CHECKING:
     from rmpc_bench.publishing.pages import KeptClaims, Publication

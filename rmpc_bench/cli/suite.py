@@ -69,7 +69,7 @@ def _place(name: str, places: list[str]) -> str:
     """Return the place of a named set."""
     found = [place for place in places if name == place or name in short_names(place)]
     if not found:
-        from rmpc_bench.types.issue import unknown
+        from rmpc_bench.types.errors import unknown
 
         known = [short_names(place)[1] for place in places]
         raise click.BadParameter(unknown(name, known, "set of the suite"), param_hint="SET")

@@ -20,7 +20,7 @@ from rmpc_bench.components.loading import load
 from rmpc_bench.components.probe import check_import
 from rmpc_bench.components.source import read_source
 from rmpc_bench.received.consent import accepted, is_code, reason_against
-from rmpc_bench.types.issue import nearest
+from rmpc_bench.types.errors import nearest
 
 _OPTIONS = ("-s ", "--add-method ")
 """Starts of the file name in the place of a value that was given on the command line."""

@@ -19,7 +19,7 @@ from typing import Any, overload
 
 from rmpc_bench.components.global_generator import drawing_from
 from rmpc_bench.components.single_run import single_run
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 ATTRIBUTES = (
     "Ne",

@@ -14,8 +14,7 @@ from rmpc_bench.components.code import CodeError, CodeReference, Place
 from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
 from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.extras import missing, missing_extra
-from rmpc_bench.types.errors import ConfigError, DesignError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import ConfigError, DesignError, unknown
 
 
 def load(reference: CodeReference) -> Any:

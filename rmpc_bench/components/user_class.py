@@ -9,7 +9,7 @@ from typing import Any, Literal
 from rmpc_bench.components.function_component import class_of
 from rmpc_bench.components.words import Arguments, a_component, arguments_of, design_words, snake_case, words
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 METHODS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "estimators": (("update",), ("predict", "correct")),

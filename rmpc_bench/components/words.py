@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 MEANINGS: Mapping[str, str] = {
     "k": "time index",

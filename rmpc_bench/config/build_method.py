@@ -11,8 +11,7 @@ from rmpc_bench.config.identity import nominal_plant
 from rmpc_bench.config.recorded_data import refuse_other_sizes, refuse_runs_of_input
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.diagnostics.stability import loop_remarks
-from rmpc_bench.simulation.open_loop import OpenLoop
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, Method, Plant, PlantInfo
 

@@ -12,7 +12,7 @@ from typing import Annotated
 from annotated_types import Len
 
 from rmpc_bench.expressions.units import inches
-from rmpc_bench.types.report_choices import DEFAULT_FORMATS, LEAST_WIDTH, MOST_WIDTH, Column, Font, Format, Style
+from rmpc_bench.types.result_layout import DEFAULT_FORMATS, LEAST_WIDTH, MOST_WIDTH, Column, Font, Format, Style
 
 Names = Annotated[list[str], Len(1)]
 

@@ -13,7 +13,7 @@ from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 
 def digest(data: Any) -> str:

@@ -94,7 +94,7 @@ class Component:
         if keys is None or made is None:
             return made
         # Imported here: most configurations have no disturbances.
-        from rmpc_bench.models.with_disturbance import with_disturbance
+        from rmpc_bench.models.disturbed import with_disturbance
 
         try:
             with np.errstate(all="ignore"):

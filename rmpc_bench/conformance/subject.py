@@ -19,7 +19,7 @@ from rmpc_bench.components.single_run import design_function
 from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.types import DesignError, Problem
 from rmpc_bench.types.contract import BASES
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from rmpc_bench.controllers.limits import bounds_of, key_of, signal_of
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.types import Array, DesignError, Model, PlantInfo
-from rmpc_bench.types.issue import no_such_component
+from rmpc_bench.types.errors import no_such_component
 
 
 class LimitRows(NamedTuple):

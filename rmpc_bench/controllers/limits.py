@@ -18,7 +18,7 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.intervals import Pairs, interval_of
 from rmpc_bench.types import Array, Count, DesignError, Model, NonNegative, PlantInfo, Positive
-from rmpc_bench.types.issue import no_such_component, unknown
+from rmpc_bench.types.errors import no_such_component, unknown
 
 Fallback = Literal["clip", "hold", "stop"]
 

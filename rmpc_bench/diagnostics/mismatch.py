@@ -11,8 +11,7 @@ import numpy as np
 from rmpc_bench.diagnostics.stability import LinearPair, constant_model, design_radius, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
 from rmpc_bench.noise.gaussian import Gaussian
-from rmpc_bench.simulation.open_loop import OpenLoop
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, LinearPlant, Method
 

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.open_loop import OpenLoop
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, DesignError, Estimate, Method, Plant, PlantInfo, Status
 

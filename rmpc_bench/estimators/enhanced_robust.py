@@ -43,7 +43,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
-from rmpc_bench.models.design_noise import DesignSystem, design_systems
+from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.noise_pair import NoisePair
 from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel

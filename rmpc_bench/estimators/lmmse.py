@@ -27,8 +27,8 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule
-from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.riccati import predictor_step

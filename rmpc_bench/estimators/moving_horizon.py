@@ -35,8 +35,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule, singular_innovation
-from rmpc_bench.models.bounded_noise import window_bounds
-from rmpc_bench.models.model_series import ModelSeries, model_series
+from rmpc_bench.models.model_series import ModelSeries, model_series, window_bounds
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form
-from rmpc_bench.models.disturbed_uncertain import DisturbedUncertain, augmented_system
+from rmpc_bench.models.disturbed import DisturbedUncertain, augmented_system
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
 from rmpc_bench.numerics.linalg import mv

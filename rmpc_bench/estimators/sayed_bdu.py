@@ -32,7 +32,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
-from rmpc_bench.models.design_noise import DesignSystem, design_systems
+from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise

@@ -9,7 +9,7 @@ from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, terms
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.received.archive import ArchiveError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.sweep_points import lies_at
 
 

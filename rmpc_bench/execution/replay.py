@@ -35,7 +35,7 @@ from rmpc_bench.types import (
     Status,
     Statuses,
 )
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}

@@ -16,7 +16,7 @@ from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.setting_differences import setting_differences
 from rmpc_bench.report.results_text import Beside, FindingDifference, ImprovementComparison, ResultsComparison, Setting
 from rmpc_bench.types import DesignError, MetricInfo
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 
 def compare_results(a: Results, b: Results, *, tolerance: float = 0.0) -> ResultsComparison:

@@ -19,8 +19,8 @@ from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.recorded_runs import TimeWindow, bursts_of, find_run, shade, shown_part, spans, window_of
 from rmpc_bench.figures.style import FONT_SIZE, new_figure, style
 from rmpc_bench.types import Array, NonNegative
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.figure import Index, OnePointFigure
-from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from rmpc_bench.figures.palette import DIM, LineStyle, grouped, line_styles, pal
 from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, Positive
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.figure import Index, OnePointFigure
-from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

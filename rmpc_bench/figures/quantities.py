@@ -16,7 +16,7 @@ from rmpc_bench.analysis.estimation_errors import INNOVATION, INNOVATION_COVARIA
 from rmpc_bench.analysis.traces import COVARIANCE
 from rmpc_bench.figures.labels import component_label, symbol, unit_of, with_unit
 from rmpc_bench.figures.recorded_runs import ERROR, OUTPUT, reported_set
-from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.result_layout import NO_MOMENTS, NO_RECORDED_RUN, ResultLayout, Shape
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short
 from rmpc_bench.figures.labels import literal, name_of, on_two_lines, shortened
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.figure import Inches, SweepFigure
-from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

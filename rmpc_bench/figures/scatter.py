@@ -21,8 +21,8 @@ from rmpc_bench.figures.points import points_at
 from rmpc_bench.figures.scatter_paths import SignalPlane, draw_paths, paths_caption, paths_content
 from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, MetricInfo, NonNegative, Positive
+from rmpc_bench.types.errors import Issue, unknown
 from rmpc_bench.types.figure import Index, SweepFigure
-from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_ro
 from rmpc_bench.figures.recorded_runs import OUTPUT, TimeWindow, bursts_of, find_run, shown_part, signal_of, window_of
 from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError
-from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.result_layout import ROUNDING, ResultLayout
 
 if TYPE_CHECKING:

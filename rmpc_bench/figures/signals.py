@@ -18,8 +18,8 @@ from rmpc_bench.figures.recorded_runs import differences, middle_run, select_run
 from rmpc_bench.figures.signal_content import WORDS, Content
 from rmpc_bench.figures.signal_panels import draw_panels
 from rmpc_bench.types import DesignError, NonNegative
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.figure import Inches, Index, OnePointFigure
-from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import notices
-from rmpc_bench.types.report_choices import DEFAULT_FORMATS, Font, Format, Style
+from rmpc_bench.types.result_layout import DEFAULT_FORMATS, Font, Format, Style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure

@@ -13,8 +13,8 @@ from rmpc_bench.figures.labels import metric_of
 from rmpc_bench.figures.points import points_at, tables_of
 from rmpc_bench.figures.sweep_content import POINTS, Show, SweepContent, content_of
 from rmpc_bench.types import DesignError
+from rmpc_bench.types.errors import Issue, unknown
 from rmpc_bench.types.figure import SweepFigure
-from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:

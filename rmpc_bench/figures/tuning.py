@@ -17,8 +17,8 @@ from rmpc_bench.figures.palette import DIM, line_styles, sample
 from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.style import new_figure, style
 from rmpc_bench.types import Array, DesignError, ResultLayout
+from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.figure import OnePointFigure
-from rmpc_bench.types.issue import Issue
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

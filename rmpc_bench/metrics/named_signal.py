@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types import Array, DesignError, MetricLayout, Plant, Record, SampleWindow
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 Letter = Literal["y", "x", "u", "u_command", "extra"]
 LETTERS: tuple[Letter, ...] = ("y", "x", "u", "u_command")

@@ -22,7 +22,7 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.observability import RANK
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, does_not_fit, row_by_row
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 INPUT, OUTPUT = "input", "output"
 """Places that every model has."""

@@ -1,4 +1,4 @@
-"""Linear and nonlinear models with disturbances as further states.
+"""Design models of any kind with disturbances as further states.
 
 Kinds   linear            the augmented matrices (models/disturbance.py)
         varying with k    those of every k
@@ -15,10 +15,22 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from rmpc_bench.models.disturbance import Entry, augmented, block_diagonal, padded_signals
+from rmpc_bench.models.disturbance import (
+    Disturbance,
+    Entry,
+    augmented,
+    block_diagonal,
+    entry_of,
+    padded_signals,
+    refuse_undetectable,
+)
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.nonlinear import NonlinearModel
+from rmpc_bench.models.state_dependent import Affine, Pair, StateDependentModel
+from rmpc_bench.models.uncertain_linear import UncertainModel
+from rmpc_bench.models.uncertain_system import Matrices, UncertainSystem
 from rmpc_bench.numerics.jacobian import jacobian
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Model, OperatingPoint
 
 
@@ -213,3 +225,221 @@ class DisturbedNonlinear(DisturbedModel):
     def _parts(self, x: ArrayLike) -> tuple[Array, Array]:
         both, nx = np.asarray(x, dtype=float), self.undisturbed.nx
         return both[..., :nx], both[..., nx:]
+
+
+# State-dependent model with disturbances as further states.
+#
+# Model   The matrices are those at the estimate of x; d enters by B(x) where it is at the input.  A model that is
+#         linearised along the trajectory is linearised at x and u + S d.
+
+
+class DisturbedStates(Augmented, StateDependentModel):
+    """A state-dependent model of [x; d]."""
+
+    def __init__(self, undisturbed: StateDependentModel, entry: Entry, label: str = "") -> None:
+        self.undisturbed, self.entry, self.label = undisturbed, entry, label
+
+    @property
+    def nx(self) -> int:
+        """Number of states and disturbances."""
+        return int(self.undisturbed.nx) + self.entry.nd
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return int(self.undisturbed.nu)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return int(self.undisturbed.ny)
+
+    @property
+    def Q_w(self) -> Float[Array, "n n"]:
+        """Covariance of the process noise and of the drift."""
+        return block_diagonal(self.undisturbed.Q_w, self.entry.drift)
+
+    @property
+    def R_v(self) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise."""
+        covariance: Array = self.undisturbed.R_v
+        return covariance
+
+    @property
+    def has_offsets(self) -> bool:
+        """Whether the model has constant parts and an output matrix that depend on the state."""
+        return bool(self.undisturbed.has_offsets)
+
+    @property
+    def largest(self) -> Float[Array, " n"]:
+        """Largest magnitude of every coordinate; the limit of a coordinate of x says nothing about d."""
+        nx = self.undisturbed.nx
+        return np.concatenate([np.full(nx, self.undisturbed.largest), np.full(self.entry.nd, np.inf)])
+
+    @property
+    def C(self) -> Float[Array, "ny n"]:
+        """Output matrix."""
+        return np.hstack([self.undisturbed.C, self.entry.C_d])
+
+    @property
+    def R_v_varies(self) -> bool:
+        """Whether the measurement noise depends on k."""
+        return bool(self.undisturbed.R_v_varies)
+
+    def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise at k."""
+        return self.undisturbed.R_v_at(k)  # type: ignore[no-any-return]
+
+    def at_state(self, x: Float[Array, "runs n"]) -> Pair:
+        """Sample the model with its matrices frozen at the state of every run."""
+        return Pair(*self._pair(*self.undisturbed.at_state(self._parts(x)[0])))
+
+    def around(self, k: int, x: Float[Array, "runs n"], u: Float[Array, "runs nu"]) -> Affine:
+        """Linearise at the state, the disturbances and the input of every run."""
+        x, d = self._parts(x)
+        now = self.undisturbed.around(k, x, u + mv(self.entry.S, d))
+        A, B = self._pair(now.A, now.B)
+        runs, nd = d.shape
+        C = np.concatenate([now.C, np.broadcast_to(self.entry.C_d, (runs, *self.entry.C_d.shape))], axis=2)
+        return Affine(A, B, np.hstack([now.f, np.zeros((runs, nd))]), C, now.d)
+
+    def advance(self, k: int, x: Float[Array, "runs n"], u: Float[Array, "runs nu"]) -> Float[Array, "runs n"]:
+        """Return x(k+1) of the model without linearisation, and the same d."""
+        x, d = self._parts(x)
+        moved = self.undisturbed.advance(k, x, u + mv(self.entry.S, d)) + mv(self.entry.N, d)
+        return np.hstack([moved, d])
+
+    def measure(self, x: Float[Array, "runs n"]) -> Float[Array, "runs ny"]:
+        """Return y of the model without linearisation."""
+        x, d = self._parts(x)
+        measured: Array = self.undisturbed.measure(x) + mv(self.entry.C_d, d)
+        return measured
+
+    def _parts(self, x: Float[Array, "runs n"]) -> tuple[Array, Array]:
+        nx = self.undisturbed.nx
+        return np.ascontiguousarray(x[:, :nx]), np.ascontiguousarray(x[:, nx:])
+
+    def _pair(self, A: Float[Array, "runs nx nx"], B: Float[Array, "runs nx nu"]) -> tuple[Array, Array]:
+        runs, nx, nu = B.shape
+        full = np.zeros((runs, self.nx, self.nx))
+        full[:, :nx, :nx], full[:, :nx, nx:] = A, self.entry.B_d(B)
+        full[:, nx:, nx:] = np.eye(self.entry.nd)
+        return full, np.concatenate([B, np.zeros((runs, self.entry.nd, nu))], axis=1)
+
+
+# Uncertain linear model with disturbances as further states.
+#
+# Model   [x; d] with the uncertainty of x: d is certain, so that rows of H and columns of G are zero.  The drift is a
+#         further process noise: w becomes [w; xi].
+
+
+class DisturbedUncertain(Augmented, UncertainModel):
+    """An uncertain linear model of [x; d]: the drift is a further process noise, and d has no uncertainty."""
+
+    def __init__(self, undisturbed: UncertainModel, entry: Entry, label: str = "") -> None:
+        nd = entry.nd
+        own = {
+            "undisturbed": undisturbed,
+            "entry": entry,
+            "label": label,
+            "system": augmented_system(undisturbed.system, entry),
+            "W": block_diagonal(undisturbed.W, entry.drift),
+            "V": undisturbed.V,
+            "S": np.vstack([undisturbed.S, np.zeros((nd, len(undisturbed.V)))]),
+            "wbar": entry.padded(undisturbed.wbar),
+            "vbar": undisturbed.vbar,
+        }
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+
+
+def augmented_system(system: UncertainSystem, entry: Entry) -> UncertainSystem:
+    """Return the uncertain system of [x; d] with the noise [w; xi].
+
+    Parameters
+    ----------
+    system : of a model, or of the plant for an oracle estimator
+    entry : how d enters it
+    """
+    m, nd = system.over_time, entry.nd
+    A, B_d = _same_times(m.A, entry.B_d(m.B))
+    below = np.zeros((len(A), nd, A.shape[2]))
+    kept = np.broadcast_to(np.eye(nd), (len(A), nd, nd))
+    C, C_d = m.C, np.broadcast_to(entry.C_d, (len(m.C), *entry.C_d.shape))
+    changed = {
+        "A": np.concatenate([np.concatenate([A, B_d], axis=2), np.concatenate([below, kept], axis=2)], axis=1),
+        "C": np.concatenate([C, C_d], axis=2),
+        "Bw": _blocks(m.Bw, nd),
+        "Dw": _padded(m.Dw, 2, nd),
+        "G_x": _padded(m.G_x, 2, nd),
+        "G_w": _padded(m.G_w, 2, nd),
+        **{name: _padded(getattr(m, name), 1, nd) for name in ("B", "Bv", "H_A", "H_Bw", "H_Bv")},
+    }
+    return UncertainSystem(Matrices(**{**m._asdict(), **changed}))
+
+
+def _same_times(A: Array, B: Array) -> tuple[Array, Array]:
+    """Return two series over k with the same number of entries."""
+    n = max(len(A), len(B))
+    return tuple(np.broadcast_to(each, (n, *each.shape[1:])) for each in (A, B))  # type: ignore[return-value]
+
+
+def _padded(M: Float[Array, "k rows columns"], axis: int, n: int) -> Array:
+    """Return matrices with n further rows (axis 1) or columns (axis 2) of zeros."""
+    return np.pad(M, [(0, n if each == axis else 0) for each in range(3)])
+
+
+def _blocks(Bw: Float[Array, "k nx nw"], nd: int) -> Array:
+    """Return [Bw 0; 0 I] for every k."""
+    full = np.pad(Bw, ((0, 0), (0, nd), (0, nd)))
+    full[:, Bw.shape[1] :, Bw.shape[2] :] = np.eye(nd)
+    return full
+
+
+# Adds the disturbances of a configuration to a design model of any kind, and checks that they are detectable.
+
+
+def disturbed(model: Model, entry: Entry, label: str = "") -> Model:
+    """Return a model of any kind with disturbances as further states."""
+    kinds = (
+        (LinearModel, DisturbedLinear),
+        (UncertainModel, DisturbedUncertain),
+        (StateDependentModel, DisturbedStates),
+        (NonlinearModel, DisturbedNonlinear),
+        (Model, DisturbedModel),
+    )
+    make: Any = next(made for kind, made in kinds if isinstance(model, kind))
+    found: Model = make(model, entry, label)
+    return found
+
+
+def with_disturbance(model: Model, disturbance: Disturbance, n_steps: int, x0: Float[Array, " nx"]) -> Model:
+    """Return the design model with the disturbances of a configuration."""
+    entry = entry_of(model, disturbance)
+    models = _linear_models(model, n_steps, x0)
+    rank, needed = refuse_undetectable(models, entry) if models else (0, 0)
+    places = disturbance.at if isinstance(disturbance.at, list) else [disturbance.at]
+    words = ", ".join(place if isinstance(place, str) else "B_d, C_d" for place in places)
+    drift = ", ".join(f"{value:g}" for value in entry.drift.diagonal())
+    detectable = f", detectable: rank {rank} of {needed}" if needed else ""
+    return disturbed(model, entry, f"at {words}, drift {drift}{detectable}")
+
+
+def _linear_models(model: Model, n_steps: int, x0: Float[Array, " nx"]) -> list[LinearModel]:
+    """Return the linear models with which detectability is checked; none where the model has none."""
+    if isinstance(model, StateDependentModel):
+        if model.has_offsets:
+            low, high = model.dynamics.limits(model.dynamics.names.inputs)  # type: ignore[attr-defined]
+            A, B, f0, C, d0 = (part[0] for part in model.around(0, x0[None], np.clip(0.0, low, high)[None]))
+        else:
+            (A, B), C = (part[0] for part in model.at_state(x0[None])), model.C
+            f0, d0 = np.zeros(model.nx), np.zeros(model.ny)
+        fits = all(np.isfinite(part).all() for part in (A, B, C))
+        return [LinearModel(A, B, C, model.Q_w, model.R_v, f0=f0, d0=d0)] if fits else []
+    if isinstance(model, NonlinearModel) and model.linear_keys is None:
+        F = model.F(x0, np.zeros(model.nu))
+        B = jacobian(lambda u: model.f(x0, u, near=(x0, np.zeros(model.nu))), np.zeros(model.nu))
+        C = model.H(x0)
+        fits = all(np.isfinite(part).all() for part in (F, B, C))
+        return [LinearModel(F, B, C, model.Q_w, model.R_v)] if fits else []
+    return [model.at(k) for k in range(n_steps + 1 if model.varies else 1)]

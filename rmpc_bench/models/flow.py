@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics, OdeDynamics
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.ode_blocks import padded, rows
+from rmpc_bench.models.ode_functions import padded, rows
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, DesignError, Model

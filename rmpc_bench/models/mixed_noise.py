@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.matrix_sizes import expanded, sizes_of
-from rmpc_bench.models.noise_covariances import SAME_SCALE, NoiseScale
+from rmpc_bench.models.noise_sets import SAME_SCALE, NoiseScale
 from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, values_at
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.types import Array, DesignError, Model, SystemMatrix

@@ -1,4 +1,4 @@
-"""Sets that a design assumes for errors and noises, and covariances that represent such sets.
+"""Sets and covariances that a design assumes for errors and noises, and covariances that represent sets.
 
 Sets    The set E(0, M) contains the bounded part of a noise, if the model has sets.  The confidence ellipsoid E(0, c P)
         contains the stochastic part N(0, P) with a given probability.  The outer ellipsoid of least trace contains
@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
-from rmpc_bench.types import Array, Model
+from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative
 
 LEVEL = 0.95
 """Probability of the confidence ellipsoid that represents a covariance where a method needs a set."""
@@ -106,3 +107,50 @@ def with_noise_kind(
 def stochastic_sets(model: Model) -> NoiseSets:
     """Return the confidence ellipsoids of the covariances of a model, for a method that needs sets."""
     return NoiseSets(model, LEVEL, bounded=False)
+
+
+@dataclass(frozen=True)
+class DesignNoise:
+    """Noise of a design model, white and added to the sampled state and to the output.
+
+    Parameters
+    ----------
+    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix
+    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix
+    """
+
+    process: Matrix
+    measurement: Matrix
+
+    def covariances(self, nx: int, ny: int) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
+        """Return Q_w and R_v.
+
+        Raises
+        ------
+        DesignError
+            If a size does not fit, or a matrix is not positive semidefinite.
+        """
+        found = []
+        for name, n in (("process", nx), ("measurement", ny)):
+            try:
+                found.append(as_covariance(getattr(self, name), n))
+            except ValueError as error:
+                raise DesignError(str(error), f"noise.{name}") from None
+        return found[0], found[1]
+
+
+@dataclass(frozen=True)
+class NoiseScale:
+    """Factors on the standard deviations of the noises of a design model; the noise of the plant does not change.
+
+    Parameters
+    ----------
+    process : factor on the standard deviation of the process noise; its covariance is multiplied by the square
+    measurement : factor on the standard deviation of the measurement noise
+    """
+
+    process: NonNegative = 1.0
+    measurement: NonNegative = 1.0
+
+
+SAME_SCALE = NoiseScale()

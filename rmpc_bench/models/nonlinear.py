@@ -23,7 +23,7 @@ from rmpc_bench.models.compiled_step import Step, compiled_step
 from rmpc_bench.models.dynamics import RTOL, Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
 from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.linearised import LinearisedModel, linearised
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.operating_point import At, find_point
 from rmpc_bench.numerics.jacobian import STEP, jacobian, sizes_of_coordinates
 from rmpc_bench.types import Array, Count, DesignError, Model, OperatingPoint, Parameters, Plant, UserFunction

@@ -9,12 +9,11 @@ from __future__ import annotations
 from typing import Literal
 
 from rmpc_bench.models.dynamics import OdeDynamics
-from rmpc_bench.models.linearised import linearised
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.linearised import linearised, relinearised
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import nonlinear_model
-from rmpc_bench.models.ode_names import Names, check_output, is_timed, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, check_output, is_timed, names_of, refuse_shared
 from rmpc_bench.models.operating_point import At
-from rmpc_bench.models.trajectory import relinearised
 from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, UserFunction
 
 

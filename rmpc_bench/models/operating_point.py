@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.models.dynamics import Dynamics, OdeDynamics
 from rmpc_bench.numerics.steady_state import Zero, find_zero
 from rmpc_bench.types import Array, DesignError, OperatingPoint
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 Values: TypeAlias = float | list[float] | dict[str, float]
 """One number for all, one number each, or numbers by name."""

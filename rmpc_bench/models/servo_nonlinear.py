@@ -23,7 +23,7 @@ from rmpc_bench.models import servo
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.servo import TABLE_1, ServoNoise
-from rmpc_bench.models.servo_equations import (
+from rmpc_bench.models.servo_compiled import (
     FRICTION,
     INDUCTANCE,
     MOST_RATE,

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.numerics.burst_times import Burst, Span, samples_of, spans_of
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
-from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import attribute
 
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""

@@ -7,10 +7,201 @@ Cost    As `uncertain-linear` without uncertainty.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.library_systems import ParametricSystem, SampledSystem
 from rmpc_bench.models.uncertain_system import uncertain_system
-from rmpc_bench.plants.uncertain_linear import UncertainLinear
-from rmpc_bench.plants.uncertainty import Uncertainty
-from rmpc_bench.types import SystemMatrix
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.plants.ode_design import bounds_by_name
+from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
+from rmpc_bench.types import (
+    Array,
+    LinearPlant,
+    Motion,
+    Plant,
+    RunFailure,
+    RunInfo,
+    Signals,
+    Status,
+    Statuses,
+    SystemMatrix,
+)
+
+OK = np.int8(Status.OK)
+NOT_UNCERTAIN = Uncertainty("fixed", value=0.0)
+
+
+# Linear plant whose matrices may depend on the parameters of a run.
+#
+# Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) with the matrices of the parameters of the run.  A
+#         continuous system is sampled exactly, with the input held over a sample.
+# Names   States, inputs and outputs have the names that the system gives them.  The simulation limits inputs to their
+#         bounds before they act.
+# Cost    Matrices: one exponential per run with parameters of its own.  A step is three small products per run.
+# Fails   Status `out-of-range`: a parameter is not finite.  Status `crashed`: the system cannot be made from the
+#         parameters of the run, or has other sizes than the nominal one.
+
+
+class Matrices(NamedTuple):
+    """Matrices of every run."""
+
+    A: Float[Array, "runs nx nx"]
+    B: Float[Array, "runs nx nu"]
+    C: Float[Array, "runs ny nx"]
+    numbers: Float[Array, "runs n_parameters"]
+    """Parameters, in the order of their names."""
+    status: Statuses
+
+
+class StartedMatrices(NamedTuple):
+    """The same within a simulation, which knows the runs."""
+
+    A: Float[Array, "runs nx nx"]
+    B: Float[Array, "runs nx nu"]
+    C: Float[Array, "runs ny nx"]
+    numbers: Float[Array, "runs n_parameters"]
+    status: Statuses
+    runs: RunInfo
+
+
+@dataclass(frozen=True, eq=False)
+class FixedLinear(UncertainLinear):
+    """A linear plant without uncertainty whose signals have names."""
+
+    own_signals: Signals = field(default_factory=lambda: Signals((), (), ()))
+
+    @property
+    def signals(self) -> Signals:
+        """Names of states, inputs and outputs."""
+        return self.own_signals
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """Names of single components."""
+        return self.own_signals.component_names()
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricLinear(Plant):
+    """A linear plant with matrices of its own for every run; build it with `linear_plant`."""
+
+    Ts: float
+    family: ParametricSystem
+    signals: Signals
+    starts_runs = True
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.signals.nx
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.signals.nu
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.signals.ny
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Parameters with their nominal values."""
+        return self.family.nominal
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """Names of single components."""
+        return self.signals.component_names()
+
+    def draw(
+        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
+    ) -> Matrices:
+        """Return the matrices of every run; a run that has none gets the nominal ones and a status."""
+        columns = [parameters[name] for name in self.nominal]
+        numbers = np.stack(columns, axis=1).astype(float) if columns else np.zeros((len(rngs), 0))
+        # Runs with the same parameters have the same matrices.
+        distinct, row_of = np.unique(numbers, axis=0, return_inverse=True)
+        made = [self._of(values) for values in distinct]
+        usual = None if all(isinstance(each, SampledSystem) for each in made) else self._nominal()
+        systems = [each if isinstance(each, SampledSystem) else usual for each in made]
+        statuses = np.array([OK if isinstance(each, SampledSystem) else each[0] for each in made], dtype=np.int8)
+        row_of = row_of.reshape(len(numbers))
+        A, B, C = (np.array([each[i] for each in systems if each is not None])[row_of] for i in range(3))
+        return Matrices(A, B, C, numbers, statuses[row_of])
+
+    def start(self, delta: Matrices, x0: Float[Array, "runs nx"], runs: RunInfo) -> StartedMatrices:
+        """Add the runs, to note why some of them have no matrices."""
+        for i in np.flatnonzero(delta.status != OK).tolist():
+            found = self._of(delta.numbers[i])
+            if runs.alive[i] and not isinstance(found, SampledSystem):
+                values: dict[str, Any] = {"p": dict(zip(self.nominal, delta.numbers[i].tolist(), strict=True))}
+                runs.journal.fail(RunFailure(runs.index[i], int(found[0]), "plant", 0, found[1], "", values))
+        return StartedMatrices(*delta, runs)
+
+    def step(
+        self,
+        k: int,
+        delta: Matrices | StartedMatrices,
+        x: Float[Array, "runs nx"],
+        u: Float[Array, "runs nu"],
+        w: Float[Array, "runs nw"],
+    ) -> Motion:
+        """Return x(k+1)."""
+        return Motion(mv(delta.A, x) + mv(delta.B, u) + w, delta.status.copy())
+
+    def output(
+        self, k: int, delta: Matrices | StartedMatrices, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
+    ) -> Float[Array, "runs ny"]:
+        """Measure."""
+        return mv(delta.C, x) + v
+
+    def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
+        """Return the matrices for some parameters; None where there are none."""
+        found = self._of(np.array([parameters[name] for name in self.nominal]))
+        return LinearPlant(*found, np.eye(self.nx)) if isinstance(found, SampledSystem) else None
+
+    def _nominal(self) -> SampledSystem:
+        return self.family.sampled(self.nominal, self.Ts)
+
+    def _of(self, numbers: Float[Array, " n_parameters"]) -> SampledSystem | tuple[Status, str]:
+        """Sample the system of some parameters; a status and the reason where it cannot be made."""
+        if not np.isfinite(numbers).all():
+            return Status.OUT_OF_RANGE, "a parameter is not a finite number"
+        try:
+            made = self.family.sampled(dict(zip(self.nominal, numbers.tolist(), strict=True)), self.Ts)
+        # The function that makes the system is the user's: it may raise anything.
+        except Exception as error:
+            return Status.CRASHED, f"{self.family.key}: {type(error).__name__}: {error}"
+        sizes, wanted = (len(made.A), made.B.shape[1], len(made.C)), (self.nx, self.nu, self.ny)
+        if sizes != wanted:
+            what = f"has {sizes[0]} states, {sizes[1]} inputs, {sizes[2]} outputs; the nominal system has {wanted}"
+            return Status.CRASHED, f"{self.family.key}: {what}"
+        return made
+
+
+def linear_plant(
+    system: ParametricSystem, Ts: float, n_steps: int, bounds: Mapping[str, tuple[float, float]] | None
+) -> Plant:
+    """Return a linear system as a plant.
+
+    A system without parameters and without bounds of an input is simulated in compiled code, and its moments are
+    exact, as those of the plant `linear`.
+    """
+    A, B, C = system.sampled(system.nominal, Ts)
+    named = system.signals({})
+    signals = system.signals(bounds_by_name(bounds or {}, named.states, named.inputs))
+    if system.nominal or signals.limits_inputs:
+        return ParametricLinear(Ts, system, signals)
+    given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0}
+    return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals)
+
 
 NONE = Uncertainty("fixed", value=0.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.uncertain_system import UncertainSystem
-from rmpc_bench.plants.parametric_linear import ParametricLinear
+from rmpc_bench.plants.linear import ParametricLinear
 from rmpc_bench.types import Array, DesignError, LinearPlant, Plant, Status
 
 POINTS, SIZES = 4, (0.1, 1.0, 10.0)

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.models.ode_blocks import padded, rows
-from rmpc_bench.models.ode_names import Names, check_output, function_name, names_of
-from rmpc_bench.plants.ode_checks import output_takes_blocks
-from rmpc_bench.plants.ode_design import initial
+from rmpc_bench.models.ode_functions import Names, check_output, function_name, names_of, padded, rows
+from rmpc_bench.plants.ode_design import initial, output_takes_blocks
 from rmpc_bench.plants.ode_stepping import Stepping, advance_block, advance_run
 from rmpc_bench.types import Array, DesignError, Ode, Parameters, SolverError
 

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.servo import TABLE_1, TORQUE_UNITS, continuous, shaft_torque
-from rmpc_bench.models.servo_equations import (
+from rmpc_bench.models.servo_compiled import (
     FRICTION,
     INDUCTANCE,
     MOST_RATE,

@@ -31,8 +31,8 @@ from rmpc_bench.replaced_file import folder, inside
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.issue import unknown
-from rmpc_bench.types.report_choices import Column, Font, Format, Style
+from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.result_layout import Column, Font, Format, Style
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "columns": get_args(Column),

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from rmpc_bench.received.arrays import ArrayFileError, columns
 from rmpc_bench.types import Array, DesignError
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 File: TypeAlias = Path
 """A recorded file, for rooms that touch no files themselves."""

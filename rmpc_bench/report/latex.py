@@ -16,7 +16,7 @@ from rmpc_bench.figures.labels import typeset, wrapped
 from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
 from rmpc_bench.report.point_tables import PointSummary, average_of, columns_of, value_text
 from rmpc_bench.types import MetricInfo
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.result_layout import Column
 
 USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
 """Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""

@@ -23,7 +23,7 @@ from rmpc_bench.report.page.rows import Rows
 from rmpc_bench.report.point_tables import Points, other_average
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.report.run_tables import latex_requirements
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.result_layout import Column
 
 LONGEST = 285  # characters of two lines
 SHARE = "of the share of runs in which the method is better (ties count half)"

@@ -14,7 +14,7 @@ from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_text, number, places, short
 from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.report.run_notes import step_cells
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.result_layout import Column
 from rmpc_bench.types.texts import inert_markdown, without_links
 
 

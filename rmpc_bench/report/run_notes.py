@@ -13,7 +13,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.result_layout import Column
 
 MOST_FILES = 20  # failed runs of a method that have a file of their own
 MOST_WARNINGS = 10  # different warnings of a method that tables/summary.md shows

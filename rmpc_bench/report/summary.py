@@ -20,8 +20,8 @@ from rmpc_bench.report.point_tables import Points, PointSummary, markdown_page, 
 from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, tail_columns
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.issue import unknown
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.result_layout import Column
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:

@@ -13,7 +13,7 @@ from rmpc_bench.simulation.checked_calls import checked_calls, metric_values
 from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
-from rmpc_bench.simulation.recorder import Recorder
+from rmpc_bench.simulation.recording import Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.own_draws import own_draws
+from rmpc_bench.simulation.draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.state_range import OK, RunLimits

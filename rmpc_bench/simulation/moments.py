@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Array, GainSchedule, Method, Period, Plant
 

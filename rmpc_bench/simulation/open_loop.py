@@ -1,4 +1,4 @@
-"""Open loop: the input is given, for experiments that compare estimators only."""
+"""Controllers of experiments that compare estimators only: a given input (open loop), or none."""
 
 from __future__ import annotations
 
@@ -48,3 +48,30 @@ class OpenLoop(Controller):
     ) -> tuple[Float[Array, "runs samples nu"], Command]:
         """Return u(k) of every run."""
         return state, Command(state[:, k], np.full(len(y), OK), {})
+
+
+@dataclass(frozen=True)
+class Rest(Controller):
+    """A controller that leaves the plant alone."""
+
+    nu: int
+    preview = 0
+    has_compiled_form = True
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return u = 0 for every k."""
+        return CompiledLaw(np.zeros((1, 1, self.nu)))
+
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
+
+    def control(
+        self,
+        k: int,
+        state: None,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[None, Command]:
+        """Return u = 0."""
+        return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})

@@ -5,7 +5,6 @@ NamedTuple of arrays, a step is pure.  A capability is an attribute with a defau
 The only imports are NumPy, jaxtyping and annotated-types.
 """
 
-from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import (
     Array,
     Count,
@@ -22,6 +21,7 @@ from rmpc_bench.types.basics import (
     SystemMatrix,
     UserFunction,
     UserFunctionOrText,
+    attribute,
 )
 from rmpc_bench.types.compiled import CompiledFilter, CompiledLaw, CompiledPlant
 from rmpc_bench.types.controller import Controller
@@ -29,15 +29,19 @@ from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
     InvalidReturnValue,
+    Issue,
     OutOfRange,
     Problem,
     SolverError,
     TimeLimit,
+    does_not_fit,
+    issues_of,
+    no_such_component,
+    row_by_row,
 )
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.exogenous import InputSignal, Noise, Reference
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
-from rmpc_bench.types.input_signal import InputSignal
-from rmpc_bench.types.issue import Issue, does_not_fit, issues_of, no_such_component, row_by_row
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.metric import (
     Bound,
@@ -50,13 +54,9 @@ from rmpc_bench.types.metric import (
     WindowMetric,
 )
 from rmpc_bench.types.model import Model
-from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.ode import Ode, Parameters
-from rmpc_bench.types.optimised_step import OptimisedStep
-from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.plant import Line, Panel, Plant, RecordedRuns
 from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
-from rmpc_bench.types.plot_records import Line, Panel
-from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import (
     DISTURBANCES,
     Channel,
@@ -68,20 +68,18 @@ from rmpc_bench.types.records import (
     LinearPlant,
     Motion,
     OperatingPoint,
+    OptimisedStep,
     Period,
+    Status,
+    Statuses,
     as_command,
     as_estimate,
     as_motion,
     without_disturbances,
 )
-from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
 from rmpc_bench.types.run_info import NO_WATCH, Journal, PassedOn, RunFailure, RunInfo, Watch
 from rmpc_bench.types.signals import NamedSignals, Signals
-from rmpc_bench.types.status import (
-    Status,
-    Statuses,
-)
 
 __all__ = [
     "DISTURBANCES",

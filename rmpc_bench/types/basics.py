@@ -1,12 +1,12 @@
-"""Arrays and numbers as annotations.
+"""What all components have in common: arrays and numbers as annotations, attributes with defaults, designs.
 
 The constraints are annotations of annotated-types, a dependency of pydantic, which validates them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Protocol, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -57,3 +57,62 @@ UserFunctionOrText: TypeAlias = Annotated[Any, FromCodeOrText()]
 """The same, or a text that does not have the form ``PATH.py:NAME``, such as the name of something installed."""
 DataFiles: TypeAlias = Annotated[Any, FromData()]
 """Data files; the design function receives a sorted tuple of absolute paths (`pathlib.Path`)."""
+
+
+if TYPE_CHECKING:
+    attribute = property
+else:
+
+    class attribute:
+        """Attribute of a base class; the decorated function computes its default from the instance.
+
+        A subclass replaces it by a class attribute, a property, a dataclass field or an assignment in `__init__`.
+
+        Examples
+        --------
+        >>> class Shape:
+        ...     @attribute
+        ...     def sides(self):
+        ...         return 0
+        >>> class Square(Shape):
+        ...     sides = 4
+        >>> Shape().sides, Square().sides
+        (0, 4)
+        """
+
+        def __init__(self, default: Callable[[Any], Any]) -> None:
+            self.default, self.__doc__ = default, default.__doc__
+
+        def __get__(self, instance: Any, owner: type | None = None) -> Any:
+            """Compute the default of an instance; a class has none."""
+            if instance is None:
+                # `dataclass` takes what it finds on the class for the default of a field of the same name.
+                raise AttributeError(f"{self.default.__name__!r} is an attribute of instances")
+            return self.default(instance)
+
+
+class Design:
+    """A frozen object that is made once, before any run, and shared by all runs and workers."""
+
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this design; `check` prints them."""
+        return ()
+
+    @attribute
+    def cost_per_step(self) -> float:
+        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
+        return 0.0
+
+    @attribute
+    def expected_failures(self) -> Mapping[str, str]:
+        """Checks of `rmpc_bench.conformance` that the component is meant to fail -> reason; reports print them."""
+        return {}
+
+    @attribute
+    def holds(self) -> bool:
+        """Whether a failed step of a run is held and counted, so that the run goes on."""
+        return False
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

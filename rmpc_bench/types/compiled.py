@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 from jaxtyping import Float, Int
 
 from rmpc_bench.types.basics import Array
-from rmpc_bench.types.records import GainSchedule, OperatingPoint
-from rmpc_bench.types.status import Statuses
+from rmpc_bench.types.records import GainSchedule, OperatingPoint, Statuses
 
 
 class CompiledPlant(NamedTuple):

@@ -10,13 +10,11 @@ import numpy as np
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.exogenous import InputSignal, Noise, Reference
 from rmpc_bench.types.figure import Figure
-from rmpc_bench.types.input_signal import InputSignal
 from rmpc_bench.types.metric import Metric
 from rmpc_bench.types.model import Model
-from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.plant import Plant
-from rmpc_bench.types.reference import Reference
 
 BASES: Mapping[str, type] = {
     "plants": Plant,

@@ -7,10 +7,8 @@ from typing import Any, Literal
 
 from jaxtyping import Float
 
-from rmpc_bench.types.attribute import attribute
-from rmpc_bench.types.basics import Array
+from rmpc_bench.types.basics import Array, Design, attribute
 from rmpc_bench.types.compiled import CompiledFilter
-from rmpc_bench.types.design import Design
 from rmpc_bench.types.records import Estimate, GainSchedule
 
 

@@ -9,8 +9,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 
 from annotated_types import Ge, Le
 
-from rmpc_bench.types.errors import DesignError
-from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.errors import DesignError, Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 Inches = Annotated[float, Ge(1), Le(100)]

@@ -11,11 +11,9 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.types.attribute import attribute
-from rmpc_bench.types.basics import Array, NonNegative
+from rmpc_bench.types.basics import Array, NonNegative, attribute
 from rmpc_bench.types.controller import Controller
-from rmpc_bench.types.errors import DesignError
-from rmpc_bench.types.issue import Issue, issues_of
+from rmpc_bench.types.errors import DesignError, Issue, issues_of
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.records import Estimate

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types.attribute import attribute
-from rmpc_bench.types.basics import Array
+from rmpc_bench.types.basics import Array, attribute
 from rmpc_bench.types.records import OperatingPoint
 
 

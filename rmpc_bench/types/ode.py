@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.signals import NamedSignals
 
 

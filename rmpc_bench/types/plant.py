@@ -1,23 +1,56 @@
-"""Base class of plants: the true system, simulated for many runs at once."""
+"""Base class of plants: the true system, simulated for many runs at once; and the data that it provides for plots."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types.attribute import attribute
-from rmpc_bench.types.basics import Array
+from rmpc_bench.types.basics import Array, Design, attribute
 from rmpc_bench.types.compiled import CompiledPlant
-from rmpc_bench.types.design import Design
+from rmpc_bench.types.exogenous import InputSignal
 from rmpc_bench.types.ode import Ode
-from rmpc_bench.types.plot_records import Panel
-from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
 from rmpc_bench.types.signals import NamedSignals
+
+
+class Line(NamedTuple):
+    """A curve of a panel."""
+
+    label: str
+    x: Float[Array, " points"]
+    y: Float[Array, " points"]
+    """NaN makes a gap."""
+    dots: bool = False
+    """Whether the points are marked instead of joined."""
+    notes: tuple[str, ...] = ()
+    """What is written beside the points, one text each; nothing unless given."""
+
+
+class Panel(NamedTuple):
+    """A plot of a plant, such as its friction law (`Plant.plots`)."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+    equal: bool = False
+    """Whether a unit is as long on both axes, as in a plan."""
+
+
+class RecordedRuns(NamedTuple):
+    """The recorded runs of a plant; their inputs take the place of a controller."""
+
+    input: InputSignal
+    n_runs: int
+    """Number of recorded runs."""
+    gaps: str
+    """Where measurements are missing, in words; empty where none are."""
+    scale: float
+    """Largest magnitude of a recorded number, at least 1."""
 
 
 class Plant(Design):

@@ -1,16 +1,56 @@
-"""Records that plants, estimators and controllers exchange."""
+"""Records that plants, estimators and controllers exchange, and the statuses of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import IntEnum
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int8
 
 from rmpc_bench.types.basics import Array
-from rmpc_bench.types.status import Statuses
+
+
+class Status(IntEnum):
+    """What became of a run; the text of a member is shown wherever a failure is counted."""
+
+    explanation: str
+
+    def __new__(cls, value: int, explanation: str) -> Status:
+        """Attach the explanation to the number."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.explanation = explanation
+        return member
+
+    OK = 0, "the run reached its last sample"
+    DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value is not a number"
+    OUT_OF_RANGE = (
+        2,
+        "a drawn parameter or a state left the range of the plant (a mass, the length of an arm, `plant.bounds`)",
+    )
+    TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
+    EMPTY_SET = 4, "the measurement and the predicted set have no state in common"
+    SINGULAR = (
+        5,
+        "the mechanism came to a pose in which its drives cannot move it every way, or the covariance of a nonlinear "
+        "filter was indefinite twice",
+    )
+    INFEASIBLE = 6, "an optimiser reported that its constraints have no solution"
+    NOT_CONVERGED = 7, "a solver did not converge (`SolverError`)"
+    TIMEOUT = 8, "a step or the run took longer than `execution.timeout`"
+    CRASHED = 9, "a component raised an exception, returned an invalid value or ended its process"
+
+    @property
+    def word(self) -> str:
+        """The status as tables and files spell it: lower case with hyphens."""
+        return self.name.lower().replace("_", "-")
+
+
+Statuses: TypeAlias = Int8[Array, " runs"]
+
 
 DISTURBANCES = "d_hat"
 """Entry of the info of an estimate: the estimated disturbances of the design model."""
@@ -184,3 +224,32 @@ class LinearLaw(NamedTuple):
     """State of the law besides u(k-1); None for a law that has none and does not use y(k)."""
     affine: bool = False
     """Whether the law has constant terms too, such as those of an operating point."""
+
+
+class OptimisedStep(IntEnum):
+    """How the moves of a sample were found; the entry `qp` of a command's info has its number."""
+
+    explanation: str
+
+    def __new__(cls, value: int, explanation: str) -> OptimisedStep:
+        """Attach the explanation to the number."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.explanation = explanation
+        return member
+
+    SKIPPED = 0, "no limit acts: the closed form is the minimum"
+    SOLVED = 1, "the quadratic program was solved, and no slack is in use"
+    SOFTENED = 2, "the quadratic program was solved, and the slack of a soft limit is in use"
+    INFEASIBLE = 3, "no moves satisfy the hard limits; the fallback was used"
+    NOT_CONVERGED = 4, "the solver did not find the minimum; the fallback was used"
+
+    @property
+    def word(self) -> str:
+        """The result as tables and files spell it: lower case with hyphens."""
+        return self.name.lower().replace("_", "-")
+
+    @property
+    def failed(self) -> bool:
+        """Whether the fallback was used."""
+        return self in (OptimisedStep.INFEASIBLE, OptimisedStep.NOT_CONVERGED)

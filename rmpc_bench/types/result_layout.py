@@ -9,10 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-from rmpc_bench.types.issue import Issue, no_such_component, unknown
+from rmpc_bench.types.errors import Issue, no_such_component, unknown
 from rmpc_bench.types.sweep_points import lies_at, no_such_point, value_text
+
+Font = Literal["dejavu", "stix", "times"]
+Style = Literal["bench", "paper"]
+Format = Literal["svg", "pdf", "png", "pgf"]
+Column = Literal[
+    "mean", "lost", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "steps", "pairs"
+]
+"""Columns of the LaTeX table of a metric behind the label of the method; `other` is the change of the other average."""
+DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf")
+LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
+"""Narrowest and widest figure [in]."""
+
 
 Shape: TypeAlias = tuple[int, ...]
 NO_MOMENTS = "needs ensemble moments: evaluate: [runs, moments]"

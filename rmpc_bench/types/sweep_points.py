@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.errors import unknown
 
 
 def value_text(value: object) -> str:

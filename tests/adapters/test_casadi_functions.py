@@ -10,7 +10,7 @@ from conftest import ROUND
 from plants import tanks
 
 from rmpc_bench.adapters.casadi import output_function, step_function
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.plants.linear import design as linear_plant

@@ -18,7 +18,7 @@ from rmpc_bench.adapters.casadi import output_function, step_function
 from rmpc_bench.adapters.casadi_plant import plant
 from rmpc_bench.models.dynamics import dynamics_of
 from rmpc_bench.models.linearised import design as linearise
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.plants.ode import design as ode_plant

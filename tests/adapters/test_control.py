@@ -19,11 +19,11 @@ from rmpc_bench.adapters.control_gains import lqe, lqr
 from rmpc_bench.controllers.state_feedback import lqr as own_lqr
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import design as linearised
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.operating_point import At
+from rmpc_bench.plants.linear import ParametricLinear
 from rmpc_bench.plants.linear import design as linear
 from rmpc_bench.plants.ode_stepping import Solver
-from rmpc_bench.plants.parametric_linear import ParametricLinear
 from rmpc_bench.plants.uncertain_linear import UncertainLinear
 from rmpc_bench.types import DesignError
 
@@ -243,7 +243,7 @@ def test_gains_that_there_are_not():
 
 def _unobservable():
     from rmpc_bench.adapters.control_system import linear as read
-    from rmpc_bench.models.realisation import parametric_system
+    from rmpc_bench.models.library_systems import parametric_system
 
     given = control.ss([[1.0, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[0.0, 1.0]], 0)
     return (parametric_system(given, read, {}, "control"),)

@@ -16,7 +16,7 @@ from small_experiment import cli, ran, write
 
 from rmpc_bench.adapters.control import model, plant
 from rmpc_bench.adapters.control_system import nonlinear
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.types import DesignError, Parameters
 
 NOISE = DesignNoise(1e-6, 4e-6)

@@ -7,9 +7,9 @@ from conftest import ROUND
 from scipy import signal
 
 from rmpc_bench.adapters.scipy_signal import model, plant
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
+from rmpc_bench.plants.linear import ParametricLinear
 from rmpc_bench.plants.linear import design as linear
-from rmpc_bench.plants.parametric_linear import ParametricLinear
 from rmpc_bench.plants.uncertain_linear import UncertainLinear
 from rmpc_bench.types import DesignError
 

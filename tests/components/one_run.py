@@ -8,9 +8,9 @@ from rmpc_bench.components.single_run import design_function, single_run
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.closed_loop import simulate_block
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.recording import Recording
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario
 from rmpc_bench.types import Method, Plant, PlantInfo
 

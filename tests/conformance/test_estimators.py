@@ -18,8 +18,8 @@ from rmpc_bench.estimators.risk_sensitive import Radius
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
+from rmpc_bench.plants.uncertain_linear import Uncertainty
 from rmpc_bench.plants.uncertain_linear import design as uncertain_plant
-from rmpc_bench.plants.uncertainty import Uncertainty
 from rmpc_bench.types import Estimate, Estimator
 
 KINDS = registry.names("estimators")

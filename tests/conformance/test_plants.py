@@ -9,7 +9,7 @@ from rmpc_bench import registry
 from rmpc_bench.conformance import PlantExample, check_component
 from rmpc_bench.extras import NEEDED_BY, is_installed
 from rmpc_bench.plants.ode_stepping import Solver
-from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.plants.uncertain_linear import Uncertainty
 
 # Recorded runs are those of files, and do not follow u: tests/plants/test_data.py.
 # A co-simulation unit is a file with compiled code: tests/adapters/test_fmu.py.

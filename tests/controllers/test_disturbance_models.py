@@ -13,9 +13,9 @@ from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbanc
 from rmpc_bench.estimators.oracle import design as oracle
 from rmpc_bench.estimators.set_membership import design as set_membership
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import design as uncertain
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.plants.ode import design as ode_plant
 from rmpc_bench.plants.uncertain_linear import design as uncertain_plant
 from rmpc_bench.types import DesignError, Estimate, OptimisedStep, PlantInfo

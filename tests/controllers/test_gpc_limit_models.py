@@ -12,7 +12,7 @@ from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import LinearisedModel
 from rmpc_bench.models.linearised import design as linearise
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 from rmpc_bench.plants.ode import design as ode_plant

@@ -8,7 +8,7 @@ from rmpc_bench.adapters import control_gains
 from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.estimators import kalman
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.types import DesignError
 
 CONFIG = """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, lower_root, root_of

@@ -9,9 +9,9 @@ from scipy.linalg import solve_discrete_are
 
 from rmpc_bench.estimators import directional_kalman, kalman
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.types import DesignError
 
 

@@ -10,8 +10,8 @@ from filterpy.hinfinity import HInfinityFilter
 
 from rmpc_bench.estimators import h_infinity, kalman, risk_sensitive
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.types import DesignError
 
 FORMS = pytest.mark.parametrize("form", ["filter", "predictor"])

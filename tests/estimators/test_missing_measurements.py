@@ -11,7 +11,7 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.plants import uncertain_linear as plants
-from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.plants.uncertain_linear import Uncertainty
 
 STEPS = 8
 OTHER = {"rtol": 1e-9, "atol": 1e-12}

@@ -9,13 +9,13 @@ from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, Unscen
 
 from rmpc_bench.estimators import extended_kalman, kalman, kalman_predictor, unscented_kalman
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import design as linearised
 from rmpc_bench.models.moving_slide import SlideNoise
 from rmpc_bench.models.moving_slide import design as slide
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.plants.ode import design as ode
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import DesignError, Status

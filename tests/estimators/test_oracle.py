@@ -10,10 +10,10 @@ from plants.uncertain_twin import NAMES, SIZES, at, random_given, true_matrices
 from rmpc_bench.estimators import kalman, kalman_predictor, oracle
 from rmpc_bench.models import uncertain_linear as models
 from rmpc_bench.plants import uncertain_linear as plants
-from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.plants.uncertain_linear import Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.draws import Draws
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.types import DesignError, Method, Plant
 
 STEPS = 9

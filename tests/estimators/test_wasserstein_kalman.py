@@ -8,9 +8,9 @@ from estimators.wkf2018_system import WKF, stationary_error
 
 from rmpc_bench.estimators import kalman, wasserstein_kalman
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.numerics.wasserstein import least_favourable
 from rmpc_bench.types import DesignError
 

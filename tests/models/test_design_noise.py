@@ -4,8 +4,8 @@ import numpy as np
 from conftest import random_model, random_psd
 from estimators.uncertain_oracles import random_uncertain
 
-from rmpc_bench.models.design_noise import design_systems
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.uncertain_linear import design_systems
 from rmpc_bench.models.uncertain_system import CHANNELS
 
 

@@ -8,13 +8,13 @@ from conftest import random_model, random_psd
 
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.disturbance import Disturbance, DisturbanceGains, augmented, entry_of, rank_and_size
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed
 from rmpc_bench.models.moving_slide import design as moving_slide
 from rmpc_bench.models.servo import ServoNoise
 from rmpc_bench.models.servo import design as servo
 from rmpc_bench.models.uncertain_linear import design as uncertain
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.types import DesignError
 
 SERVO = servo(0.1, noise=ServoNoise(1.0, 1.0))

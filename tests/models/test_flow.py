@@ -10,7 +10,7 @@ from models import pendulum
 from rmpc_bench.estimators import extended_kalman, unscented_kalman
 from rmpc_bench.models import servo as servo_linear
 from rmpc_bench.models.flow import flow_of
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.servo import ServoNoise
 from rmpc_bench.models.servo_nonlinear import CURRENT_VARIANCE

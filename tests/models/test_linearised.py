@@ -8,7 +8,7 @@ from plants import tanks
 from scipy.signal import cont2discrete
 
 from rmpc_bench.models.linearised import design
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.ode import design as ode_model
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.numerics.linalg import discretise

@@ -8,8 +8,7 @@ from conftest import ROUND, random_model, random_psd, within_stat
 from estimators.mixed_systems import in_ellipsoid
 
 from rmpc_bench.models.mixed_noise import design
-from rmpc_bench.models.noise_covariances import NoiseScale
-from rmpc_bench.models.noise_sets import NoiseSets, uniform_covariance, with_noise_kind
+from rmpc_bench.models.noise_sets import NoiseScale, NoiseSets, uniform_covariance, with_noise_kind
 from rmpc_bench.numerics.ellipsoid import sum_shape
 from rmpc_bench.types import DesignError, Model
 

@@ -15,7 +15,7 @@ from rmpc_bench.controllers.gpc import design as gpc
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import design as linearise
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.ode import design as ode_model
 from rmpc_bench.models.operating_point import At

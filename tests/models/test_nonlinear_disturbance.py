@@ -7,10 +7,10 @@ from models.test_nonlinear import NOISE, STEPS, TS, two_tanks
 from rmpc_bench.components.advance import advanced
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.disturbance import Disturbance, DisturbanceGains
+from rmpc_bench.models.disturbed import with_disturbance
 from rmpc_bench.models.linearised import design as linearise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.operating_point import At
-from rmpc_bench.models.with_disturbance import with_disturbance
 from rmpc_bench.types import DesignError
 
 X0 = np.array([0.2, 0.1])

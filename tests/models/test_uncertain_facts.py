@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.models.uncertain_facts import facts
-from rmpc_bench.models.uncertain_system import uncertain_system
+from rmpc_bench.models.uncertain_system import facts, uncertain_system
 
 A = [[0.0, -0.5], [1.0, 1.0]]
 SOUTO = dict(  # souto2011, (84)

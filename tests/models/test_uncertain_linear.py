@@ -7,7 +7,7 @@ import pytest
 from conftest import ROUND, random_psd
 from plants.uncertain_twin import SIZES, at, random_given
 
-from rmpc_bench.models.noise_covariances import NoiseScale
+from rmpc_bench.models.noise_sets import NoiseScale
 from rmpc_bench.models.uncertain_linear import design
 from rmpc_bench.types import DesignError
 

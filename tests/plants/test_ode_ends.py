@@ -11,7 +11,7 @@ from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.draws import Draws
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.types import DesignError, Estimate, Estimator, Journal, Method, RunInfo, Status
 

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from rmpc_bench.estimators import extended_kalman, unscented_kalman
 from rmpc_bench.models.flow import flow_of
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.numerics.halving import Tolerance, halve
 from rmpc_bench.numerics.integration import rk4, sample_times

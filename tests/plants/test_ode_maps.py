@@ -8,17 +8,17 @@ from plants.test_ode_ends import STEPS, Nothing
 
 from rmpc_bench.models.dynamics import dynamics_of
 from rmpc_bench.models.linearised import design as linearise
-from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.linearised import relinearised
+from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
 from rmpc_bench.models.ode import design as ode_model
 from rmpc_bench.models.operating_point import At
-from rmpc_bench.models.trajectory import relinearised
 from rmpc_bench.numerics.integration import rk4, sample_times
 from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.draws import Draws
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.types import DesignError, Journal, Method, Status
 

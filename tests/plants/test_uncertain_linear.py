@@ -5,8 +5,7 @@ import pytest
 from conftest import ROUND, random_psd, within_stat
 from plants.uncertain_twin import NAMES, SIZES, at, entry_maps, random_contraction, random_given, true_matrices, walk
 
-from rmpc_bench.plants.uncertain_linear import design
-from rmpc_bench.plants.uncertainty import Sequences, Uncertainty
+from rmpc_bench.plants.uncertain_linear import Sequences, Uncertainty, design
 from rmpc_bench.types import DesignError, Plant, Status
 
 RUNS, STEPS = 4, 6

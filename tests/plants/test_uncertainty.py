@@ -6,7 +6,7 @@ from conftest import STAT, within_stat
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.plants.uncertainty import NAMES, Uncertainty
+from rmpc_bench.plants.uncertain_linear import NAMES, Uncertainty
 
 SHAPES = ((1, 1), (2, 3), (3, 2))
 RANDOM = [{"law": law, "per": per} for law in ("uniform", "extremes") for per in ("step", "run")]

@@ -8,8 +8,7 @@ from conftest import random_psd, within_stat
 from plants.uncertain_twin import NAMES, SIZES, at, random_contraction, random_given
 
 from rmpc_bench.noise.gaussian import Gaussian, gaussian
-from rmpc_bench.plants.uncertain_linear import design
-from rmpc_bench.plants.uncertainty import Sequences
+from rmpc_bench.plants.uncertain_linear import Sequences, design
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import DesignError, Noise

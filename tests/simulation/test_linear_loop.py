@@ -15,14 +15,12 @@ from rmpc_bench.models.uncertain_system import uncertain_system
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.linear_loop_kernel import PRODUCT, product_kernel, ready
 from rmpc_bench.plants import servo
-from rmpc_bench.plants.uncertain_linear import UncertainLinear
-from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
 from rmpc_bench.simulation import closed_loop
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
 from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.linear_loop import adds_like_einsum, applies, compiled_loop
-from rmpc_bench.simulation.open_loop import OpenLoop
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import InputSignal, Journal, Method, OperatingPoint, Status, Watch

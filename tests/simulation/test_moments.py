@@ -13,12 +13,11 @@ from rmpc_bench.estimators import enhanced_robust, kalman, kalman_predictor, ora
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
 from rmpc_bench.models import uncertain_linear as models
 from rmpc_bench.noise.gaussian import Gaussian
-from rmpc_bench.plants.uncertain_linear import design
-from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.plants.uncertain_linear import Uncertainty, design
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.moments import Laws, Moments, exact_laws, exact_moments, signals
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Channel, Method, Noise, Period, Plant
 

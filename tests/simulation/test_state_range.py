@@ -6,7 +6,7 @@ from simulation.test_closed_loop import RUNS, STEPS, TOY, others_unchanged, toy_
 from simulation.toy import Delta, Halfway, Walk
 
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.state_range import RunLimits, StateRange
 from rmpc_bench.types import Method, Motion, Status
 

@@ -18,7 +18,7 @@ from rmpc_bench.figures.points import shown_change
 from rmpc_bench.report.point_tables import columns_of, other_average
 from rmpc_bench.report.ranks_table import part_columns
 from rmpc_bench.report.run_notes import step_times
-from rmpc_bench.types.report_choices import Column
+from rmpc_bench.types.result_layout import Column
 
 LABEL_GAP, LETTER = 0.03, 0.037
 """Space between two labels of the axis of runs, and the width of a letter, as shares of the narrowest column."""

@@ -1,14 +1,13 @@
-"""Base class of noise laws."""
+"""Base classes of signals from outside: noise laws, references, input signals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.types.attribute import attribute
-from rmpc_bench.types.basics import Array
+from rmpc_bench.types.basics import Array, attribute
 
 
 class Noise:
@@ -76,3 +75,30 @@ class Noise:
     def in_burst(self, rng: np.random.Generator, n_samples: int) -> Bool[Array, " samples"]:
         """Whether a sample of one run is in a burst, from the fresh generator that `draw` takes."""
         return np.zeros(n_samples, dtype=bool)
+
+
+class Reference:
+    """A signal that the output should follow, known ahead of time.  A subclass gives the method `sample`."""
+
+    def sample(self, n_samples: int) -> Float[Array, "samples ny"]:
+        """Values at k = 0..n_samples - 1."""
+        raise NotImplementedError("sample")
+
+
+class InputSignal:
+    """An input known ahead of time, in place of a controller.  A subclass gives the method `sample`."""
+
+    @property
+    def n_runs(self) -> int | None:
+        """Number of runs that have an input; None where every run has one."""
+        return None
+
+    def sample(self, runs: Sequence[int], n_samples: int) -> Float[Array, "runs samples nu"]:
+        """Values at k = 0..n_samples - 1 of every run.
+
+        Parameters
+        ----------
+        runs : indices of the runs; a recorded input may be another one in every run
+        n_samples : number of samples
+        """
+        raise NotImplementedError("sample")
