@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.registry import unknown
-from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE, SIGNALS
 from rmpc_bench.simulation.moments import exact_laws
-from rmpc_bench.simulation.recording import has_bursts
+from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
 from rmpc_bench.simulation.scenario import Experiment
 
 

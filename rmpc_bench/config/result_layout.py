@@ -9,11 +9,9 @@ import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE
-from rmpc_bench.simulation.draws import stores_quantities
 from rmpc_bench.simulation.moments import Moments, signals
-from rmpc_bench.simulation.recording import design_series
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, design_series
+from rmpc_bench.simulation.scenario import Experiment, stores_quantities
 from rmpc_bench.types import DesignError, Method, ResultLayout
 
 Shapes = dict[str, tuple[int, ...]]

@@ -19,8 +19,8 @@ from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import mv, psd_sqrt
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.types import (
     Array,
     Command,

@@ -11,9 +11,8 @@ from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.linear_system import Excitation
 from rmpc_bench.conformance.results import require_same
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart
-from rmpc_bench.simulation.scenario import Scenario
+from rmpc_bench.simulation.scenario import Scenario, own_draws
 from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, Reference
 
 REMAINS = "; the plant keeps something of the first method: keep it in the state or in what `draw` or `start` returns"

@@ -23,10 +23,9 @@ from rmpc_bench.execution.stored_experiment import (
     write_experiment,
 )
 from rmpc_bench.execution.stored_stop import stop_of
-from rmpc_bench.simulation.draws import random_besides
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import design_series, kept
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Experiment, random_besides
 from rmpc_bench.types import Array, Method
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import StoredTuning

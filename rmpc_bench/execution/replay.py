@@ -19,7 +19,8 @@ from rmpc_bench.execution.engines.tasks import named_values
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.checked_calls import metric_values
-from rmpc_bench.simulation.closed_loop import SIGNALS, simulate
+from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.recording import SIGNALS
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread

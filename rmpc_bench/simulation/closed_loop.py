@@ -10,12 +10,11 @@ from jaxtyping import Float
 
 from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
-from rmpc_bench.simulation.recording import Recorder
+from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
 from rmpc_bench.types import (
     NO_WATCH,
@@ -35,14 +34,6 @@ from rmpc_bench.types import (
     as_motion,
     without_disturbances,
 )
-
-BURSTS = "bursts"
-"""Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
-COVARIANCE = "P"
-"""The reported covariance of the estimation error, which is recorded row by row; NaN of a method that reports none."""
-SIGNALS = ("y", "u", "u_command", "x", "x_hat")
-"""Signals of every run, `u_command` before the bounds of the plant and u after them; others are extra signals of the
-plant, reported by the method, or the bursts of the noise."""
 
 
 class Block(NamedTuple):

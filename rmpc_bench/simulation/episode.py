@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart, RunState
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Experiment, own_draws
 from rmpc_bench.simulation.state_range import OK, RunLimits
 from rmpc_bench.types import Array, Estimator, Journal, RunInfo, Status, as_estimate, as_motion
 

@@ -16,9 +16,8 @@ from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_compiled, at_sample, mv
 from rmpc_bench.simulation.checked_calls import is_own
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.run_start import RunStart
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
 from rmpc_bench.types import (
     DISTURBANCES,

@@ -8,9 +8,16 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE, SIGNALS
 from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario
 from rmpc_bench.types import Array, DesignError, Method
+
+BURSTS = "bursts"
+"""Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
+COVARIANCE = "P"
+"""The reported covariance of the estimation error, which is recorded row by row; NaN of a method that reports none."""
+SIGNALS = ("y", "u", "u_command", "x", "x_hat")
+"""Signals of every run, `u_command` before the bounds of the plant and u after them; others are extra signals of the
+plant, reported by the method, or the bursts of the noise."""
 
 
 class Recorder:

@@ -16,9 +16,9 @@ from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import LinearisedModel
 from rmpc_bench.plants.linear import design as linear_plant
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.moments import Laws, exact_moments
 from rmpc_bench.simulation.open_loop import Rest
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.types import Controller, DesignError, Method, Motion, OperatingPoint, Plant, Status
 
 RUNS, STEPS = 5, 15

@@ -12,8 +12,8 @@ from rmpc_bench.models import uncertain_linear as models
 from rmpc_bench.plants import uncertain_linear as plants
 from rmpc_bench.plants.uncertain_linear import Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.open_loop import Rest
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.types import DesignError, Method, Plant
 
 STEPS = 9

@@ -10,9 +10,9 @@ from rmpc_bench.numerics.adaptive import MAX_CALLS
 from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.types import DesignError, Estimate, Estimator, Journal, Method, RunInfo, Status
 
 METHODS = ["rk4", "LSODA", "RK45", "DOP853", "Radau", "BDF"]

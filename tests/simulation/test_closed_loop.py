@@ -13,9 +13,8 @@ from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.scenario import Experiment, Scenario
+from rmpc_bench.simulation.scenario import Draws, Experiment, Scenario
 from rmpc_bench.types import Method, Status
 
 TOY = Method("toy", Halfway(), Proportional())

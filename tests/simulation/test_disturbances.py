@@ -16,10 +16,10 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import uncertain_system
 from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.linear_loop import compiled_loop
 from rmpc_bench.simulation.moments import Laws, exact_moments, signals
 from rmpc_bench.simulation.recording import design_series
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.simulation.state_range import DIVERGED, OK, RunLimits, StateRange
 from rmpc_bench.types import Method
 

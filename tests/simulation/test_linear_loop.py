@@ -18,10 +18,10 @@ from rmpc_bench.plants import servo
 from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
 from rmpc_bench.simulation import closed_loop
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.linear_loop import adds_like_einsum, applies, compiled_loop
 from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import InputSignal, Journal, Method, OperatingPoint, Status, Watch
 

@@ -14,9 +14,8 @@ from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.draws import Draws, own_draws
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.scenario import Experiment, Scenario
+from rmpc_bench.simulation.scenario import Draws, Experiment, Scenario, own_draws
 from rmpc_bench.types import Method, Motion
 
 

@@ -10,11 +10,10 @@ from simulation.toy import Halfway, Walk
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.plants.uncertain_linear import Uncertainty, design
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
-from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.ensemble import joined
 from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario
+from rmpc_bench.simulation.scenario import Draws, Experiment, Recording, Scenario
 from rmpc_bench.types import Command, Controller, Estimate, Estimator, Method, Status
 
 RUNS, STEPS = 4, 6

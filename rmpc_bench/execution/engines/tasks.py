@@ -18,8 +18,7 @@ from rmpc_bench.components.untouched import untouched
 from rmpc_bench.execution.sampled_values import Sampled
 from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
-from rmpc_bench.simulation.draws import Draws, own_draws
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Draws, Experiment, own_draws
 from rmpc_bench.types import NO_WATCH, Array, Method, Watch
 from rmpc_bench.types.basics import Design
 
