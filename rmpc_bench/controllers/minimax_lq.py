@@ -30,9 +30,19 @@ from jaxtyping import Float
 from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_roots, refuse_mean, stages_of
 from rmpc_bench.models.noise_sets import LEVEL
 from rmpc_bench.numerics.ellipsoid import confidence
-from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
 from rmpc_bench.numerics.linalg import as_compiled, at_sample, mv, psd_sqrt
-from rmpc_bench.numerics.lq_game import Game, Solution, plan, smallest_multiplier, solve, solve_from
+from rmpc_bench.numerics.lq_game import (
+    HALF,
+    MIDDLE,
+    Game,
+    Solution,
+    Tables,
+    plan,
+    smallest_multiplier,
+    solve,
+    solve_from,
+    tables,
+)
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 from rmpc_bench.numerics.stage_multipliers import solve_stages
 from rmpc_bench.numerics.worst_noise import worst_cost

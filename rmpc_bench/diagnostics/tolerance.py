@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.diagnostics.stability import LinearPair, LoopGains
-from rmpc_bench.numerics.gaussian_divergence import covariance_part, mean_part
+from rmpc_bench.numerics.divergence import covariance_part, mean_part
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, LinearPlant

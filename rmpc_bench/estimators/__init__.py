@@ -10,7 +10,7 @@ How to add a filter whose gains do not depend on the data:
    >>> import numpy as np
    >>> from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
    >>> from rmpc_bench.models.linear import LinearModel
-   >>> from rmpc_bench.numerics.kl_ball import Inflation
+   >>> from rmpc_bench.numerics.divergence import Inflation
    >>> def design(model, n_steps, *, x0, P0, factor: float) -> GainScheduleFilter:
    ...     return riccati_schedule(model, n_steps, x0, P0, lambda k, root: Inflation(factor**0.5 * root, 0.0))
    >>> model = LinearModel(A=[[1.0]], B=[[1.0]], C=[[1.0]], Q_w=[[0.0]], R_v=[[1.0]])

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets
-from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.numerics.divergence import Inflation
 from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step, root_weight, sum_root
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of, without_missing

@@ -5,7 +5,7 @@ Model   As `kalman`; v has outliers.  x_hat is a fixed point of the Kalman corre
 Source  Chen, Liu, Zhao and Principe, Automatica 76 (2017); formulas not compared with the text of the paper.
 Assumed P is that of the Kalman correction with R_v over the weights, as of `huber-kalman`; `robust: both` weights
         x - x_pred, too, as the paper does.
-Order   If R_v is not diagonal, x_hat depends on the order of the outputs (whitening, see numerics/own_covariance.py);
+Order   If R_v is not diagonal, x_hat depends on the order of the outputs (whitening, see numerics/output_weights.py);
         with `both` on the order of the states.
 Method  Reweighting until the residuals of the run change by less than 1e-11, at most 200 times.
 Limit   sigma -> infinity is `kalman`.

@@ -44,11 +44,9 @@ from jaxtyping import Float
 from rmpc_bench.estimators.bridging import Gains, RunByRun
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
-from rmpc_bench.numerics.kl_ball import LARGEST
-from rmpc_bench.numerics.noise_pair import NoisePair
-from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
-from rmpc_bench.numerics.robust_literal import Channel, is_covariance
-from rmpc_bench.numerics.robust_step import ParameterRules, RobustBounds, RobustStep
+from rmpc_bench.numerics.divergence import LARGEST
+from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel, NoisePair
+from rmpc_bench.numerics.robust_step import Channel, ParameterRules, RobustBounds, RobustStep, is_covariance
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive
 

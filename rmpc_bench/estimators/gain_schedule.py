@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 from rmpc_bench.estimators.bridging import BridgingState, MixedRecursion, Recursion, RiccatiRecursion, RunByRun
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
-from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
+from rmpc_bench.numerics.divergence import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv
 from rmpc_bench.numerics.mixed_step import MixedStep, Rule
 from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step

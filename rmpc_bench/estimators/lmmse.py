@@ -29,7 +29,7 @@ from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
-from rmpc_bench.numerics.kl_ball import LARGEST
+from rmpc_bench.numerics.divergence import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.numerics.square_root import Conditional, corrected, covariance_of, root_of

@@ -43,8 +43,7 @@ from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.square_root import covariance_of, without_missing
-from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
-from rmpc_bench.numerics.window_posterior import range_of_root
+from rmpc_bench.numerics.window_posterior import WindowBounds, WindowFit, WindowProgram, range_of_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
 STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}

@@ -20,7 +20,7 @@ from functools import partial
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate, inflate_to_radius, right_side
+from rmpc_bench.numerics.divergence import Inflation, Interpretation, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.types import Array, DesignError, Model, Positive

@@ -21,7 +21,7 @@ from functools import partial
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate_to_radius, right_side
+from rmpc_bench.numerics.divergence import Inflation, Interpretation, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Model, Positive
 
 

@@ -34,7 +34,7 @@ from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
-from rmpc_bench.numerics.kl_ball import LARGEST
+from rmpc_bench.numerics.divergence import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of

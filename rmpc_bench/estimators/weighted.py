@@ -4,7 +4,7 @@ Model   x(k+1) = A x(k) + B u(k) + f0 + w(k),  y(k) = C x(k) + d0 + v(k),  w ~ N
         matrix R_v and a law with outliers.  A correction is that of a Kalman filter with R_v over the weights.
         x_hat and P are computed run by run, as the weights differ.
 Missing An output that is NaN has no effect on the correction; its weight is reported as 0.
-Cost    numerics/own_covariance.py and numerics/output_weights.py, compiled: 0.8 us per run and step of `student-kalman`
+Cost    numerics/output_weights.py, compiled: 0.8 us per run and step of `student-kalman`
         and `huber-kalman` with two states and one output, in blocks of 50 runs (`make perf`).
 """
 
@@ -19,9 +19,10 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gain_schedule import over_time, uncorrelated
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.numerics.output_weights import WeightLaw, corrected
-from rmpc_bench.numerics.own_covariance import (
+from rmpc_bench.numerics.output_weights import (
     OwnState,
+    WeightLaw,
+    corrected,
     measured,
     predicted,
     whitening,

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Bool
 
-from rmpc_bench.numerics.sampling import at_most
+from rmpc_bench.numerics.sample_times import at_most
 from rmpc_bench.types import Array, Issue, MetricLayout, NonNegative, Record, SampleWindow, WindowMetric
 
 During: TypeAlias = Literal["all", "bursts", "quiet"]

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.metrics.burst_samples import burst_samples, check_bursts, prolonged
 from rmpc_bench.metrics.norms import per_run, rms
 from rmpc_bench.metrics.output_choice import Index, check_components, control_error
-from rmpc_bench.numerics.sampling import at_least
+from rmpc_bench.numerics.sample_times import at_least
 from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record, WindowMetric
 
 

@@ -9,9 +9,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.numerics import halving
-from rmpc_bench.numerics.halving import DEEPEST, DIFFERENCES, LARGEST_DIFFERENCE, LARGEST_ERROR
-from rmpc_bench.numerics.integration import EDGE
+from rmpc_bench.numerics import integration
+from rmpc_bench.numerics.integration import DEEPEST, DIFFERENCES, EDGE, LARGEST_DIFFERENCE, LARGEST_ERROR
 from rmpc_bench.types import Array, DesignError, Ode
 
 Step: TypeAlias = Callable[[int, Array, Array, Array, Array], Array]
@@ -28,7 +27,9 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     p = namedtuple("p", [*nominal])(**nominal)  # noqa: PYI024
     slope = _timed(numba.njit, rhs) if ode.timed else _untimed(numba.njit, rhs)
     advance = _map(slope) if ode.discrete else _equal(_rk4(numba.njit, slope)) if substeps else None
-    rules = (numba.njit(unwrap(rule)) for rule in (halving.sizes, halving.relative_errors, halving.distances))
+    rules = (
+        numba.njit(unwrap(rule)) for rule in (integration.sizes, integration.relative_errors, integration.distances)
+    )
     kernel = numba.njit(advance or _halving(_rk4(numba.njit, slope), *rules))
     scale = np.array(ode.scale or [0.0] * ode.nx)
 
@@ -102,7 +103,7 @@ def _equal(step: Any) -> Any:
 
 
 def _halving(step: Any, sizes: Any, errors: Any, distances: Any) -> Any:
-    """The rule of numerics/halving.py as a loop, since numba cannot call its closures.
+    """The rule of numerics/integration.py as a loop, since numba cannot call its closures.
 
     `done` counts 512ths of the sample; the interval after the left half of another one is its right half.
     """

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.ode_functions import alone, slopes
-from rmpc_bench.numerics.halving import Tolerance, halve
-from rmpc_bench.numerics.integration import apply_map, inside, rk4, sample_times
+from rmpc_bench.numerics.integration import Tolerance, apply_map, halve, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, Plant, SolverError
 

@@ -16,8 +16,7 @@ from jaxtyping import Float
 from rmpc_bench.models.uncertain_linear import DesignSystem, UncertainModel, design_systems
 from rmpc_bench.numerics.intervals import Interval, Pairs, interval_of
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.window_bounds import WindowBounds
-from rmpc_bench.numerics.window_posterior import WindowStages, range_root
+from rmpc_bench.numerics.window_posterior import WindowBounds, WindowStages, range_root
 from rmpc_bench.types import Array, DesignError, Model
 
 

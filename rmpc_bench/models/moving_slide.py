@@ -27,8 +27,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
-from rmpc_bench.numerics.burst_times import Burst, Span, factor_at, spans_of
 from rmpc_bench.numerics.linalg import as_compiled, as_vector
+from rmpc_bench.numerics.sample_times import Burst, Span, factor_at, spans_of
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 
 NUMBERS: Mapping[str, float] = {

@@ -2,8 +2,8 @@
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
         plant over a sample with the input held, by the Runge-Kutta method of order 4 with error control
-        (numerics/halving.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the bounds
-        of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
+        (numerics/integration.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the
+        bounds of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
 Limit   Around an operating point f has the A and B of models/linearised.py.
 Cost    f of a rhs of two states with `substeps: 10`: about 0.3 ms; compiled (`numba: true`) a few microseconds.
 """

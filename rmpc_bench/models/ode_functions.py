@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from rmpc_bench.numerics.halving import Slopes
-from rmpc_bench.numerics.integration import Slope
+from rmpc_bench.numerics.integration import Slope, Slopes
 from rmpc_bench.types import Array, DesignError, Ode, Parameters
 
 Names = int | list[str] | dict[str, str]

@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.matrix_sizes import NOUNS, expanded, sizes_of
-from rmpc_bench.numerics.invariant_zeros import zeros
 from rmpc_bench.numerics.linalg import at_sample
 from rmpc_bench.numerics.stability import INSIDE, hinf_peak, mean_square_radius, spectral_radius
+from rmpc_bench.numerics.system_structure import zeros
 from rmpc_bench.types import Array, DesignError, SystemMatrix
 
 

@@ -21,8 +21,8 @@ from jaxtyping import Float
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
 from rmpc_bench.noise.parameters import Share, matrix, vector
 from rmpc_bench.noise.points import Ball, Box, Corners, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
-from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.linalg import as_covariance, psd_sqrt, symmetrise
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 SKEW = 0.9

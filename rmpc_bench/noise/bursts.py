@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.distributions import Uniform
-from rmpc_bench.numerics.burst_times import Burst, Span, samples_of, spans_of
+from rmpc_bench.numerics.sample_times import Burst, Span, samples_of, spans_of
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
 from rmpc_bench.types.basics import attribute
 

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
 from rmpc_bench.noise.parameters import spread_root, vector
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 

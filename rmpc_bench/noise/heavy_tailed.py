@@ -23,8 +23,8 @@ from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, child_of, with_bursts
 from rmpc_bench.noise.parameters import Share, spread_root, vector
-from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, Matrix, NonNegative, Positive
 
 

@@ -4,8 +4,8 @@ Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + 
         The process noise w has one entry per state and is added to the sampled state.  With `discrete: true`
         x(k+1) = rhs(k Ts, x(k), u(k), p) + w(k).
 Method  `rk4`: Runge-Kutta of order 4, for all runs of a block at once where rhs takes a block.  Every run controls
-        its own error by halving, as numerics/halving.py says; `substeps` gives equal steps in place of it.  The scale
-        of a state is its range in four trial runs (plants/ode_trial.py).
+        its own error by halving, as numerics/integration.py says; `substeps` gives equal steps in place of it.
+        The scale of a state is its range in four trial runs (plants/ode_design.py).
         LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
 Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  The simulation limits inputs to
         their bounds before they act, and counts how often.

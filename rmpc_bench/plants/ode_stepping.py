@@ -15,9 +15,22 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.ode_functions import alone, function_name, is_timed, slopes
-from rmpc_bench.numerics.adaptive import Event, Tolerances, solve
-from rmpc_bench.numerics.halving import LARGEST_ERROR, Slopes, Tolerance, halve
-from rmpc_bench.numerics.integration import Advance, Bounds, apply_map, at_start, inside, rk4, sample_times
+from rmpc_bench.numerics.integration import (
+    LARGEST_ERROR,
+    Advance,
+    Bounds,
+    Event,
+    Slopes,
+    Tolerance,
+    Tolerances,
+    apply_map,
+    at_start,
+    halve,
+    inside,
+    rk4,
+    sample_times,
+    solve,
+)
 from rmpc_bench.types import Array, Count, DesignError, Ode, Parameters, Positive, SolverError, Status
 
 

@@ -11,7 +11,7 @@ from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import RandomBursts
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import ConfigError
 
 FIXED = "[{from: 0.2, to: 3*0.1, factor: 200%}, {from: 0.7, to: 5, factor: 3}]"

@@ -14,7 +14,7 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise import correlated, heavy_tailed, measurement
 from rmpc_bench.noise.bounded import corners, ellipsoid
 from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import ConfigError
 
 BURSTS = [Burst(0.2, 0.5, 3.0)]

@@ -7,7 +7,7 @@ import pytest
 from rmpc_bench import registry
 from rmpc_bench.conformance import NoiseExample, check_component
 from rmpc_bench.noise.bursts import RandomBursts
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 
 KINDS = registry.names("noises")
 FIXED, RANDOM = [Burst(0.2, 0.5, 3.0)], RandomBursts([(0.1, 0.5)], (0.1, 0.2), (2.0, 3.0))

@@ -12,12 +12,11 @@ from rmpc_bench.controllers.noise_tuning import Triangle, covariance, precision
 from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.estimators.kalman_predictor import design as predictor
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius
+from rmpc_bench.numerics.divergence import inflate, inflate_to_radius
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import plan, solve
 from rmpc_bench.numerics.mixed_step import Prior, mixed_step
-from rmpc_bench.numerics.noise_pair import NoisePair
-from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
+from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel, NoisePair
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.robust_step import ParameterRules, RobustStep
 

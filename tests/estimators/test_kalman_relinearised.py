@@ -11,7 +11,7 @@ from filterpy.kalman import KalmanFilter
 from rmpc_bench.estimators.kalman import design
 from rmpc_bench.models.moving_slide import SlideNoise
 from rmpc_bench.models.moving_slide import design as slide
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError, Estimator, Status
 
 

@@ -11,7 +11,7 @@ import pytest
 from conftest import ROUND, servo_model
 
 from rmpc_bench.estimators import risk_sensitive, robust_kalman
-from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius
+from rmpc_bench.numerics.divergence import inflate, inflate_to_radius
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.riccati import filter_step
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from rmpc_bench.controllers import mpc
 from rmpc_bench.estimators import kalman, risk_sensitive, robust_kalman
-from rmpc_bench.numerics.kl_ball import inflate_to_radius
+from rmpc_bench.numerics.divergence import inflate_to_radius
 from rmpc_bench.numerics.linalg import psd_sqrt
 
 

@@ -13,7 +13,7 @@ from rmpc_bench.metrics.departures import Departures
 from rmpc_bench.metrics.input import InputRms, InputVariation
 from rmpc_bench.metrics.means import moving_mean
 from rmpc_bench.metrics.tracking import Rmse, Tracking
-from rmpc_bench.numerics.sampling import at_least, at_most
+from rmpc_bench.numerics.sample_times import at_least, at_most
 from rmpc_bench.types import MetricLayout, Record, SampleWindow
 
 NORMS = {

@@ -13,7 +13,7 @@ from simulation.toy import Halfway, Proportional, Walk
 
 from rmpc_bench.metrics.reported import Fallbacks, Reported
 from rmpc_bench.noise.bounded import uniform
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.simulation.closed_loop import simulate_block
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Experiment, Scenario

@@ -12,8 +12,8 @@ from rmpc_bench.models import moving_slide, moving_slide_kernel
 from rmpc_bench.models.moving_slide import SlideNoise, arms, design
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
 from rmpc_bench.noise.bounded import uniform
-from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.s_shape import s_curve
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
 TWIN = {"rtol": 0.0, "atol": 1e-13}  # two orders of a few hundred sums; the entries are of the size of 1 to 100

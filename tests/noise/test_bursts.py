@@ -13,7 +13,7 @@ from rmpc_bench import registry
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import RandomBursts, child_of
 from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
 PAPER = [Burst(3.4, 4.0, 2.0), Burst(6.2, 6.6, 2.0)]  # belda2017, Section VI

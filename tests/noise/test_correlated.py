@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from rmpc_bench.noise.correlated import coloured, drift
 from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
 COV = np.array([[4.0, 1.0], [1.0, 2.0]])

@@ -7,7 +7,7 @@ from scipy import stats
 
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.noise.half_normal import half_normal
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
 

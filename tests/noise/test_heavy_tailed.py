@@ -8,7 +8,7 @@ from scipy import stats
 from rmpc_bench.noise.bursts import RandomBursts
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.noise.heavy_tailed import outliers, student_t
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
 SHAPE = [[4.0, 1.0], [1.0, 2.0]]

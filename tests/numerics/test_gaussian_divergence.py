@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROUND, SOLVER, random_psd
 
-from rmpc_bench.numerics.gaussian_divergence import covariance_part, mean_part
+from rmpc_bench.numerics.divergence import covariance_part, mean_part
 
 
 def test_definition_in_one_dimension():

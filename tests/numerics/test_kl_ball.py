@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import lambertw
 
-from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius
+from rmpc_bench.numerics.divergence import inflate, inflate_to_radius
 from rmpc_bench.numerics.linalg import psd_sqrt
 
 RADII = [1e-6, 1e-4, 1e-2, 1e-1, 1.0, 10.0, 100.0]

@@ -3,8 +3,7 @@
 import numpy as np
 from conftest import ROUND, random_psd
 
-from rmpc_bench.numerics.noise_pair import NoisePair
-from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
+from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel, NoisePair
 
 
 def pair(rng, nx=2, ny=2):

@@ -7,9 +7,11 @@ from estimators import outlier_twin as twin
 from filterpy.kalman import KalmanFilter
 
 from rmpc_bench.numerics import output_weights_kernel as kernel
-from rmpc_bench.numerics.output_weights import LAWS, WeightLaw, corrected
-from rmpc_bench.numerics.own_covariance import (
+from rmpc_bench.numerics.output_weights import (
+    LAWS,
     OwnState,
+    WeightLaw,
+    corrected,
     measured,
     predicted,
     whitening,

@@ -9,8 +9,7 @@ from numerics.test_qp_oracles import random_problem, residual
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import eliminated
-from rmpc_bench.numerics.qp import QpSolution, QpStatus, QuadraticProgram
-from rmpc_bench.numerics.qp_refined import refined
+from rmpc_bench.numerics.qp import QpSolution, QpStatus, QuadraticProgram, refined
 
 
 def test_both_methods_have_the_same_minima():

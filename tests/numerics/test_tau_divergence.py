@@ -12,7 +12,7 @@ from conftest import random_psd
 from scipy.linalg import eigh, expm, fractional_matrix_power
 from scipy.optimize import brentq
 
-from rmpc_bench.numerics.kl_ball import inflate, inflate_to_radius, multiplier, right_side, solve_stretch
+from rmpc_bench.numerics.divergence import inflate, inflate_to_radius, multiplier, right_side, solve_stretch
 from rmpc_bench.numerics.linalg import psd_sqrt
 
 TAUS = [0.0, 1e-3, 0.3, 0.5, 0.9, 1.0 - 1e-3, 1.0]

@@ -9,8 +9,7 @@ import quadprog
 from conftest import ROUND, SOLVER, random_psd
 
 from rmpc_bench.numerics.intervals import interval_of
-from rmpc_bench.numerics.window_bounds import WindowBounds, WindowProgram
-from rmpc_bench.numerics.window_posterior import WindowStages, range_root
+from rmpc_bench.numerics.window_posterior import WindowBounds, WindowProgram, WindowStages, range_root
 
 NX, NY, STEPS = 3, 2, 4
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.test_ode import BOUNDS, TS, drawn, moved, one_state, tanks, two_tanks
 
-from rmpc_bench.numerics.adaptive import MAX_CALLS
+from rmpc_bench.numerics.integration import MAX_CALLS
 from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.simulation.closed_loop import simulate

@@ -10,8 +10,7 @@ from rmpc_bench.estimators import extended_kalman, unscented_kalman
 from rmpc_bench.models.flow import flow_of
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
-from rmpc_bench.numerics.halving import Tolerance, halve
-from rmpc_bench.numerics.integration import rk4, sample_times
+from rmpc_bench.numerics.integration import Tolerance, halve, rk4, sample_times
 from rmpc_bench.plants.ode import design
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import Journal, RunInfo, SolverError, Status

@@ -8,7 +8,7 @@ from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import RandomBursts
 from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.random_streams import stream
 from rmpc_bench.simulation.reference import constant

@@ -1,4 +1,4 @@
-"""Invariant zeros of a linear system with any number of inputs and outputs.
+"""Structure of a linear system: invariant zeros, and ranks of observability and controllability.
 
 A zero is a z at which [A - zI, B; C, D] has a lower rank than at almost every other z.  Zeros at infinity are removed
 first by orthogonal transformations, until D is square and regular.  As eigenvalues of the whole pencil they would be
@@ -88,3 +88,39 @@ def _scaled(A: Array, B: Array, C: Array, D: Array) -> System:
 def _blocks(system: System) -> list[list[Array]]:
     A, B, C, D = system
     return [[A, B], [C, D]]
+
+
+RANK = 1e-9
+"""Singular values below this, relative to the largest one, count as 0."""
+
+
+def observable_states(A: Float[Array, "n n"], C: Float[Array, "ny n"]) -> int:
+    """Return the rank of [C; C A; C A^2; ..], the number of observable states.
+
+    Parameters
+    ----------
+    A, C : matrices of states that are scaled to similar sizes
+
+    Examples
+    --------
+    >>> observable_states(np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0, 1.0]]))
+    1
+    """
+    scale = float(np.abs(A).max(initial=0.0)) or 1.0
+    rows = [C]
+    for _ in range(len(A) - 1):
+        rows.append(rows[-1] @ A / scale)
+    # Each output is divided by its size, so that no output is lost beside another one.
+    stacked = np.vstack(rows)
+    length = np.linalg.norm(stacked, axis=1, keepdims=True)
+    return int(np.linalg.matrix_rank(stacked / np.where(length > 0.0, length, 1.0), rtol=RANK))
+
+
+def controllable_states(A: Float[Array, "n n"], B: Float[Array, "n nu"]) -> int:
+    """Return the rank of [B, A B, A^2 B, ..], the number of controllable states.
+
+    Parameters
+    ----------
+    A, B : matrices of states that are scaled to similar sizes
+    """
+    return observable_states(A.T, B.T)

@@ -1,13 +1,38 @@
-"""Bursts at given times: intervals in seconds as samples, and the factor of a noise at a sample."""
+"""Times in seconds as numbers of samples; bursts at given times, and the factor of a noise at a sample."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rmpc_bench.numerics.sampling import at_least, at_most
 from rmpc_bench.types import DesignError, NonNegative
+
+ROUNDING = 1e-9
+"""Share of a sample that a time may be off: 0.3 / 0.1 is 2.9999999999999996 in doubles."""
+
+
+def at_least(time: float, Ts: float) -> int:
+    """Return the smallest k with time <= k Ts.
+
+    Parameters
+    ----------
+    time : in seconds
+    Ts : sampling time [s]
+    """
+    return math.ceil(time / Ts - ROUNDING)
+
+
+def at_most(time: float, Ts: float) -> int:
+    """Return the largest k with k Ts <= time.
+
+    Parameters
+    ----------
+    time : in seconds
+    Ts : sampling time [s]
+    """
+    return math.floor(time / Ts + ROUNDING)
 
 
 @dataclass(frozen=True)
