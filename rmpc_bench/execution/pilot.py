@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rmpc_bench.execution.block_lengths import SECONDS
+from rmpc_bench.engines.blocks import SECONDS
 from rmpc_bench.simulation.ensemble import SIZE
 
 if TYPE_CHECKING:

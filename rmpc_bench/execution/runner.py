@@ -17,11 +17,11 @@ from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.execution.block_lengths import BlockLengths
+from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue
+from rmpc_bench.engines.choice import Engine, choose_engine
+from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import FILE, WriteError
-from rmpc_bench.execution.engines.choice import Engine, choose_engine
-from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
@@ -29,13 +29,12 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
-from rmpc_bench.execution.separation import Pair, check_shared, separated, shared_of, warm_up_tasks
+from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
 from rmpc_bench.execution.shard_rows import stored_in, take_shards
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.recording import kept

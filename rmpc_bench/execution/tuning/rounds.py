@@ -13,15 +13,14 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
-from rmpc_bench.execution.block_lengths import BlockLengths
-from rmpc_bench.execution.engines.choice import choose_engine
+from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
+from rmpc_bench.engines.choice import choose_engine
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import pending, store_block
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.tuning.record import FOLDER
 from rmpc_bench.types import Array, Status
 
