@@ -24,7 +24,7 @@ _PUBLIC: dict[str, str] = {
     "simulate": "rmpc_bench.simulation.closed_loop",
     "load_config": "rmpc_bench.config.load",
     "run": "rmpc_bench.execution.results",
-    "merge": "rmpc_bench.execution.merging",
+    "merge": "rmpc_bench.execution.merge",
     "load_results": "rmpc_bench.execution.results",
     "load_trials": "rmpc_bench.execution.results",
     "Results": "rmpc_bench.execution.results",

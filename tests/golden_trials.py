@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import rmpc_bench
 from rmpc_bench.config.sweep_point import digest
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Task
-from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.tasks import Task
 from rmpc_bench.types import Status
 
 ROOT = Path(__file__).parents[1]

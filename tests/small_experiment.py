@@ -61,7 +61,7 @@ def ran(path, directory, *options, jobs=1):
 
 def spied(monkeypatch):
     """Return a list that gets (method, runs) of every block computed in this process from now on."""
-    from rmpc_bench.execution.engines import tasks
+    from rmpc_bench.engines import tasks
 
     blocks, simulate = [], tasks.simulate_block
 

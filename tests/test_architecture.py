@@ -116,7 +116,16 @@ MAY_IMPORT = {
         "rmpc_bench",
         "received",
     },
+    "engines": {
+        "child_process",
+        "components",
+        "config",
+        "extras",
+        "simulation",
+        "types",
+    },
     "execution": {
+        "engines",
         "child_process",
         "extras",
         "config",
@@ -139,6 +148,7 @@ MAY_IMPORT = {
         "config",
         "config_file",
         "components",
+        "engines",
         "execution",
         "analysis",
         "claims",
@@ -176,9 +186,9 @@ SHARED_SIBLINGS = {
 }
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",
-    "joblib": "execution/engines/",
-    "distributed": "execution/engines/",
-    "dask": "execution/engines/",
+    "joblib": "engines/",
+    "distributed": "engines/",
+    "dask": "engines/",
     "click": "cli/",
     "highspy": "numerics/lp.py",
     "daqp": "numerics/qp.py",

@@ -121,8 +121,8 @@ def _explain(error: BaseException, verb: str) -> int:
         return _say(f"terminated; {_LEFT.get(verb, _UNCHANGED)}", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
     from rmpc_bench.execution.database import MissingError, StoreError, WriteError
-    from rmpc_bench.execution.worker_error import WorkerError
     from rmpc_bench.types import ConfigError
+    from rmpc_bench.types.errors import WorkerError
 
     if isinstance(error, ConfigError | MissingError | WorkerError):
         return _say(error, USAGE)

@@ -20,7 +20,7 @@ def merge(directory: Path, partial: bool) -> int:
     The shards of `rmpc-bench run --shard I/N` must belong to one experiment and be computed by the same code.  They
     stay as they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes them.
     """
-    from rmpc_bench.execution.merging import merge as join
+    from rmpc_bench.execution.merge import merge as join
     from rmpc_bench.execution.results import load_results
     from rmpc_bench.publishing.publish import publish
 

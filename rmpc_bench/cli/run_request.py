@@ -24,7 +24,7 @@ class Workers(click.ParamType[int]):
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """Return the number; `auto` is the number of cores this process may use, in a batch job those of the job."""
         if value == "auto":
-            from rmpc_bench.execution.batch_jobs import n_cores
+            from rmpc_bench.execution.shards import n_cores
 
             return n_cores(os.environ)
         try:
@@ -51,8 +51,7 @@ class ShardOption(click.ParamType[ChosenShard]):
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> ChosenShard:
         """Return the shard; `auto` is the position of the task in its array."""
-        from rmpc_bench.execution.batch_jobs import ArrayJobError, shard_of_array_job
-        from rmpc_bench.execution.shards import parse_shard
+        from rmpc_bench.execution.shards import ArrayJobError, parse_shard, shard_of_array_job
 
         if isinstance(value, ChosenShard):
             return value

@@ -22,6 +22,14 @@ from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, merge,
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.types import ConfigError, Problem
 
+SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference", "input")
+"""Sections of the file that a plant comes from, which hold where a configuration has none."""
+
+FILE = "file"
+"""Key beside the sections of a file that has been read: its name as given."""
+
+PATH = "plant.from"
+
 
 def inherit(source: GivenConfig) -> Map:
     """Return the tree of a configuration with overrides, files and added methods in place.
@@ -35,7 +43,7 @@ def inherit(source: GivenConfig) -> Map:
     others = [override for override in source.overrides if override not in naming]
     tree = _override(source.tree, naming, problems)
     if not problems:
-        tree = _FileReader(problems).read_all(tree, source.path, ())
+        tree = _FileReader(source.path, (), problems).read_all(tree)
     tree = _override(tree, others, problems)
     tree = with_methods(tree, source.added, problems)
     if problems:
@@ -59,67 +67,53 @@ def _override(tree: Map, overrides: Sequence[Override], problems: list[Problem])
 
 
 class _FileReader:
-    """Replaces file names by the sections of these files; a file that cannot be used adds to the problems."""
+    """Replaces the files that a configuration names by their sections; one that cannot be used adds to the problems."""
 
-    def __init__(self, problems: list[Problem]) -> None:
-        self.problems = problems
+    def __init__(self, path: Path, including: tuple[Path, ...], problems: list[Problem]) -> None:
+        self.path, self.problems = path, problems
+        self.including = (*including, path.resolve())
+        """This file and those that led to it."""
 
-    def read_all(self, tree: Map, path: Path, including: tuple[Path, ...]) -> Map:
-        """Read the files that plant and sweep of a configuration name, relative to its own file `path`.
-
-        `including` has the files that led to this one.
-        """
-        including = (*including, path.resolve())
+    def read_all(self, tree: Map) -> Map:
+        """Read the files that plant and sweep of the configuration name, relative to its own file."""
         result = tree.copy()
-        plant = tree.get("plant")
-        if isinstance(plant, Map) and isinstance(plant.get("from"), str):
-            result["plant"] = self._replaced(plant, "from", path, including)
-        sweep = tree.get("sweep")
+        plant, sweep = tree.get("plant"), tree.get("sweep")
+        if isinstance(plant, Map):
+            result["plant"] = self._replaced(plant, "from")
         if isinstance(sweep, Map):
             result["sweep"] = sweep.copy()
             for kind in ("grid", "zip"):
                 if isinstance(sweep.get(kind), Map | Items):
-                    result["sweep"][kind] = self._swept(sweep[kind], path, including)
+                    result["sweep"][kind] = self._swept(sweep[kind])
         return result
 
-    def _swept(self, node: Any, path: Path, including: tuple[Path, ...]) -> Any:
+    def _swept(self, node: Map | Items) -> Map | Items:
         """Read the files that a grid or a zip names."""
         if isinstance(node, Items):
-            rows = [
-                self._replaced(row, PATH, path, including)
-                if isinstance(row, Map) and isinstance(row.get(PATH), str)
-                else row
-                for row in node
-            ]
-            return Items(rows, mark=node.mark, value_marks=node.value_marks)
-        if PATH not in node:
-            return node
-        values, result = node[PATH], node.copy()
+            return node.like(self._replaced(row, PATH) if isinstance(row, Map) else row for row in node)
+        values, result = node.get(PATH), node.copy()
         if isinstance(values, Map):
-            for name, text in values.items():
-                if isinstance(text, str):
-                    result[PATH] = self._replaced(result[PATH], name, path, including)
+            for name in values:
+                result[PATH] = self._replaced(result[PATH], name)
         elif isinstance(values, Items):
-            marks = [locate(values, [number]) for number in range(len(values))]
-            items = [
-                self._sections(text, mark, path, including) if isinstance(text, str) else text
-                for text, mark in zip(values, marks, strict=True)
-            ]
-            result[PATH] = Items(items, mark=values.mark, value_marks=marks)
+            result[PATH] = values.like(self._sections(each, locate(values, [i])) for i, each in enumerate(values))
         return result
 
-    def _replaced(self, tree: Map, key: str, path: Path, including: tuple[Path, ...]) -> Map:
+    def _replaced(self, tree: Map, key: str) -> Map:
         result = tree.copy()
-        result[key] = self._sections(tree[key], locate(tree, [key]), path, including)
+        if key in tree:
+            result[key] = self._sections(tree[key], locate(tree, [key]))
         return result
 
-    def _sections(self, text: str, mark: Mark, path: Path, including: tuple[Path, ...]) -> Any:
-        """Return the sections that a plant brings along; the name itself where the file cannot be used."""
+    def _sections(self, text: Any, mark: Mark) -> Any:
+        """Return the sections that a plant brings along; what is no name of a file that can be used as it is."""
+        if not isinstance(text, str):
+            return text
         try:
-            file = file_beside(mark.directory(path), text)
-            tree = _plant_file(text, mark, file, including)
+            file = file_beside(mark.directory(self.path), text)
+            tree = _plant_file(text, mark, file, self.including)
             before = len(self.problems)
-            tree = self.read_all(tree, file, including)
+            tree = _FileReader(file, self.including, self.problems).read_all(tree)
             if len(self.problems) > before:
                 return text
             tree = lay_over_source(tree)
@@ -129,7 +123,7 @@ class _FileReader:
         sections = Map({FILE: text}, mark=mark)
         for key in ("plant", *SECTIONS_OF_A_PLANT):
             if key in tree:
-                sections.put(key, tree[key], tree.key_marks.get(key, mark), tree.value_marks.get(key, mark))
+                sections.take(tree, key)
         return sections
 
 
@@ -146,36 +140,36 @@ def _plant_file(text: str, mark: Mark, file: Path, including: tuple[Path, ...]) 
         raise ConfigError(error.problems if file.is_file() else at_the_name) from None
     if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
         raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
-    without_sweep = {key: tree[key] for key in tree if key != "sweep"}
-    return Map(without_sweep, mark=tree.mark, key_marks=tree.key_marks, value_marks=tree.value_marks)
-
-
-SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference", "input")
-"""Sections of the file that a plant comes from, which hold where a configuration has none."""
-
-FILE = "file"
-"""Key beside the sections of a file that has been read: its name as given."""
-
-PATH = "plant.from"
+    return tree.like({key: tree[key] for key in tree if key != "sweep"})
 
 
 def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
     """Lay what is given here over the plant, the sections and the models that come from elsewhere.
 
-    The tree has its files read, and no sweep.  Raises a ConfigError if ``from`` is not a file, or a model comes from
+    The tree has its files read, and no sweep.  Raises a ConfigError if ``from`` is not a file, or models come from
     anything but a plant with a design model.
     """
-    tree = lay_over_source(tree).copy()
-    if _from_plant(tree.get("model")):
-        tree["model"] = _model_of_plant(tree, tree["model"], access)
-    methods = tree.get("methods")
+    laid = lay_over_source(tree)
+    problems: list[Problem] = []
+
+    def with_model(part: Any) -> Any:
+        model = part.get("model") if isinstance(part, Map) else None
+        if not isinstance(model, Map) or "from" not in model:
+            return part
+        result = part.copy()
+        try:
+            result["model"] = _model_of_plant(laid, model, access)
+        except ConfigError as error:
+            problems.extend(error.problems)
+        return result
+
+    result: Map = with_model(laid).copy()
+    methods = result.get("methods")
     if isinstance(methods, Map):
-        tree["methods"] = methods.copy()
-        for name, own in methods.items():
-            if isinstance(own, Map) and _from_plant(own.get("model")):
-                tree["methods"][name] = own.copy()
-                tree["methods"][name]["model"] = _model_of_plant(tree, own["model"], access)
-    return tree
+        result["methods"] = methods.like({name: with_model(own) for name, own in methods.items()})
+    if problems:
+        raise ConfigError(problems)
+    return result
 
 
 def lay_over_source(tree: Map) -> Map:
@@ -199,7 +193,7 @@ def lay_over_source(tree: Map) -> Map:
         result["plant"]["uncertainty"] = law
     for key in SECTIONS_OF_A_PLANT:
         if key in source and key not in tree and not (key == "input" and _has_controller(tree)):
-            result.put(key, source[key], source.key_marks.get(key, source.mark), locate(source, [key]))
+            result.take(source, key)
     return result
 
 
@@ -218,7 +212,7 @@ def open_section(tree: Map, path: str) -> Map:
     if not rest or key not in SECTIONS_OF_A_PLANT or key in tree or not isinstance(source, Map) or key not in source:
         return tree
     result = tree.copy()
-    result.put(key, source[key], source.key_marks.get(key, source.mark), locate(source, [key]))
+    result.take(source, key)
     return result
 
 
@@ -226,10 +220,6 @@ def has_source(tree: Map) -> bool:
     """Whether the plant or a model, of all methods or of one, comes from elsewhere."""
     own = [method.get("model") for method in (tree.get("methods") or {}).values() if isinstance(method, Map)]
     return any(isinstance(part, Map) and "from" in part for part in (tree.get("plant"), tree.get("model"), *own))
-
-
-def _from_plant(model: Any) -> bool:
-    return isinstance(model, Map) and "from" in model
 
 
 def _model_of_plant(tree: Map, model: Map, access: CodeAccess) -> Map:
@@ -250,7 +240,7 @@ def _model_of_plant(tree: Map, model: Map, access: CodeAccess) -> Map:
         raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])
     known = {field.alias or name for name, field in model_of("models", kind).model_fields.items()}
     base = Map({"kind": kind}, mark=model.mark)
-    for key, value in plant.items():
+    for key in plant:
         if key in known:
-            base.put(key, value, plant.key_marks.get(key, plant.mark), plant.value_marks.get(key, plant.mark))
+            base.take(plant, key)
     return merge(base, own)

@@ -64,8 +64,7 @@ class _Reader:
                 result[key] = self.replaced(value, [*path, key])
             return self._system(result, path) if _is_system(result) else result
         if isinstance(node, Items):
-            items = [self.replaced(value, [*path, number]) for number, value in enumerate(node)]
-            return Items(items, mark=node.mark, value_marks=node.value_marks)
+            return node.like(self.replaced(value, [*path, number]) for number, value in enumerate(node))
         return node
 
     def _matrix(self, node: Map, path: list[str | int]) -> Any:

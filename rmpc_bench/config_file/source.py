@@ -25,7 +25,6 @@ from rmpc_bench.config_file.tree import (
     Mark,
     join,
     locate,
-    locate_key,
     plain,
     same_kind,
     split,
@@ -151,7 +150,7 @@ class _Merger:
                 self._refuse_deletions(value, here)
             if here == [REQUIRES] and isinstance(value, Items) and isinstance(inherited, Items):
                 value = _joined(inherited, value)
-            result.put(key, value, locate_key(own, [key]), locate(own, [key]))
+            result.put(key, value, *own.places(key))
         return result
 
     def _delete(self, result: Map, base: Map, own: Map, path: list[str | int]) -> None:
@@ -234,14 +233,14 @@ def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
             problems.append(Problem(file, 1, 1, "", message))
             continue
         for name, method in tree.items():
-            key_mark = locate_key(tree, [name])
+            key_mark, mark = tree.places(name)
             if name in found:
                 problems.append(Problem(*key_mark, name, "is added twice"))
             elif not isinstance(method, Map):
                 message = f"must be a mapping with an estimator or a controller (got {shown(method)})"
-                problems.append(Problem(*locate(tree, [name]), name, message))
+                problems.append(Problem(*mark, name, message))
             else:
-                found.put(name, method, key_mark, locate(tree, [name]))
+                found.take(tree, name)
     return found
 
 
@@ -251,13 +250,12 @@ def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
     if not added or not isinstance(methods, Map):
         return tree
     result, merged = tree.copy(), methods.copy()
-    for name, method in added.items():
-        key_mark = locate_key(added, [name])
+    for name in added:
         if name in methods:
             message = "is a method of the configuration already; choose another name"
-            problems.append(Problem(*key_mark, join(["methods", name]), message))
+            problems.append(Problem(*added.places(name)[0], join(["methods", name]), message))
         else:
-            merged.put(name, method, key_mark, locate(added, [name]))
+            merged.take(added, name)
     result["methods"] = merged
     return result
 

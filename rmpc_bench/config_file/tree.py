@@ -63,11 +63,23 @@ class Map(dict[str, Any]):
         self.key_marks = dict(key_marks or {})
         self.value_marks = dict(value_marks or {})
 
+    def like(self, values: Mapping[str, Any]) -> Map:
+        """Return other values with the places of these."""
+        return Map(values, mark=self.mark, key_marks=self.key_marks, value_marks=self.value_marks)
+
     def copy(self) -> Map:
         """Copy without copying the values."""
-        return Map(self, mark=self.mark, key_marks=self.key_marks, value_marks=self.value_marks)
+        return self.like(self)
 
     __copy__ = copy
+
+    def places(self, key: str) -> tuple[Mark, Mark]:
+        """Places of a key and of its value, by default that of the mapping."""
+        return self.key_marks.get(key, self.mark), self.value_marks.get(key, self.mark)
+
+    def take(self, source: Map, key: str) -> None:
+        """Set a value of another mapping together with its places."""
+        self.put(key, source[key], *source.places(key))
 
     def put(self, key: str, value: Any, key_mark: Mark, value_mark: Mark) -> None:
         """Set a value together with its places."""
@@ -82,9 +94,13 @@ class Items(list[Any]):
         self.mark = mark
         self.value_marks = list(value_marks)
 
+    def like(self, values: Iterable[Any]) -> Items:
+        """Return other values with the places of these."""
+        return Items(values, mark=self.mark, value_marks=self.value_marks)
+
     def copy(self) -> Items:
         """Copy without copying the values."""
-        return Items(self, mark=self.mark, value_marks=self.value_marks)
+        return self.like(self)
 
     __copy__ = copy
 
@@ -148,7 +164,7 @@ def merge(base: Map, override: Map) -> Map:
     for key, value in override.items():
         if isinstance(value, Map) and isinstance(base.get(key), Map):
             value = merge(base[key], value)
-        result.put(key, value, override.key_marks.get(key, override.mark), override.value_marks.get(key, override.mark))
+        result.put(key, value, *override.places(key))
     return result
 
 
@@ -164,7 +180,7 @@ def _child(node: Any, step: str | int) -> tuple[Any, Mark, Mark]:
     """Value, place of the key, place of the value; KeyError when there is no such child."""
     if isinstance(node, Map):
         key = str(step)
-        return node[key], node.key_marks.get(key, node.mark), node.value_marks.get(key, node.mark)
+        return node[key], *node.places(key)
     if isinstance(node, Items) and re.fullmatch("[0-9]{1,9}", str(step)) and int(step) < len(node):
         mark = node.value_marks[int(step)] if int(step) < len(node.value_marks) else node.mark
         return node[int(step)], mark, mark
@@ -248,10 +264,9 @@ def with_kind(group: str, tree: Any) -> Any:
         return tree
     form, result = forms[0], tree.copy()
     if form == FILE and not (group == "inputs" and names_data(tree[FILE])):
-        kind = result.pop(FILE)
-        result.put("kind", kind, locate_key(tree, [FILE]), locate(tree, [FILE]))
+        result.put("kind", result.pop(FILE), *tree.places(FILE))
     else:
-        result.put("kind", form, locate_key(tree, [form]), locate_key(tree, [form]))
+        result.put("kind", form, tree.places(form)[0], tree.places(form)[0])
     return result
 
 

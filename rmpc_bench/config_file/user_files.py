@@ -74,11 +74,9 @@ def _placed(value: Any, written_in: str, access: CodeAccess) -> Any:
     if isinstance(value, str):
         return PlacedText.of(value, access, written_in)
     if isinstance(value, Map):
-        texts = {key: _placed(each, locate(value, [key]).file, access) for key, each in value.items()}
-        return Map(texts, mark=value.mark, key_marks=value.key_marks, value_marks=value.value_marks)
+        return value.like({key: _placed(each, value.places(key)[1].file, access) for key, each in value.items()})
     if isinstance(value, Items):
-        items = [_placed(each, locate(value, [number]).file, access) for number, each in enumerate(value)]
-        return Items(items, mark=value.mark, value_marks=value.value_marks)
+        return value.like(_placed(each, locate(value, [number]).file, access) for number, each in enumerate(value))
     return value
 
 

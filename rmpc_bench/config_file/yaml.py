@@ -1,8 +1,9 @@
 """YAML 1.2 (core schema): text to trees with the position of every key and value, and plain data to text.
 
-PyYAML only scans the text and delivers events.  The tree (tree.py) is built here without recursion and without tags, so
-that a text cannot construct objects, exhaust memory through aliases or overflow the stack.  The only tag is `!delete`,
-the value of a key that a file with `extends` does not inherit.
+PyYAML only scans the text and delivers events.  The tree (tree.py) is built here without tags and to a limited depth
+and size, so that a text cannot construct objects, exhaust memory through aliases or overflow the stack.  The only tag
+is `!delete`, the value of a key that a file with `extends` does not inherit.  `yaml.compose` would lose the places of
+aliases, refuse a name that two anchors have, and show an error of syntax without the other errors before it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import yaml  # type: ignore[import-untyped]
 
@@ -82,19 +83,19 @@ def parse_override(text: str) -> Override:
     return Override(path.strip(), parsed, Mark(file, 1, column))
 
 
+_Role = Literal["root", "key", "value", "entry"]
+"""What stands at a place: the document, a key, the value of a key, an entry of a list."""
+
+
 @dataclass(slots=True)
 class _Node:
-    """A scalar or collection while the tree is built; size and height include the values of aliases."""
+    """A scalar, with its text, or a collection; size and height include the values of aliases."""
 
     value: Any
-    text: str | None
-    mark: Mark
+    text: str | None = None
     size: int = 1
     height: int = 0
     open: bool = False
-    key: str | None = None
-    key_mark: Mark | None = None
-    wants_key: bool = False
 
 
 class _Stop(Exception):
@@ -114,40 +115,45 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 class _TreeBuilder:
-    """Builds the tree from events and collects problems."""
+    """Builds the tree from events, by recursion that MAX_DEPTH limits, and collects problems."""
 
     def __init__(self, text: str, file: str, column: int, may_extend: bool) -> None:
-        self.text, self.file, self.column, self.may_extend = text, file, column, may_extend
+        self.file, self.column, self.may_extend = file, column, may_extend
         self.starts = [0, *(end.end() for end in re.finditer(r"\r\n|\r|\n", text))]
+        self.events = self._events(text)
         self.problems: list[Problem] = []
-        self.anchors: dict[str, _Node] = {}
-        self.stack: list[_Node] = []
-        self.root: _Node | None = None
-        self.total = 0
         self.deletions: list[Problem] = []
         """Errors for every `!delete`, in a file that extends no other."""
+        self.anchors: dict[str, _Node] = {}
+        self.steps: list[str | None] = []
+        """Path of the value that is read; None in place of a key that is read or dropped."""
+        self.total = 0
 
     def build(self) -> Any:
         """Return the value of the only document, or raise all problems."""
+        root: _Node | None = None
         try:
-            for event in self._events():
-                self._take(event)
-            if self.root is None:
+            for event in self.events:
+                if isinstance(event, yaml.DocumentStartEvent):
+                    if root is not None:
+                        raise _Stop(event.start_mark.index, "a second document starts here; a file holds one")
+                    root, _ = self._node(next(self.events), "root")
+            if root is None:
                 raise _Stop(0, "the file is empty")
         except _Stop as stop:
-            mark = self._mark(stop.args[0])
-            self.problems.append(Problem(*mark, "", stop.args[1]))
-        root = None if self.root is None else self.root.value
-        if not (self.may_extend and isinstance(root, Map) and EXTENDS in root):
+            index, message = stop.args
+            self.problems.append(Problem(*self._mark(index), "", message))
+        value = None if root is None else root.value
+        if not (self.may_extend and isinstance(value, Map) and EXTENDS in value):
             self.problems += self.deletions
-        if self.problems or self.root is None:
+        if self.problems:
             raise ConfigError(self.problems)
-        return self.root.value
+        return value
 
-    def _events(self) -> Iterator[Any]:
+    def _events(self, text: str) -> Iterator[Any]:
         loader: Any = None
         try:
-            loader = _Loader(self.text)
+            loader = _Loader(text)
             while loader.check_event():
                 yield loader.get_event()
         except yaml.reader.ReaderError as error:
@@ -161,49 +167,71 @@ class _TreeBuilder:
             # PyYAML converts escapes and versions to numbers without checks.
             raise _Stop(loader.index, f"not a valid escape or number ({error})") from None
 
-    def _take(self, event: Any) -> None:
+    def _node(self, event: Any, role: _Role) -> tuple[_Node, Mark]:
+        """Return what begins with an event, and its place."""
         index = event.start_mark.index
-        if isinstance(event, yaml.DocumentStartEvent) and self.root is not None:
-            raise _Stop(index, "a second document starts here; a file holds one")
-        if isinstance(event, yaml.CollectionEndEvent):
-            node = self.stack.pop()
-            node.open = False
-            self._place(node, node.mark)
-        elif isinstance(event, yaml.AliasEvent):
-            mark = self._mark(index)
-            self._place(self._alias(event.anchor, mark, index), mark)
-        elif isinstance(event, yaml.NodeEvent):
-            self._count(1, index)
-            self._node(event, self._mark(index))
-
-    def _node(self, event: Any, mark: Mark) -> None:
+        mark = self._mark(index)
+        if isinstance(event, yaml.AliasEvent):
+            return self._alias(event.anchor, mark, index), mark
+        before = self.total
+        self._count(1, index)
         if isinstance(event, yaml.ScalarEvent):
-            node = _Node(self._scalar(event, mark), event.value, mark)
-        else:
-            is_map = isinstance(event, yaml.MappingStartEvent)
-            if event.tag not in (None, _CORE + ("map" if is_map else "seq")):
-                self._tag_problem(event.tag, mark)
-            node = _Node(Map(mark=mark) if is_map else Items(mark=mark), None, mark, 1, 1, True, wants_key=is_map)
-            if len(self.stack) >= MAX_DEPTH:
-                raise _Stop(event.start_mark.index, f"nested deeper than {MAX_DEPTH} levels")
+            if role == "root" and not event.value and event.end_mark.index == index:
+                raise _Stop(0, "the file is empty")
+            node = _Node(self._scalar(event, mark, role), event.value)
+            if event.anchor is not None:
+                self.anchors[event.anchor] = node
+            return node, mark
+        is_map = isinstance(event, yaml.MappingStartEvent)
+        if event.tag not in (None, _CORE + ("map" if is_map else "seq")):
+            self._tag_problem(event.tag, mark)
+        if len(self.steps) >= MAX_DEPTH:
+            raise _Stop(index, f"nested deeper than {MAX_DEPTH} levels")
+        node = _Node(Map(mark=mark) if is_map else Items(mark=mark), height=1, open=True)
         if event.anchor is not None:
             self.anchors[event.anchor] = node
-        if node.open:
-            self.stack.append(node)
-            return
-        if not self.stack and not node.text and event.end_mark.index == event.start_mark.index:
-            raise _Stop(0, "the file is empty")
-        self._place(node, mark)
+        self.steps.append(None)
+        (self._read_map if is_map else self._read_items)(node)
+        self.steps.pop()
+        node.open, node.size = False, self.total - before
+        return node, mark
 
-    def _scalar(self, event: Any, mark: Mark) -> Any:
+    def _read_map(self, node: _Node) -> None:
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            self.steps[-1] = None
+            key_node, key_mark = self._node(event, "key")
+            key = self.steps[-1] = self._key(node.value, key_node, key_mark)
+            item, mark = self._node(next(self.events), "value")
+            node.height = max(node.height, key_node.height + 1, item.height + 1)
+            if key is not None:
+                node.value.put(key, item.value, key_mark, mark)
+
+    def _read_items(self, node: _Node) -> None:
+        while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+            self.steps[-1] = str(len(node.value))
+            item, mark = self._node(event, "entry")
+            node.height = max(node.height, item.height + 1)
+            node.value.append(item.value)
+            node.value.value_marks.append(mark)
+
+    def _key(self, parent: Map, node: _Node, mark: Mark) -> str | None:
+        """Text of a key, or None when its value will have to be dropped."""
+        if node.text is None:
+            self._problem(mark, "a key must be a scalar, not a list or a mapping")
+        elif node.text in parent:
+            first, self.steps[-1] = parent.key_marks[node.text], node.text
+            self._problem(mark, f"the key is given twice; first on line {first.line}, column {first.column}")
+        else:
+            return node.text
+        return None
+
+    def _scalar(self, event: Any, mark: Mark, role: _Role) -> Any:
         text = event.value
         if event.tag == _DELETE:
-            return self._deletion(text, mark)
+            return self._deletion(text, mark, role)
         if not text.isascii() and re.search("[\ud800-\udfff]", text):
             self._problem(mark, "half of a surrogate pair is not a character; write \\U and eight digits")
-        elif refused := (refused_in_name if self.stack and self.stack[-1].wants_key else refused_in_text)(text):
-            self._problem(mark, refused)
-        elif refused := wrong_formula(text):
+        elif refused := (refused_in_name if role == "key" else refused_in_text)(text) or wrong_formula(text):
             self._problem(mark, refused)
         try:
             if event.tag is None:
@@ -222,10 +250,9 @@ class _TreeBuilder:
             self._problem(mark, str(error))
         return None
 
-    def _deletion(self, text: str, mark: Mark) -> Any:
+    def _deletion(self, text: str, mark: Mark, role: _Role) -> Any:
         """Return the value `!delete` of a key."""
-        parent = self.stack[-1] if self.stack else None
-        if text or parent is None or parent.wants_key or not isinstance(parent.value, Map):
+        if text or role != "value":
             self._problem(mark, "!delete stands alone, as the value of a key that is not inherited")
             return None
         message = f"tags are not allowed (!delete, which removes an inherited key, needs `{EXTENDS}: FILE`)"
@@ -237,40 +264,11 @@ class _TreeBuilder:
         if node is None or node.open:
             trouble = "has no anchor before it" if node is None else "refers to a collection that it stands in"
             self._problem(mark, f"alias *{name} {trouble}")
-            return _Node(None, "", mark)
+            return _Node(None, "")
         self._count(node.size, index)
-        if len(self.stack) + node.height > MAX_DEPTH:
+        if len(self.steps) + node.height > MAX_DEPTH:
             raise _Stop(index, f"alias *{name}: nested deeper than {MAX_DEPTH} levels")
         return node
-
-    def _place(self, node: _Node, mark: Mark) -> None:
-        if not self.stack:
-            self.root = node
-            return
-        parent = self.stack[-1]
-        parent.size += node.size
-        parent.height = max(parent.height, node.height + 1)
-        if isinstance(parent.value, Items):
-            parent.value.append(node.value)
-            parent.value.value_marks.append(mark)
-        elif parent.wants_key:
-            parent.wants_key, parent.key, parent.key_mark = False, self._key(parent.value, node, mark), mark
-        else:
-            parent.wants_key = True
-            if parent.key is not None and parent.key_mark is not None:
-                parent.value.put(parent.key, node.value, parent.key_mark, mark)
-
-    def _key(self, parent: Map, node: _Node, mark: Mark) -> str | None:
-        """Text of a key, or None when its value will have to be dropped."""
-        if node.text is None:
-            self._problem(mark, "a key must be a scalar, not a list or a mapping")
-        elif node.text in parent:
-            first = parent.key_marks[node.text]
-            message = f"the key is given twice; first on line {first.line}, column {first.column}"
-            self._problem(mark, message, node.text)
-        else:
-            return node.text
-        return None
 
     def _count(self, nodes: int, index: int) -> None:
         self.total += nodes
@@ -281,16 +279,11 @@ class _TreeBuilder:
         short = "!!" + tag.removeprefix(_CORE) if tag.startswith(_CORE) else tag
         self._problem(mark, f"tags are not allowed ({short})")
 
-    def _problem(self, mark: Mark, message: str, key: str | None = None) -> None:
-        self.problems.append(Problem(*mark, self._path(key), message))
+    def _problem(self, mark: Mark, message: str) -> None:
+        self.problems.append(Problem(*mark, self._path(), message))
 
-    def _path(self, key: str | None = None) -> str:
-        steps = [
-            str(len(node.value)) if isinstance(node.value, Items) else node.key
-            for node in self.stack
-            if not node.wants_key
-        ]
-        return join([step for step in [*steps, key] if step is not None])
+    def _path(self) -> str:
+        return join([step for step in self.steps if step is not None])
 
     def _mark(self, index: int) -> Mark:
         line = bisect_right(self.starts, index)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.block_lengths import (
+from rmpc_bench.engines.blocks import (
     STEP_OF_A_BLOCK,
     estimated_seconds,
     megabytes_of_a_run,

@@ -17,12 +17,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rmpc_bench.execution.block_lengths import SECONDS
+from rmpc_bench.engines.blocks import SECONDS
 from rmpc_bench.simulation.ensemble import SIZE
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.execution.results import Results
+
 
 FIRST = 2
 """Runs of the first measurement, which has what is done once: imports, compiled kernels, tables of controllers."""
@@ -126,7 +129,6 @@ def answered() -> None:
 
 
 def _measured(config: ExperimentConfig) -> Pilot:
-    from rmpc_bench.execution.pilot_rows import enlarged
     from rmpc_bench.publishing.publish import publish
 
     part = _points(config)
@@ -229,3 +231,44 @@ def _points(config: ExperimentConfig) -> ExperimentConfig:
 def _with_runs(config: ExperimentConfig, n_runs: int) -> ExperimentConfig:
     points = tuple(replace(point, experiment=replace(point.experiment, n_runs=n_runs)) for point in config.points)
     return replace(config, points=points)
+
+
+def enlarged(results: Results, n_runs: int) -> Results:
+    """Repeat the rows of the first runs up to a number of runs, to measure what a report of so many costs."""
+    trials = results.stored
+    n = max((len(table.runs) for table in trials.each), default=0)
+    if not n or n >= n_runs:
+        return results
+
+    def repeated(frame: pd.DataFrame) -> pd.DataFrame:
+        return _repeated(frame, n, n_runs)
+
+    points = tuple(
+        replace(table, frame=_sorted(repeated(table.frame), trials.methods), uncertainty=repeated(table.uncertainty))
+        for table in trials.points
+    )
+    frame = _sorted(repeated(trials.frame), trials.methods)
+    larger = replace(trials, frame=frame, uncertainty=repeated(trials.uncertainty), points=points)
+    return replace(results, stored=larger, uncertainty=repeated(results.uncertainty))
+
+
+def _repeated(frame: pd.DataFrame, n: int, n_runs: int) -> pd.DataFrame:
+    """Put copies of a table with runs 0 to n - 1 below each other, with the next indices of runs."""
+    import pandas as pd
+
+    if "run" not in frame:
+        return frame
+    copies = [frame.assign(run=frame["run"] + i * n) for i in range(math.ceil(n_runs / n))]
+    table = pd.concat(copies, ignore_index=True)
+    return table[table["run"] < n_runs].reset_index(drop=True)
+
+
+def _sorted(frame: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
+    """Sort rows by point, method and run, as `Trials` needs them."""
+    head = list(frame.columns[: list(frame.columns).index("method")])
+    order = {name: number for number, name in enumerate(methods)}
+    rows = frame.assign(_order=frame["method"].map(order))
+    first = {tuple(key): number for number, key in enumerate(frame[head].drop_duplicates().itertuples(index=False))}
+    rows["_point"] = [first[tuple(key)] for key in frame[head].itertuples(index=False)] if head else 0
+    rows = rows.sort_values(["_point", "_order", "run"], kind="stable")
+    return rows.drop(columns=["_order", "_point"]).reset_index(drop=True)

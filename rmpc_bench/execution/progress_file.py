@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.engines.tasks import Done
+from rmpc_bench.engines.tasks import Done
 from rmpc_bench.execution.running_mean import RunningMean, mean_of
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.store import Store

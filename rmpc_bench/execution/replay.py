@@ -13,9 +13,8 @@ import pandas as pd
 from rmpc_bench.analysis.traces import last_new_sample
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.sweep_point import SweepPoint, chosen_point
+from rmpc_bench.engines.tasks import failure_of, named_values
 from rmpc_bench.execution.database import FILE, MissingError
-from rmpc_bench.execution.engines.failures import failure_of
-from rmpc_bench.execution.engines.tasks import named_values
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.checked_calls import metric_values

@@ -13,15 +13,16 @@ import numpy as np
 from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.relocation import in_directory
+from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.relocation import COPIES, check_copies, in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.execution.block_lengths import BlockLengths
+from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue
+from rmpc_bench.engines.choice import Engine, choose_engine
+from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import FILE, WriteError
-from rmpc_bench.execution.engines.choice import Engine, choose_engine
-from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
@@ -29,20 +30,18 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
-from rmpc_bench.execution.separation import Pair, check_shared, separated, shared_of, warm_up_tasks
-from rmpc_bench.execution.shard_rows import stored_in, take_shards
-from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.source_copies import keep_sources
+from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
+from rmpc_bench.execution.shards import Shard, stored_in, take_shards
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.received.plain_files import content_of
-from rmpc_bench.replaced_file import replace_text, replaced
+from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.stopping import Stopping
+
 
 CONFIG = "config.yaml"
 RESOLVED = "config.resolved.yaml"
@@ -177,6 +176,23 @@ def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mappin
             partial.write_bytes(b"".join([*lines, end, *comments]))
     except OSError as error:
         raise WriteError(str(error)) from None
+
+
+def keep_sources(own: OwnCode, directory: Path) -> None:
+    """Copy every Python file that computes trials, with all that it imports: ``code/<hash>/tanks.py``.
+
+    A copy that is there stays, since equal hashes mean equal programs.
+    """
+    check_copies(directory)
+    for source in (*own.sources.values(), *own.parts.values()):
+        for place, file in source.copies.items():
+            path = directory / COPIES / source.folder / place
+            if not path.exists():
+                with inside(directory):
+                    refuse_outside(path.parent)
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    with replaced(path) as partial:
+                        partial.write_bytes(file.content)
 
 
 def added_in(path: Path) -> list[str]:

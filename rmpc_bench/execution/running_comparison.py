@@ -19,7 +19,7 @@ from rmpc_bench.types import Array, MetricInfo, Status
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.engines.tasks import Done
+    from rmpc_bench.engines.tasks import Done
     from rmpc_bench.execution.store import Store
 
 _Part: TypeAlias = tuple[int, Array]

@@ -7,7 +7,7 @@ it comes from a file, a trial of every built-in method is compared with one in a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -27,22 +27,20 @@ from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tuning_plan import Chosen
 from rmpc_bench.config.validation import validate_sections
 from rmpc_bench.config_file.tree import Items, Map
-from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in, work
+from rmpc_bench.engines.blocks import Pair
+from rmpc_bench.engines.choice import groups_of
+from rmpc_bench.engines.tasks import Task, is_built_in, work
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import ConfigError, Status
+from rmpc_bench.types.errors import WorkerError
 
-Pair: TypeAlias = tuple[int, str]
-"""Number of a point of the sweep and name of a method."""
 Trials: TypeAlias = Mapping[Pair, Mapping[str, float]]
 """Method -> metrics of a run."""
-Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 LONGEST = 600.0
 """Time for the designs of all built-in methods, or for one trial of each [s]."""
 TOLERANCE = 1e-9
@@ -76,17 +74,6 @@ class _Reduced(NamedTuple):
         if None in found:
             raise WorkerError("; ".join(problems))
         return [point for point in found if point is not None]
-
-
-def groups_of(points: Sequence[SweepPoint]) -> dict[tuple[str, ...], set[Pair]]:
-    """Return hashes of files and names of packages -> the methods with exactly these; built-in methods first."""
-    found: dict[tuple[str, ...], set[Pair]] = {}
-    for number, point in enumerate(points):
-        for name in point.methods:
-            kinds = (point.own_code.get(name, {}).get(kind, {}) for kind in ("sources", "installed"))
-            code = {each for roles in kinds for role in roles.values() for each in role}
-            found.setdefault(tuple(sorted(code)), set()).add((number, name))
-    return dict(sorted(found.items()))
 
 
 def separated(
@@ -228,23 +215,6 @@ def _different(values: Mapping[str, float], others: Mapping[str, float], toleran
     """Name the metrics that differ by more than a relative tolerance."""
     pairs = ((name, value, others[name]) for name, value in values.items())
     return [name for name, a, b in pairs if not np.isclose(a, b, rtol=tolerance, atol=0.0, equal_nan=True)]
-
-
-def apart(groups: Mapping[Any, set[Pair]], others: Engine, built_in: Engine) -> Engine:
-    """Return an engine that computes one group of methods after the other, each in processes of its own."""
-
-    def engine(experiments: Sequence[Experiment], queue: TaskQueue) -> Generator[Done]:
-        while len(queue):
-            for files, pairs in groups.items():
-                part = queue.part(pairs)
-                if len(part):
-                    alone = [
-                        replace(each, methods=tuple(one for one in each.methods if (number, one.name) in pairs))
-                        for number, each in enumerate(experiments)
-                    ]
-                    yield from (others if files else built_in)(alone, part)
-
-    return engine
 
 
 def warm_up_tasks(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:

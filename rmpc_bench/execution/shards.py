@@ -1,17 +1,28 @@
-"""Shards: ranges of the runs of an experiment; a batch job computes one of them into a trial store of its own.
+"""Shards: a batch job computes the runs of all methods in one range, with a store in ``shards/I-of-N`` of the results.
 
-A shard I of N has the runs of all methods in one contiguous range.  Its store is in ``shards/I-of-N`` of the results
-directory.  Random numbers depend on the run only, so the shards together have the trials of the whole experiment.
+Which shard this process computes is given, or read from the variables of a batch scheduler.
 """
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple
 
+from jaxtyping import Int
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.database import FILE, MissingError, OccupiedError, StoreError
+from rmpc_bench.execution.store import Store
 from rmpc_bench.received.plain_files import DamagedError
 from rmpc_bench.simulation.ensemble import SIZE
+from rmpc_bench.simulation.recording import kept
+from rmpc_bench.types import Array
 
 FOLDER = "shards"
 """Directory of the shards in a results directory."""
@@ -75,3 +86,173 @@ def shards_in(results: Path, file: str) -> dict[Shard, Path]:
         if path.is_symlink():
             raise DamagedError(f"{path}: is a symbolic link; replace it by a directory")
     return {shard: found[shard] for shard in sorted(found, key=lambda shard: (shard.total, shard.number))}
+
+
+LIBRARIES = "libraries"
+"""Value of a store: key of the trials -> library of a user's files -> the versions that have computed them."""
+
+
+def stored_in(
+    directory: Path, config: ExperimentConfig, methods: Collection[str], say: Callable[[str], None]
+) -> dict[str, Int[Array, " stored"]]:
+    """Return key of a method -> its runs that the store of a directory has; a shard does not compute these again."""
+    if not (directory / FILE).exists():
+        return {}
+    try:
+        with Store(directory, writable=False) as store:
+            store.check(config.hash, config.shared, config.own.names())
+            return {
+                key: store.finished(
+                    key, point.metric_keys.values(), kept(point.experiment, name), config.experiment.n_runs
+                )
+                for point in config.points
+                for name, key in point.method_keys.items()
+                if name in methods
+            }
+    except OccupiedError:
+        say(f"another process writes to {directory / FILE}: its trials are computed again where this shard has them")
+        return {}
+
+
+def take_shards(config: ExperimentConfig, store: Store, say: Callable[[str], None]) -> None:
+    """Copy the trials of all shards into the store of their directory; runs of a lost shard are left to compute."""
+    taken = []
+    for shard, other in readable_shards(store.directory, say):
+        other.check(config.hash, config.shared, config.own.names())
+        store.copy_from(other)
+        join_libraries(store, other)
+        taken.append(shard)
+    say(f"shards with stored trials: {', '.join(shard.name for shard in taken) or 'none'}")
+
+
+def readable_shards(
+    directory: Path, say: Callable[[str], None], *, also_running: bool = True, also_damaged: bool = False
+) -> Iterator[tuple[Shard, Store]]:
+    """Open the stores of all shards of a directory, one after the other."""
+    for shard, place in shards_in(directory, FILE).items():
+        try:
+            store = Store(place, writable=False)
+        except OccupiedError:
+            if also_running:
+                text = f"{place} is being computed; wait for its end, or end its process"
+                raise StoreError(f"{text} (rmpc-bench status {quote(str(directory))})") from None
+            say(f"left out: {FOLDER}/{shard.name}, which is being computed")
+            continue
+        except (StoreError, MissingError) as error:
+            if also_damaged:
+                raise
+            say(f"left out: {FOLDER}/{shard.name}, which cannot be read ({error})")
+            continue
+        with store:
+            yield shard, store
+
+
+def join_libraries(store: Store, other: Store) -> None:
+    """Note the versions of libraries that have computed the rows of another store."""
+    here, there = store.data(LIBRARIES), other.data(LIBRARIES)
+    joined = {key: dict(libraries) for key, libraries in here.items()}
+    for key, libraries in there.items():
+        before = joined.setdefault(key, {})
+        for library, versions in libraries.items():
+            before[library] = sorted({*before.get(library, []), *versions})
+    if joined != here:
+        store.set_meta(LIBRARIES, json.dumps(joined))
+
+
+SECONDS = 30.0
+"""Longest time that `qstat` may take [s]."""
+
+
+_CORES = ("SLURM_CPUS_PER_TASK", "NSLOTS", "PBS_NUM_PPN", "NCPUS")
+"""Variables with the cores of a job: of SLURM, SGE, TORQUE and PBS Pro."""
+
+
+class ArrayJobError(Exception):
+    """The shard of this process cannot be found from its environment."""
+
+
+class _Array(NamedTuple):
+    """Indices of an array job: first, first + step, .., last."""
+
+    first: int
+    last: int
+    step: int
+
+    @property
+    def size(self) -> int:
+        return (self.last - self.first) // self.step + 1
+
+
+def n_cores(environment: Mapping[str, str]) -> int:
+    """Return the number of cores of the batch job, at most those that this process may use."""
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    given = [int(environment[name]) for name in _CORES if environment.get(name, "").isdecimal()]
+    return max(1, min([here, *given[:1]]))
+
+
+def shard_of_array_job(environment: Mapping[str, str]) -> Shard:
+    """Return the shard of the task of an array job of SLURM, PBS or SGE; `ArrayJobError` where it is none."""
+    if "SLURM_ARRAY_TASK_ID" in environment:
+        return _slurm(environment)
+    for name in ("PBS_ARRAY_INDEX", "PBS_ARRAYID"):
+        if name in environment:
+            return _pbs(environment, name)
+    if environment.get("SGE_TASK_ID", "undefined") != "undefined":
+        return _sge(environment)
+    raise ArrayJobError(
+        "this process is no task of an array job: none of SLURM_ARRAY_TASK_ID, PBS_ARRAY_INDEX, PBS_ARRAYID and "
+        "SGE_TASK_ID is set; give I/N"
+    )
+
+
+def _slurm(environment: Mapping[str, str]) -> Shard:
+    first, last = _number(environment, "SLURM_ARRAY_TASK_MIN"), _number(environment, "SLURM_ARRAY_TASK_MAX")
+    array = _Array(first, last, _number(environment, "SLURM_ARRAY_TASK_STEP", "1"))
+    if array.size != _number(environment, "SLURM_ARRAY_TASK_COUNT"):
+        raise ArrayJobError(
+            f"the array has {environment['SLURM_ARRAY_TASK_COUNT']} of the {array.size} indices from {first} to "
+            f"{last}: --shard auto needs a range without gaps; give I/N"
+        )
+    return _shard(environment, "SLURM_ARRAY_TASK_ID", array)
+
+
+def _sge(environment: Mapping[str, str]) -> Shard:
+    first, last = _number(environment, "SGE_TASK_FIRST"), _number(environment, "SGE_TASK_LAST")
+    return _shard(environment, "SGE_TASK_ID", _Array(first, last, _number(environment, "SGE_TASK_STEPSIZE", "1")))
+
+
+def _pbs(environment: Mapping[str, str], name: str) -> Shard:
+    """Ask `qstat` for the indices: PBS sets the index of the task only."""
+    job = environment.get("PBS_ARRAY_ID") or environment.get("PBS_JOBID") or ""
+    way_out = f"give --shard with the number of tasks, such as $(({name}))/7 for an array that begins with 1"
+    try:
+        command = ["qstat", "-f", job]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=True)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise ArrayJobError(
+            f"`qstat -f {job}` does not show how many tasks the array has ({error}); {way_out}"
+        ) from None
+    # PBS Pro has the first name, TORQUE the second, with the largest number of running tasks after a %.
+    found = re.search(
+        r"(?:array_indices_submitted|job_array_request) = (\d+)(?:-(\d+))?(?::(\d+))?(?:%\d+)?\s", done.stdout
+    )
+    if found is None:
+        raise ArrayJobError(f"`qstat -f {job}` shows no range of indices of the array; {way_out}")
+    first = int(found[1])
+    return _shard(environment, name, _Array(first, int(found[2] or first), int(found[3] or 1)))
+
+
+def _shard(environment: Mapping[str, str], name: str, array: _Array) -> Shard:
+    index = _number(environment, name)
+    if array.step < 1 or index not in range(array.first, array.last + 1, array.step):
+        text = f"{array.first}-{array.last}" + (f":{array.step}" if array.step != 1 else "")
+        raise ArrayJobError(f"{name} is {index}, which is not an index of the array {text}; give I/N")
+    return Shard((index - array.first) // array.step + 1, array.size)
+
+
+def _number(environment: Mapping[str, str], name: str, default: str = "") -> int:
+    text = environment.get(name, default)
+    try:
+        return int(text)
+    except ValueError:
+        raise ArrayJobError(f"{name} must be a whole number (got {text!r}); give I/N") from None

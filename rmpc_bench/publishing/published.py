@@ -182,7 +182,7 @@ def _fingerprint(config: ExperimentConfig, directory: Path, options: Collection[
     """
     # They import NumPy.
     from rmpc_bench.config_file.tree import plain
-    from rmpc_bench.execution.engines.tasks import has_own_code
+    from rmpc_bench.engines.tasks import has_own_code
 
     experiments = [point.experiment for point in config.points]
     own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)

@@ -223,3 +223,7 @@ class TimeLimit(BaseException):
 
     It is no `Exception`, so that a component which catches all of its own errors does not go on.
     """
+
+
+class WorkerError(Exception):
+    """Worker processes cannot load the experiment."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_experiment import cli, ran, write
 
-from rmpc_bench.execution.engines import tasks
+from rmpc_bench.engines import tasks
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}]"
 DERIVED = {

@@ -10,7 +10,7 @@ import pytest
 from small_experiment import cli, ran, spied, write
 
 from rmpc_bench.analysis.rounding import significant
-from rmpc_bench.execution.engines import tasks
+from rmpc_bench.engines import tasks
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"
 SWEEP = f"{{grid: {{{HP}: [10, 12], {C}: [0.1, 1]}}}}"

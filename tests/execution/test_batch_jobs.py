@@ -5,7 +5,7 @@ import sys
 import pytest
 from small_experiment import cli, write
 
-from rmpc_bench.execution.batch_jobs import ArrayJobError, n_cores, shard_of_array_job
+from rmpc_bench.execution.shards import ArrayJobError, n_cores, shard_of_array_job
 
 
 def slurm(index, first, last, step=1, count=None):

@@ -9,7 +9,7 @@ from small_experiment import cli, ran, spied
 from uncertain_experiment import PLANT, write_estimation
 
 from rmpc_bench import load_results, load_trials
-from rmpc_bench.execution.engines import tasks
+from rmpc_bench.engines import tasks
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, groups

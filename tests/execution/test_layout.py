@@ -175,7 +175,7 @@ def test_a_report_imports_no_design(own, tmp_path):
     groups = ("plants", "models", "estimators", "controllers", "metrics")
     designs = {target.partition(":")[0] for group in groups for target in registry.BUILT_IN[group].values()}
     assert "rmpc_bench.figures.boxplot" in modules and "rmpc_bench.estimators.kalman" in designs
-    assert not modules & {"numba", "joblib", "parts", "rmpc_bench.config.build", "rmpc_bench.execution.engines"}
+    assert not modules & {"numba", "joblib", "parts", "rmpc_bench.config.build", "rmpc_bench.engines"}
     assert sorted(modules & designs) == []
 
 

@@ -8,8 +8,7 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_results
-from rmpc_bench.execution.pilot import Pilot, PilotError, measure, runs_of_shard
-from rmpc_bench.execution.pilot_rows import enlarged
+from rmpc_bench.execution.pilot import Pilot, PilotError, enlarged, measure, runs_of_shard
 
 MADE = Pilot(n_runs=1000, n_pilot=30, start=2.0, per_run=0.1, report=4.0, megabytes=200.0)
 

@@ -9,12 +9,11 @@ from threadpoolctl import threadpool_info
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.components import by_kind
-from rmpc_bench.execution.block_lengths import BlockLengths
-from rmpc_bench.execution.engines import tasks
-from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.engines import tasks
+from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
+from rmpc_bench.engines.choice import serial
 from rmpc_bench.execution.runner import pending
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.task_queue import TaskQueue
 
 NOISY = {
     "uncertainty": "{eps: +-20%, delta: {dist: normal, std: 5%, truncate: 3}}",

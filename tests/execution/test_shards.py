@@ -12,8 +12,8 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from engines.test_isolation import OWN
 from execution.test_ensemble_store import write_estimation
-from execution.test_isolation import OWN
 from small_experiment import cli, ran, spied, write
 
 from rmpc_bench.execution.progress_file import read

@@ -12,7 +12,7 @@ from small_experiment import cli, ran, spied, text, write
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.execution.engines import tasks
+from rmpc_bench.engines import tasks
 
 HP, HU, C, STD = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c", "noise.measurement.gaussian.std"
 METHODS = f"{{grid: {{{C}: [0.1, 1]}}, zip: {{{HP}: [10, 12], {HU}: [3, 2]}}}}"

@@ -4,7 +4,7 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.execution.engines.choice import limits_of
+from rmpc_bench.engines.choice import limits_of
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.types import ConfigError
 

@@ -10,9 +10,9 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
+from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.execution.progress import Silent
 from rmpc_bench.execution.runner import compute
-from rmpc_bench.execution.task_queue import TaskQueue
 
 pytestmark = pytest.mark.perf
 

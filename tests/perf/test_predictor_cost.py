@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from rmpc_bench.config.load import load_config
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.tasks import Task
 from rmpc_bench.estimators import enhanced_robust, kalman_predictor, lmmse
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Task
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.models import uncertain_linear
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.threads import single_thread

@@ -38,7 +38,7 @@ SENT = tuple(
         "rmpc_bench/conformance/subject.py",
         "rmpc_bench/conformance/replay.py",
         "rmpc_bench/conformance/separate_process.py",
-        "rmpc_bench/execution/engines/worker.py",
+        "rmpc_bench/engines/worker.py",
         "multiprocessing/connection.py",
         "numba/core/caching.py",
         "numba/core/serialize.py",

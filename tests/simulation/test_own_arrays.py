@@ -7,9 +7,9 @@ import pytest
 from simulation.test_closed_loop import RUNS, STEPS, toy_draws
 from simulation.toy import Delta, Halfway, Proportional, Walk
 
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Task
-from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.tasks import Task
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian

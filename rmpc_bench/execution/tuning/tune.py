@@ -20,9 +20,8 @@ from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.tuning.record import Found, add_seconds, read_record, write_record
-from rmpc_bench.execution.tuning.rounds import Means, Rounds, by_key
+from rmpc_bench.execution.tuning.rounds import Means, Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
-from rmpc_bench.execution.tuning.tuning_progress import TuningProgress
 from rmpc_bench.types import Array
 from rmpc_bench.types.tuning import TuningProtocol
 

@@ -19,8 +19,7 @@ from rmpc_bench.execution.database import FILE, MissingError, StoreError, WriteE
 from rmpc_bench.execution.differences import Names, changes
 from rmpc_bench.execution.progress_file import Column, Extent, ProgressFile
 from rmpc_bench.execution.run_ranges import said_runs
-from rmpc_bench.execution.shard_rows import LIBRARIES, join_libraries, readable_shards
-from rmpc_bench.execution.shards import FOLDER, Shard, shards_in
+from rmpc_bench.execution.shards import FOLDER, LIBRARIES, Shard, join_libraries, readable_shards, shards_in
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, read_experiment, write_experiment
 from rmpc_bench.received.plain_files import DamagedError

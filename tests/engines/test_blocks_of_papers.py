@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rmpc_bench import load_config, run
-from rmpc_bench.execution.engines import tasks
+from rmpc_bench.engines import tasks
 
 ROOT = Path(__file__).parents[2] / "configs"
 N_RUNS = 53

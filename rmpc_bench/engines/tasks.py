@@ -1,26 +1,52 @@
-"""The unit of work: one method over a range of runs."""
+"""The unit of work, one method over a range of runs; a run in which a component raises has failed and ends no other."""
 
 from __future__ import annotations
 
 import time
+import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import PurePath
+from types import FrameType
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.recipes import inside, recipe_of
+from rmpc_bench.components.trace import last_user_frame, one_line, user_trace
 from rmpc_bench.components.untouched import untouched
-from rmpc_bench.execution.sampled_values import Sampled
-from rmpc_bench.simulation.checked_calls import is_own
-from rmpc_bench.simulation.closed_loop import Block, simulate_block
+from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstimator, CheckedPlant, is_own
+from rmpc_bench.simulation.closed_loop import Block, simulate, simulate_block
+from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Draws, Experiment, own_draws
-from rmpc_bench.types import NO_WATCH, Array, Method, Watch
+from rmpc_bench.types import (
+    NO_WATCH,
+    Array,
+    Controller,
+    Estimator,
+    InvalidReturnValue,
+    Journal,
+    Method,
+    Metric,
+    Plant,
+    RunFailure,
+    Status,
+    TimeLimit,
+    Watch,
+)
 from rmpc_bench.types.basics import Design
+
+MAX_FRAMES = 30
+"""Frames of the bench that are kept, the innermost ones: a recursion without end has a thousand."""
+_ROLES: dict[str, tuple[type, ...]] = {
+    "estimator": (Estimator, CheckedEstimator),
+    "controller": (Controller, CheckedController),
+    "plant": (Plant, CheckedPlant),
+    "metric": (Metric,),
+}
 
 
 class Task(NamedTuple):
@@ -42,7 +68,8 @@ class Done(NamedTuple):
 
     task: Task
     block: Block
-    uncertainty: Sampled
+    uncertainty: Mapping[str, Array]
+    """Name of an uncertain quantity -> (runs,) values."""
     seconds: float = 0.0
     """Time that the computation has taken [s]."""
 
@@ -90,10 +117,14 @@ def components_of(experiment: Experiment, *methods: Method) -> list[Any]:
     return [experiment.plant, *pairs, scenario.reference, *noises, *experiment.metrics]
 
 
+def parts_of(experiments: Sequence[Experiment]) -> list[Any]:
+    """Return everything whose code runs when all methods of experiments are simulated."""
+    return [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
+
+
 def warm_up_own(experiments: Sequence[Experiment]) -> None:
     """Let components that are not built in prepare themselves, once in every process that simulates them."""
-    parts = [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
-    for part in {id(part): part for part in parts}.values():
+    for part in {id(part): part for part in parts_of(experiments)}.values():
         if isinstance(part, Design) and not is_built_in(part):
             part.warm_up()
 
@@ -145,3 +176,93 @@ def _drawn(experiment: Experiment, runs: range) -> Draws:
 def forget_draws() -> None:
     """Empty the cache of the last random draw."""
     _last_draw.clear()
+
+
+def failed(experiments: Sequence[Experiment], task: Task, failure: RunFailure) -> Done:
+    """Return the result of a task of one run that has failed outside of the simulation loop.
+
+    It has no metrics and no trajectories.
+    """
+    experiment = experiments[task.point]
+    journal = Journal()
+    journal.fail(failure)
+    # The width of the estimate is not known; the moments of a group leave out a run that has failed.
+    group = Group(task.first, task.stop, 0, np.zeros((1, 1)), np.empty((0, 1, 1)))
+    ensemble = (group,) if experiment.recording.ensemble else ()
+    values = np.full((len(experiment.metrics), 1), np.nan)
+    block = Block(np.array([failure.status], dtype=np.int8), values, {}, ensemble, journal)
+    uncertainty = {name: np.array([value]) for name, value in named_values(experiment, task.first).items()}
+    return Done(task, block, uncertainty)
+
+
+def failure_of(error: BaseException, experiment: Experiment, run: int) -> RunFailure:
+    """Describe the exception that ended a run which was simulated alone."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    loop = next((frame.f_locals for frame in frames if _is_loop(frame)), {})
+    values = {name: _last(loop.get(key)) for name, key in (("y", "y"), ("u_previous", "u"), ("x_hat", "estimate"))}
+    known = {name: value for name, value in values.items() if value is not None}
+    return RunFailure(
+        run,
+        int(Status.TIMEOUT if isinstance(error, TimeLimit) else Status.CRASHED),
+        _role(frames),
+        loop.get("k"),
+        str(error) if isinstance(error, InvalidReturnValue | TimeLimit) else one_line(error),
+        _trace(error),
+        {**known, "parameters": named_values(experiment, run)},
+    )
+
+
+def _trace(error: BaseException) -> str:
+    """Return the frames of the component's own code; those of the bench where there are no others."""
+    if last_user_frame(error):
+        return user_trace(error)
+    return "".join(traceback.format_exception(error, limit=-MAX_FRAMES))
+
+
+def _is_loop(frame: FrameType) -> bool:
+    return (frame.f_globals.get("__name__"), frame.f_code.co_name) == (simulate.__module__, simulate.__name__)
+
+
+def _role(frames: Sequence[FrameType]) -> str:
+    """Name the component whose method was called first."""
+    for frame in frames:
+        owner = frame.f_locals.get("self", frame.f_locals.get("metric"))
+        for role, classes in _ROLES.items():
+            if isinstance(owner, classes):
+                return role
+    return ""
+
+
+def _last(value: Any) -> list[Any] | None:
+    """Return the signal of the only run."""
+    array = getattr(value, "x_hat", value)
+    return array[0].tolist() if isinstance(array, np.ndarray) and len(array) == 1 else None
+
+
+def contained(
+    experiments: Sequence[Experiment],
+    task: Task,
+    is_fatal: Callable[[BaseException], bool],
+    watch: Watch = NO_WATCH,
+) -> Iterator[Done]:
+    """Do one task; if a component raises, repeat its halves until each run that raises is alone (bisection).
+
+    The runs of a block do not depend on each other, so a repeated run has the same numbers.
+    """
+    try:
+        done = work(experiments, task, watch)
+    except BaseException as error:
+        watch.end()
+        if is_fatal(error):
+            raise
+        failure = failure_of(error, experiments[task.point], task.first) if len(task.runs) <= 1 else None
+    else:
+        yield done
+        return
+    # Outside of the handler: the exception keeps the arrays of the block alive.
+    if failure is not None:
+        yield failed(experiments, task, failure)
+        return
+    middle = (task.first + task.stop) // 2
+    for part in (task._replace(stop=middle), task._replace(first=middle)):
+        yield from contained(experiments, part, is_fatal, watch)

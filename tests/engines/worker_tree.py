@@ -4,7 +4,7 @@ import os
 import time
 from pathlib import Path
 
-WORKER, DASK_WORKER = "rmpc_bench.execution.engines.worker", "multiprocessing.spawn"
+WORKER, DASK_WORKER = "rmpc_bench.engines.worker", "multiprocessing.spawn"
 """Texts of the command lines of a worker process of the bench and of a dask worker."""
 
 

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from execution import misbehaving
-from execution.misbehaving import BAD, K_BAD, Level, do_nothing, experiment, tasks_of
+from engines import misbehaving
+from engines.misbehaving import BAD, K_BAD, Level, do_nothing, experiment, tasks_of
 
-from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.ensemble import joined
 
 N_RUNS = 60

@@ -1,9 +1,11 @@
-"""Choice of the engine of an experiment."""
+"""Engines compute tasks; this chooses one: this process, worker processes, or a dask cluster."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Sequence
+import signal
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,19 +13,23 @@ from typing import Any, TypeAlias
 from rmpc_bench.components.installed import distribution_of
 from rmpc_bench.components.private_modules import is_private
 from rmpc_bench.components.recipes import inside, recipe_of
+from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sections import Execution
-from rmpc_bench.execution.engines.ended_workers import EndedWorkers
-from rmpc_bench.execution.engines.here_first import here_first
-from rmpc_bench.execution.engines.processes import processes
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
-from rmpc_bench.execution.engines.watch import Limits
-from rmpc_bench.execution.separation import apart, groups_of
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.engines.blocks import Pair, TaskQueue
+from rmpc_bench.engines.pool import EndedWorkers, processes
+from rmpc_bench.engines.tasks import Done, Task, contained, forget_draws, is_built_in, parts_of, warm_up_own
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.extras import install
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types.errors import WorkerError
 
+MEASURED = 2.0
+"""Computing time after which the time of the rest is estimated, if not all methods are measured before [s]."""
+PAYS = 4.0
+"""Computing time from which on starting workers saves time [s]."""
 _ADDRESS = re.compile(r"([a-z]+://)?(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):[0-9]{1,5}")
 LAST_PORT = 65_535
 """The largest number of a port."""
@@ -52,8 +58,8 @@ def choose_engine(
     name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
     n = min(workers or config.execution.workers, n_trials)
     experiments = [point.experiment for point in config.points]
-    own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
-    parts = [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
+    parts = parts_of(experiments)
+    own = not all(map(is_built_in, parts))
     limits = limits_of(config.execution)
     if name == "serial" and (own or limits != Limits()):
         what = "a component that ends its process or never returns ends the experiment; "
@@ -66,8 +72,10 @@ def choose_engine(
         return apart(groups, serial, engine) if len(groups) > 1 else serial
     if name == "dask":
         # Only here: the other engines need nothing of dask.
-        from rmpc_bench.execution.engines.dask_cluster import dask_cluster
-
+        try:
+            from rmpc_bench.engines.dask_cluster import dask_cluster
+        except ModuleNotFoundError as error:
+            raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
         _check_address(scheduler)
         engine = partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
     if name is None and workers is None and not isolated and not own:
@@ -99,3 +107,63 @@ def _is_imported(part: Any) -> bool:
         return True
     module = getattr(recipe.design, "__module__", None) or ""
     return is_private(module) or distribution_of(module.partition(".")[0]) is not None
+
+
+def serial(
+    experiments: Sequence[Experiment], queue: TaskQueue, ends: Callable[[], bool] = lambda: False
+) -> Generator[Done]:
+    """Do the tasks in this process, one after the other."""
+    try:
+        with single_thread(), noted_signals() as signals:
+            warm_up_own(experiments)
+            while not ends() and (task := queue.take()) is not None:
+                for done in contained(experiments, task, lambda error: bool(signals)):
+                    if signals:
+                        # A component has caught the interruption.
+                        signal.raise_signal(signals[0])
+                    yield done
+    finally:
+        forget_draws()
+
+
+def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Engine) -> Generator[Done]:
+    """Do the tasks in this process, or in worker processes as soon as that takes less time."""
+
+    def pay() -> bool:
+        known = queue.is_measured or queue.seconds_done > MEASURED
+        # With a stopping rule the queue has the tasks up to the next decision only.
+        more = queue.has_grown and queue.seconds_done > PAYS
+        return known and (more or queue.seconds_left > PAYS)
+
+    yield from serial(experiments, queue, pay)
+    queue.give_back()
+    if len(queue):
+        yield from workers(experiments, queue)
+
+
+def groups_of(points: Sequence[SweepPoint]) -> dict[tuple[str, ...], set[Pair]]:
+    """Return hashes of files and names of packages -> the methods with exactly these; built-in methods first."""
+    found: dict[tuple[str, ...], set[Pair]] = {}
+    for number, point in enumerate(points):
+        for name in point.methods:
+            kinds = (point.own_code.get(name, {}).get(kind, {}) for kind in ("sources", "installed"))
+            code = {each for roles in kinds for role in roles.values() for each in role}
+            found.setdefault(tuple(sorted(code)), set()).add((number, name))
+    return dict(sorted(found.items()))
+
+
+def apart(groups: Mapping[Any, set[Pair]], others: Engine, built_in: Engine) -> Engine:
+    """Return an engine that computes one group of methods after the other, each in processes of its own."""
+
+    def engine(experiments: Sequence[Experiment], queue: TaskQueue) -> Generator[Done]:
+        while len(queue):
+            for files, pairs in groups.items():
+                part = queue.part(pairs)
+                if len(part):
+                    alone = [
+                        replace(each, methods=tuple(one for one in each.methods if (number, one.name) in pairs))
+                        for number, each in enumerate(experiments)
+                    ]
+                    yield from (others if files else built_in)(alone, part)
+
+    return engine

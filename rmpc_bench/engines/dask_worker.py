@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rmpc_bench.config.code_version import code_version
-from rmpc_bench.execution.engines.attempts import End, Failed, Job
-from rmpc_bench.execution.engines.pool import Pool
-from rmpc_bench.execution.engines.tasks import Done
-from rmpc_bench.execution.engines.watch import Limits
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.pool import Pool
+from rmpc_bench.engines.tasks import Done
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.engines.workers import End, Failed, Job
+from rmpc_bench.types.errors import WorkerError
 
 IDLE = 60.0
 """Time without a job after which worker processes are ended [s], as when the client has been killed."""

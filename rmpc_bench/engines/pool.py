@@ -5,17 +5,32 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TypeAlias
 
-from rmpc_bench.execution.engines.attempts import MAX_KILLED_STARTS, MAX_STARTS, End, Failed, Job, after
-from rmpc_bench.execution.engines.tasks import Done, Task
-from rmpc_bench.execution.engines.watch import Limits
-from rmpc_bench.execution.engines.worker_process import HUNG, LONGEST_PAUSE, WorkerProcess
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.child_process import held
+from rmpc_bench.components.transport import dumps
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.tasks import Done, Task, failed, has_own_code
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.engines.workers import (
+    HUNG,
+    HUNG_WITH_OWN_CODE,
+    LONGEST_PAUSE,
+    MAX_KILLED_STARTS,
+    MAX_STARTS,
+    End,
+    Failed,
+    Job,
+    WorkerProcess,
+    after,
+)
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types.errors import WorkerError
 
 WAITING, MOST_WAITING = 2, 16
 """Tasks in a worker: one that it does, and one that it finds when it has done that; more where they are short."""
@@ -179,3 +194,52 @@ def described(job: Job) -> str:
     task: Task = job.task
     runs = f"run {task.first}" if job.alone or len(task.runs) == 1 else f"runs {task.first} to {task.stop - 1}"
     return f"method {task.method}, {runs}, attempt {job.deaths + job.kills + 1}"
+
+
+LOG = "workers.txt"
+"""File in the directory `logs` with a line for every worker that has ended."""
+
+
+class EndedWorkers:
+    """Writes a line for every worker that has ended, and a message for the first one that was disturbed."""
+
+    def __init__(self, logs: Path, say: Callable[[str], None]) -> None:
+        self._file, self._say, self._said = logs / LOG, say, False
+
+    def note(self, text: str, end: End) -> None:
+        """Note a worker with the attempt that has ended with it, and how it has ended."""
+        # A full disk is reported by the trial store, which matters more.
+        with suppress(OSError):
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {text}\n")
+        if end.outside and not self._said:
+            self._said = True
+            text = f"{end.message}, probably by another program or the system"
+            self._say(f"{text}; its runs are repeated (further cases are listed in {self._file})")
+
+
+def processes(
+    experiments: Sequence[Experiment],
+    queue: TaskQueue,
+    workers: int,
+    limits: Limits = Limits(),  # noqa: B008 - immutable
+    logs: Path | None = None,
+    note: Note = lambda text, end: None,
+) -> Generator[Done]:
+    """Do the tasks in worker processes; closing the generator ends them."""
+    queue.workers = workers
+    pool = Pool(dumps(experiments), limits, logs, patience(experiments), note)
+    try:
+        pool.start(range(workers))
+        for each in pool.results(queue):
+            yield failed(experiments, *each) if isinstance(each, Failed) else each
+    finally:
+        with held():
+            pool.close()
+
+
+def patience(experiments: Sequence[Experiment]) -> float:
+    """Return the time without any computing after which a worker is replaced [s]."""
+    own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
+    return HUNG_WITH_OWN_CODE if own else HUNG

@@ -18,9 +18,8 @@ from typing import Any
 
 from rmpc_bench.components.loading import described, place_of
 from rmpc_bench.components.transport import loads
-from rmpc_bench.execution.engines.contained import contained
-from rmpc_bench.execution.engines.tasks import Done, Task, warm_up_own
-from rmpc_bench.execution.engines.watch import Limits, SharedWatch
+from rmpc_bench.engines.tasks import Done, Task, contained, warm_up_own
+from rmpc_bench.engines.watch import Limits, SharedWatch
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import TimeLimit

@@ -3,14 +3,13 @@
 import math
 
 import pytest
-from execution.misbehaving import do_nothing, experiment, raise_value_error
+from engines.misbehaving import do_nothing, experiment, raise_value_error
 
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution import block_lengths
-from rmpc_bench.execution.block_lengths import BlockLengths, megabytes_of_a_run
-from rmpc_bench.execution.engines.here_first import here_first
-from rmpc_bench.execution.engines.tasks import Done, Task
-from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.engines import blocks
+from rmpc_bench.engines.blocks import BlockLengths, TaskQueue, megabytes_of_a_run
+from rmpc_bench.engines.choice import here_first
+from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.simulation.ensemble import SIZE
 
 A, B = "do_nothing", "raise_value_error"
@@ -62,8 +61,8 @@ def test_blocks_become_as_long_as_half_a_second(seconds_of_a_run):
             break
     n = len(runs[B])
     assert runs[A][:n] == runs[B] == [*range(n)]
-    memory = block_lengths.MEGABYTES / megabytes_of_a_run(MADE)
-    expected = min(block_lengths.SECONDS / seconds_of_a_run, memory)
+    memory = blocks.MEGABYTES / megabytes_of_a_run(MADE)
+    expected = min(blocks.SECONDS / seconds_of_a_run, memory)
     longest = max(lengths[4:])
     assert longest <= max(1.0, expected) and (longest >= expected - SIZE or longest == max(1, math.floor(expected)))
 

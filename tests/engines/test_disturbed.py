@@ -7,20 +7,20 @@ import time
 
 import numpy as np
 import pytest
-from execution.misbehaving import STEPS, Misbehaving, experiment
-from execution.worker_tree import WORKER, disturbed, with_command
+from engines.misbehaving import STEPS, Misbehaving, experiment
+from engines.worker_tree import WORKER, disturbed, with_command
 from simulation.toy import Halfway, Proportional
 
 from rmpc_bench import child_process
-from rmpc_bench.execution.engines import processes as engine
-from rmpc_bench.execution.engines import worker_process
-from rmpc_bench.execution.engines.attempts import MAX_DEATHS, MAX_KILLS, End, Job, after
-from rmpc_bench.execution.engines.processes import processes
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Task
-from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.engines import pool as engine
+from rmpc_bench.engines import workers
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.pool import processes
+from rmpc_bench.engines.tasks import Task
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.engines.workers import MAX_DEATHS, MAX_KILLS, End, Job, after
 from rmpc_bench.execution.sampled_values import by_name
-from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.types import Method
 
 OUTSIDE, INSIDE, LATE = End("killed", outside=True), End("exit code 3"), End("late", timed_out=True)
@@ -75,7 +75,7 @@ def serial_results(n_runs):
 
 def test_a_worker_that_is_killed_or_stopped(tmp_path, monkeypatch):
     """By any signal, in the middle of a run; another worker repeats what it had."""
-    monkeypatch.setattr(worker_process, "STOPPED", 0.5)
+    monkeypatch.setattr(workers, "STOPPED", 0.5)
     at_work, notes = tmp_path / "at_work", []
     made = made_of(Slow(0.03, str(at_work)), 60)
     dones = processes([made], queue_of(made, 1), 2, note=lambda *each: notes.append(each))
@@ -132,7 +132,7 @@ def test_a_stop_is_no_computing_time():
 
 def test_patience_is_longer_with_own_code():
     """A component may wait for a device; the bench never waits."""
-    assert engine.patience([made_of(Halfway(), 1)]) == worker_process.HUNG_WITH_OWN_CODE
+    assert engine.patience([made_of(Halfway(), 1)]) == workers.HUNG_WITH_OWN_CODE
 
 
 def ends(job, *given):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from simulation.toy import Halfway, Proportional, Walk
 
-from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.engines.tasks import Task
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.simulation.reference import constant

@@ -1,4 +1,4 @@
-"""The parent's side of a worker process: start, messages, limits of time, end."""
+"""A worker process as its parent sees it: start, messages, limits, why it has ended, what that means for its job."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from contextlib import nullcontext
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from rmpc_bench.child_process import Idleness, held, is_stopped, start
-from rmpc_bench.execution.engines.attempts import End, Job
-from rmpc_bench.execution.engines.watch import SIZE, Limits, SharedWatch
-from rmpc_bench.execution.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
+from rmpc_bench.engines.tasks import Task
+from rmpc_bench.engines.watch import SIZE, Limits, SharedWatch
+from rmpc_bench.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
+from rmpc_bench.types import RunFailure, Status
 
-MODULE = "rmpc_bench.execution.engines.worker"
+MODULE = "rmpc_bench.engines.worker"
 """What a worker process runs."""
 DISTURBED = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGXCPU})
 """Signals that come from outside as a rule: from a person, a batch scheduler, or the system when memory runs out."""
@@ -33,7 +34,72 @@ HUNG, HUNG_WITH_OWN_CODE = 60.0, 600.0
 a device, a licence or a file, one of the bench never waits."""
 GRACE = 1.0
 """Time in which Python code ends after it was asked to [s]; compiled code is killed then."""
-_PACKAGE = f"{Path(__file__).parents[2]}{os.sep}"
+_PACKAGE = f"{Path(__file__).parents[1]}{os.sep}"
+MAX_DEATHS = 2
+"""How often a worker ends by itself with a run alone before the run has crashed."""
+MAX_BLOCK_KILLS = 2
+"""How often a worker is disturbed from outside with a block before the runs of the block are repeated one by one."""
+MAX_KILLS = 4
+"""How often a worker is disturbed from outside with a run alone before the run has crashed."""
+MAX_STARTS = 3
+"""How many workers may end by themselves one after the other before they have loaded the experiment."""
+MAX_KILLED_STARTS = 10
+"""How many workers may be disturbed from outside one after the other before they have loaded the experiment."""
+
+
+class Job(NamedTuple):
+    """A task with the way in which it is done."""
+
+    task: Task
+    alone: bool = False
+    """Whether its runs are simulated one by one."""
+    deaths: int = 0
+    """How often a worker has ended by itself with its first run alone."""
+    kills: int = 0
+    """How often a worker has been disturbed from outside with its first run alone, or with the whole task."""
+
+
+class End(NamedTuple):
+    """How a worker process has ended."""
+
+    message: str
+    k: int | None = None
+    """Sample that was being simulated."""
+    trace: str = ""
+    timed_out: bool = False
+    outside: bool = False
+    """Whether the process was probably disturbed from outside."""
+
+
+class Failed(NamedTuple):
+    """A task of one run that no worker could finish."""
+
+    task: Task
+    failure: RunFailure
+
+
+def after(job: Job, end: End) -> tuple[Failed | None, Job | None]:
+    """Return the run that has failed, if one has, and what is left to do.
+
+    A process that ends by itself (an exit code, a fault in compiled code) was ended by a run of its job.  A process
+    that was killed, stopped or hung was probably disturbed from outside: by a person, a batch scheduler, or the system
+    when memory ran out.  Its job is then repeated as it is, and a run has crashed only if this happens several times.
+    """
+    task = job.task
+    if not task.runs:
+        return None, None
+    if not job.alone and len(task.runs) > 1:
+        if end.outside and job.kills + 1 < MAX_BLOCK_KILLS:
+            return None, job._replace(kills=job.kills + 1)
+        return None, Job(task, alone=True)
+    deaths, kills = job.deaths + (not end.outside), job.kills + end.outside
+    if not end.timed_out and deaths < MAX_DEATHS and kills < MAX_KILLS:
+        return None, Job(task, True, deaths, kills)
+    status = Status.TIMEOUT if end.timed_out else Status.CRASHED
+    text = f"{end.message} ({kills} attempts)" if kills == MAX_KILLS else end.message
+    failure = RunFailure(task.first, int(status), "", end.k, text, end.trace)
+    rest = task._replace(first=task.first + 1)
+    return Failed(task._replace(stop=task.first + 1), failure), Job(rest, True) if rest.runs else None
 
 
 class WorkerProcess:
@@ -49,8 +115,11 @@ class WorkerProcess:
     def __init__(self, limits: Limits, log: Path | None, patience: float = HUNG) -> None:
         self.jobs: deque[Job] = deque()
         self.loaded = False
-        self._limits, self._asked, self._late = limits, 0.0, ""
-        self._since, self._progress, self._disturbed, self._patience = 0.0, 0.0, "", patience
+        self._limits, self._patience = limits, patience
+        # Why this process has killed it.
+        self._killed: End | None = None
+        # When the computation that was asked to end began, when it was asked, and when the last known one began.
+        self._late_since, self._asked, self._progress = 0.0, 0.0, 0.0
         with tempfile.TemporaryFile(buffering=0) as file:
             file.truncate(SIZE)
             self._watch = SharedWatch(file)
@@ -95,14 +164,14 @@ class WorkerProcess:
         """Kill the process if it is stopped, hangs or takes too long; Python code is first asked to end."""
         now, before = time.monotonic(), self._checked
         self._checked = now
-        if self._disturbed or self._late:
+        if self._killed is not None:
             return
         if is_stopped(self._process.pid):
             # Time in which this process was stopped too is not counted.
             self._stopped += min(now - before, LONGEST_PAUSE)
             self._watch.excuse(before, now)
             if self._stopped > STOPPED:
-                self._disturb("the worker process was stopped")
+                self._kill(End("the worker process was stopped", outside=True))
             return
         self._stopped = 0.0
         if now - before > 2.0 * LONGEST_PAUSE:
@@ -110,7 +179,7 @@ class WorkerProcess:
             self._watch.excuse(before, now)
         if self.jobs or not self.loaded:
             self._check_progress()
-        if self._limits.timed and not self._disturbed:
+        if self._limits.timed and self._killed is None:
             self._check_time(now)
 
     def _check_progress(self) -> None:
@@ -119,10 +188,10 @@ class WorkerProcess:
             self._idle.reset()
         self._idle.look()
         if self._idle.seconds > self._patience:
-            self._disturb(f"the worker process has computed nothing for {self._patience:g} s")
+            self._kill(End(f"the worker process has computed nothing for {self._patience:g} s", outside=True))
 
-    def _disturb(self, text: str) -> None:
-        self._disturbed = text
+    def _kill(self, end: End) -> None:
+        self._killed = end
         self._process.kill()
 
     def _check_time(self, now: float) -> None:
@@ -131,14 +200,13 @@ class WorkerProcess:
         if not late:
             return
         since = self._watch.since
-        if since != self._since:
-            self._since, self._asked = since, now
+        if since != self._late_since:
+            self._late_since, self._asked = since, now
             self._process.send_signal(STOP_STEP)
         elif now - self._asked > GRACE:
-            self._late = late
             self._process.send_signal(DUMP_TRACE)
             self._await_trace()
-            self._process.kill()
+            self._kill(End(late, timed_out=True))
 
     def _await_trace(self) -> None:
         """Wait until the process has written its frames; one that is stopped is killed without them."""
@@ -149,24 +217,26 @@ class WorkerProcess:
 
     def end(self) -> End:
         """Wait for the end of the process and say how it has ended."""
-        closed = "" if self._late else self._watch_for_end()
-        code = self._process.wait()
-        message = self._late or self._disturbed or closed or _ended(code, self._limits)
+        end = self._killed
+        if end is None:
+            try:
+                end = self._ended(self._process.wait(timeout=GRACE))
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                end = End("the worker process closed its connection")
+        self._process.wait()
         self._trace.seek(0)
         trace = "".join(_user_frames(self._trace.read().decode(errors="replace")))
-        outside = not (self._late or closed) and (bool(self._disturbed) or -code in DISTURBED)
-        end = End(message, self._watch.k, trace, bool(self._late), outside)
+        end = end._replace(k=self._watch.k, trace=trace)
         self.close()
         return end
 
-    def _watch_for_end(self) -> str:
-        """Kill a process that has closed its connection and goes on; say so."""
-        try:
-            self._process.wait(timeout=GRACE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return "the worker process closed its connection"
-        return ""
+    def _ended(self, code: int) -> End:
+        if code == OUT_OF_MEMORY:
+            return End(f"the worker process ran out of memory (execution.memory: {self._limits.memory_text})")
+        if code < 0:
+            return End(f"the worker process was ended by {signal.Signals(-code).name}", outside=-code in DISTURBED)
+        return End(f"the worker process ended with exit code {code}")
 
     def kill(self) -> None:
         """Kill the process, also from another thread; `receive` reports its end."""
@@ -192,14 +262,6 @@ def _started(child: Connection, watch: int, trace: int, log: Path | None) -> sub
 def _appended(log: Path) -> IO[bytes]:
     log.parent.mkdir(parents=True, exist_ok=True)
     return log.open("ab")
-
-
-def _ended(code: int, limits: Limits) -> str:
-    if code == OUT_OF_MEMORY:
-        return f"the worker process ran out of memory (execution.memory: {limits.memory_text})"
-    if code < 0:
-        return f"the worker process was ended by {signal.Signals(-code).name}"
-    return f"the worker process ended with exit code {code}"
 
 
 def _user_frames(dump: str) -> Iterator[str]:

@@ -19,21 +19,21 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+import distributed
+from dask import config
+
 from rmpc_bench.child_process import held, is_stopped
 from rmpc_bench.components.transport import dumps
-from rmpc_bench.execution.engines.attempts import MAX_STARTS, End, Failed, Job, after
-from rmpc_bench.execution.engines.dask_worker import Report, Setup, compute, versions
-from rmpc_bench.execution.engines.failures import failed
-from rmpc_bench.execution.engines.pool import Note
-from rmpc_bench.execution.engines.processes import patience
-from rmpc_bench.execution.engines.tasks import Done
-from rmpc_bench.execution.engines.watch import Limits
-from rmpc_bench.execution.engines.worker_process import STOPPED
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
-from rmpc_bench.extras import install
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.dask_worker import Report, Setup, compute, forget, remember, versions
+from rmpc_bench.engines.pool import Note, patience
+from rmpc_bench.engines.tasks import Done, failed
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.engines.workers import MAX_STARTS, STOPPED, End, Failed, Job, after
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types.errors import WorkerError
 
+dask: Any = distributed  # whose classes have no annotations
 WINDOW = 4
 """Futures per thread of a dask worker, so that none waits for the client."""
 SECONDS = 1.0
@@ -63,7 +63,7 @@ def dask_cluster(
 
     Without the address of a `scheduler` it starts `workers` on this machine.  The output of components goes to files in
     `logs`, and `note` gets a line and the end of every process that has ended early.  A WorkerError says that
-    distributed is not installed, the scheduler cannot be reached, or the workers cannot load the experiment.
+    the scheduler cannot be reached, or the workers cannot load the experiment.
     """
     queue.at_least(SECONDS)
     where = None if logs is None else logs.absolute()
@@ -76,6 +76,25 @@ def dask_cluster(
     finally:
         with held():
             cluster.close()
+
+
+class ExperimentPlugin(distributed.WorkerPlugin):
+    """Keeps an experiment on a dask worker as long as the client computes; `local` if that has started the worker."""
+
+    def __init__(self, described: Setup, *, local: bool) -> None:
+        self.name = described.key
+        self._described, self._local = described, local
+
+    def setup(self, worker: distributed.Worker) -> None:
+        """Take the description."""
+        if self._local:
+            # Ctrl-C in a terminal reaches every process of the group; only the client handles it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        remember(self._described)
+
+    def teardown(self, worker: distributed.Worker) -> None:
+        """End the worker processes of the experiment."""
+        forget(self._described.key)
 
 
 class _Cluster:
@@ -91,15 +110,6 @@ class _Cluster:
 
     def connect(self, seconds: float | None = None) -> None:
         """Connect within a time [s], and describe the experiment to all workers."""
-        try:
-            import distributed
-            from dask import config
-
-            from rmpc_bench.execution.engines.dask_plugin import ExperimentPlugin
-        except ModuleNotFoundError as error:
-            raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
-        # Its classes have no annotations.
-        dask: Any = distributed
         # A lost scheduler is to be noticed soon, and said here instead of in the log of dask.
         self._settings.close()
         self._settings.enter_context(config.set({"distributed.comm.timeouts.connect": f"{AGAIN} s"}))
@@ -239,16 +249,14 @@ class _Futures:
 
     def _handle(self, future: Any, jobs: list[Job]) -> Iterator[Done | Failed]:
         """Take the report of a future, or repeat its jobs."""
-        from distributed import CancelledError, KilledWorker
-
         if future.status == "cancelled":
             self._renew(jobs)
             return
         try:
             report: Report = future.result(timeout=60)
-        except KilledWorker:
+        except distributed.KilledWorker:
             yield from self._repeat(jobs, End("the dask workers that had the run were lost", outside=True))
-        except (CancelledError, TimeoutError):
+        except (distributed.CancelledError, TimeoutError):
             self._renew(jobs)
         except WorkerError:
             raise

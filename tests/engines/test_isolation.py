@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from execution import misbehaving
-from execution.misbehaving import BAD, do_nothing, experiment, tasks_of
-from execution.test_contained import stored
+from engines import misbehaving
+from engines.misbehaving import BAD, do_nothing, experiment, tasks_of
+from engines.test_contained import stored
 from small_experiment import cli, write
 
-from rmpc_bench.execution.engines.processes import processes
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.pool import processes
+from rmpc_bench.engines.watch import Limits
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.types.errors import WorkerError
 
 N_RUNS = 30
 STEP = "a step took longer than 1 s (execution.timeout.step)"

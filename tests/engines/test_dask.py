@@ -10,25 +10,25 @@ import time
 import numpy as np
 import pytest
 from cli.test_interruption import COMMAND, gone
-from execution import misbehaving
-from execution.misbehaving import BAD, do_nothing, experiment, tasks_of
-from execution.test_contained import stored
-from execution.test_disturbed import Slow, made_of, queue_of, results_of, serial_results
-from execution.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
-from execution.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
+from engines import misbehaving
+from engines.misbehaving import BAD, do_nothing, experiment, tasks_of
+from engines.test_contained import stored
+from engines.test_disturbed import Slow, made_of, queue_of, results_of, serial_results
+from engines.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
+from engines.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
 from small_experiment import cli, ran, write
 
 from rmpc_bench.components.transport import dumps
-from rmpc_bench.execution.engines import dask_cluster as engine
-from rmpc_bench.execution.engines import dask_worker
-from rmpc_bench.execution.engines.attempts import Job
-from rmpc_bench.execution.engines.dask_cluster import dask_cluster
-from rmpc_bench.execution.engines.pool import Pool
-from rmpc_bench.execution.engines.serial import serial
-from rmpc_bench.execution.engines.tasks import Task
-from rmpc_bench.execution.engines.watch import Limits
-from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.engines import dask_cluster as engine
+from rmpc_bench.engines import dask_worker
+from rmpc_bench.engines.blocks import TaskQueue
+from rmpc_bench.engines.choice import serial
+from rmpc_bench.engines.dask_cluster import dask_cluster
+from rmpc_bench.engines.pool import Pool
+from rmpc_bench.engines.tasks import Task
+from rmpc_bench.engines.watch import Limits
+from rmpc_bench.engines.workers import Job
+from rmpc_bench.types.errors import WorkerError
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning")
