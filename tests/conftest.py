@@ -12,6 +12,9 @@ from pathlib import Path
 import jaxtyping
 import remembered_checks
 
+# A quarter of the time of tests would be spent on looking for garbage among the objects of imports and syntax trees.
+gc.set_threshold(50_000, 20, 20)
+
 # First of all, before any test imports the package.  Compiled functions cannot be wrapped: their modules are left out
 # (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
 COMPILED = {
@@ -84,6 +87,15 @@ def servo_model():
     from rmpc_bench.models.servo import ServoNoise, design
 
     return design(0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path):
+    """Of the files beside this one only those with an example are imported for their doctests."""
+    collectors = yield
+    if file_path.is_relative_to(Path(__file__).parent) and ">>> " not in file_path.read_text("utf-8", "replace"):
+        return [each for each in collectors if type(each) is pytest.Module]
+    return collectors
 
 
 def pytest_collection_finish():

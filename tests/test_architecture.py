@@ -15,6 +15,12 @@ def trees():
     return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
+@cache
+def nodes(tree):
+    """Everything in a syntax tree, walked once for all tests."""
+    return [*ast.walk(tree)]
+
+
 DESIGNS = {"models", "numerics", "types"}
 # A room may always import itself.  Arrows that need a reason have it above them.
 MAY_IMPORT = {
@@ -226,14 +232,17 @@ def room(file):
     return file.split("/")[0].removesuffix(".py").replace("__init__", "rmpc_bench")
 
 
+@cache
 def imports(tree):
     """Dotted names of everything imported, inside functions too; `from a import b` gives `a.b`."""
-    for node in ast.walk(tree):
+    names = []
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return names
 
 
 def own_imports(tree):
@@ -245,9 +254,10 @@ def own_imports(tree):
             yield (rest[0] if known else "rmpc_bench"), (rest[1] if known and len(rest) > 1 else "")
 
 
+@cache
 def calls(tree):
     """Text of everything called."""
-    return [(ast.unparse(node.func), node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return [(ast.unparse(node.func), node) for node in nodes(tree) if isinstance(node, ast.Call)]
 
 
 def test_imports_follow_the_arrows():
@@ -330,7 +340,7 @@ def test_processes_import_no_file_of_the_current_directory():
     starts = [
         [ast.unparse(each) for each in node.elts]
         for tree in trees().values()
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) == "sys.executable"
     ]
     assert len(starts) >= 2
@@ -346,7 +356,7 @@ def test_only_cli_and_progress_print():
             assert targets == ["sys.stderr"] * len(prints)
         elif not file.startswith("cli/"):
             assert not prints, file
-            streams = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+            streams = {ast.unparse(node) for node in nodes(tree) if isinstance(node, ast.Attribute)}
             assert not streams & {"sys.stdout", "sys.stderr"}, file
 
 
