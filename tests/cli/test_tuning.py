@@ -170,6 +170,7 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     assert (part.state, part.stage, part.done, part.total) == ("finished", "", 16, 16)
 
 
+@pytest.mark.kill
 @pytest.mark.slow
 def test_killed_and_interrupted_in_the_tuning(tmp_path):
     """By kill -9 and by Ctrl-C, with an estimator from a file, which is tuned as any other."""

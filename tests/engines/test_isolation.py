@@ -210,6 +210,7 @@ def test_a_limit_of_memory_that_leaves_nothing():
         list(processes([made], TaskQueue(tasks_of(made, 4)), 1, Limits(memory=20_000_000, memory_text="20 MB")))
 
 
+@pytest.mark.kill
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
 def test_an_interruption_while_a_worker_hangs(tmp_path, number, code):
     """It ends at once, and no process stays."""
