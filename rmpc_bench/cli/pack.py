@@ -24,8 +24,8 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     figures and claims, the report, and the hash of every file.
     """
     from rmpc_bench.config.relocation import COPIES
-    from rmpc_bench.execution.pack import pack as pack_results
     from rmpc_bench.extras import install
+    from rmpc_bench.packing.pack import pack as pack_results
     from rmpc_bench.received.archive import ArchiveError
 
     if output is None:

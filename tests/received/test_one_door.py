@@ -31,7 +31,7 @@ READERS = {
     "joblib.load",
 }
 # File -> what it opens: a table that `verify` reads from an archive which was taken out and checked.
-OTHERS = {"execution/pack_rows.py": {"pd.read_csv"}}
+OTHERS = {"packing/comparison.py": {"pd.read_csv"}}
 # What one process of the bench sends to another, through a pipe or a temporary file of its own.
 BETWEEN_OWN_PROCESSES = {
     "components/transport.py": {"pickle.loads"},
