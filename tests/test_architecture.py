@@ -61,6 +61,8 @@ MAY_IMPORT = {
     # Everything stored or received is read here, before any room that uses it.
     # A name that is replaced or refused is said where a notebook shows it.
     "received": {"types", "replaced_file"},
+    # The stored bytes: blocks and moments are those of the simulation.
+    "store": {"components", "simulation", "types", "received"},
     "registry": {"notices", "types", "installed", "short_texts"},
     "short_texts": set(),
     "installed": set(),
@@ -131,6 +133,7 @@ MAY_IMPORT = {
         "types",
     },
     "execution": {
+        "store",
         "engines",
         "child_process",
         "extras",
@@ -154,6 +157,7 @@ MAY_IMPORT = {
         "config",
         "config_file",
         "components",
+        "store",
         "engines",
         "execution",
         "analysis",
@@ -169,6 +173,7 @@ MAY_IMPORT = {
     "packing": {
         "config",
         "config_file",
+        "store",
         "execution",
         "publishing",
         "analysis",

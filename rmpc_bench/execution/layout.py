@@ -14,7 +14,6 @@ from rmpc_bench.config.identity import set_keys
 from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import (
     PointMethod,
     StoredExperiment,
@@ -28,6 +27,7 @@ from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.randomness import random_besides
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Method
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import StoredTuning

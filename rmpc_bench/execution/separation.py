@@ -37,11 +37,11 @@ from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import groups_of
 from rmpc_bench.engines.tasks import Task, is_built_in, work
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
-from rmpc_bench.execution.store import Store
 from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError, Status
 from rmpc_bench.types.errors import WorkerError
 

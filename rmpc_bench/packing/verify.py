@@ -23,7 +23,6 @@ from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.evaluation import judge
 from rmpc_bench.execution.results import Results, run
-from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.packing.comparison import (
     DIFFERENT,
@@ -44,6 +43,7 @@ from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.result_files import RESOLVED
 from rmpc_bench.types.sweep_points import lies_at
 
 if TYPE_CHECKING:

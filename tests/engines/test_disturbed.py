@@ -20,7 +20,7 @@ from rmpc_bench.engines.pool import processes
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.engines.watch import Limits
 from rmpc_bench.engines.workers import MAX_DEATHS, MAX_KILLS, End, Job, after
-from rmpc_bench.execution.sampled_values import by_name
+from rmpc_bench.store.columns import by_name
 from rmpc_bench.types import Method
 
 OUTSIDE, INSIDE, LATE = End("killed", outside=True), End("exit code 3"), End("late", timed_out=True)
