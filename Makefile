@@ -19,7 +19,9 @@ run: setup  ## run the quickstart and print the path of its figure
 	$(BIN)/rmpc-bench run configs/quickstart.yaml
 
 # Where bytecode is not kept, each of the hundreds of processes that tests start would compile the package again.
-test: setup  ## run the default tests, on all cores
+# Compiled kernels are kept for the next run, in this checkout, so that no other one replaces them.
+test: export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache
+test: setup  ## run the default tests, on all cores; with RMPC_BENCH_TESTS=all those too that .ci/run adds
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
 
 test-slow: setup  ## run the tests that take minutes
@@ -28,8 +30,8 @@ test-slow: setup  ## run the tests that take minutes
 dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
 	PYTHONPATH=tests $(BIN)/python -m dist_check
 
-smoke: setup  ## run every configuration at its small size; those without their libraries are named and skipped
-	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh --if-installed || exit; done
+smoke: setup  ## run every configuration at its small size (or CONFIGS='FILE ..'); those without their libraries are named and skipped
+	@for config in $(or $(CONFIGS),$$(find configs -name '*.yaml' | sort)); do $(BIN)/rmpc-bench run $$config --smoke --fresh --if-installed || exit; done
 
 site: setup  ## write the pages of all stored experiments and their index into results/site
 	$(BIN)/rmpc-bench report $$(find results -name trials.sqlite -o -name claims.json | grep -v -e /site/ -e /smoke/ -e '~' -e '\.2' | xargs -n 1 dirname | sort -u) --to results/site
@@ -44,16 +46,16 @@ type: setup  ## check types
 	$(BIN)/mypy
 
 perf: setup  ## measure speed and memory beside plain programs, and write results/perf (needs the extra perf)
-	RMPC_BENCH_UNCHECKED=1 PYTHONPATH=tests $(BIN)/python -m perf
+	RMPC_BENCH_TESTS= PYTHONPATH=tests $(BIN)/python -m perf
 
 perf-large: setup  ## the same for 100,000 and 1,000,000 runs
-	RMPC_BENCH_UNCHECKED=1 PYTHONPATH=tests $(BIN)/python -m perf --large
+	RMPC_BENCH_TESTS= PYTHONPATH=tests $(BIN)/python -m perf --large
 
 bytes: setup  ## compare what HEAD and another commit write, at the small size of every configuration (BASE=COMMIT)
 	PYTHONPATH=tests $(BIN)/python -m byte_gate $(BASE)
 
 clean:  ## remove generated files (results stay)
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
+	rm -rf $(VENV) build *.egg-info .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
 
 zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018: setup  ## reproduce a paper (or run another group of experiments), every claim compared with its record
 	@for config in configs/$@/*.yaml; do $(BIN)/rmpc-bench run $$config --strict || exit; done

@@ -1,4 +1,4 @@
-"""Child processes: how they start, without interruption, and whether they are stopped or compute nothing."""
+"""Child processes: how they start and end with their parent, and whether they are stopped or compute nothing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -30,6 +31,8 @@ QUIET = 0.02
 """A process that uses less time of the processor between two looks does not compute [s]."""
 BETWEEN = 2.0
 """Time between two looks [s]."""
+_KILL_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of Linux."""
 
 
 @contextmanager
@@ -79,6 +82,21 @@ def start(
         start_new_session=session,
         env={**os.environ, **_ENVIRONMENT, **(environment or {})},
     )
+
+
+def end_with(parent: int) -> None:
+    """End this process when its parent has been killed, also while compiled code runs where the system can do that."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_KILL_WITH_PARENT, signal.SIGKILL)
+    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+
+
+def _follow(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def is_stopped(process: int) -> bool:

@@ -1,4 +1,4 @@
-"""Shapes checked at run time, the four words for tolerances, a seed and small models.
+"""Which tests run, shapes checked at run time, the four words for tolerances, a seed and small models.
 
 House rule: a tolerance is one of the four words below, or the line that holds it says why it is another.
 """
@@ -7,10 +7,14 @@ import gc
 import os
 import signal
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import jaxtyping
 import remembered_checks
+
+# A quarter of the time of tests would be spent on looking for garbage among the objects of imports and syntax trees.
+gc.set_threshold(50_000, 20, 20)
 
 # First of all, before any test imports the package.  Compiled functions cannot be wrapped: their modules are left out
 # (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
@@ -32,7 +36,9 @@ PARTS = ("models", "estimators", "controllers", "simulation", "noise", "metrics"
 FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
 CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_plot")]
-if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
+ALL = os.environ.get("RMPC_BENCH_TESTS") == "all"
+"""Shapes are checked, and no test is left to `.ci/run`."""
+if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "beartype.beartype")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -42,6 +48,11 @@ sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest impo
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+
+WIDE = 20
+"""From so many cases of a function on every fifth one runs, unless ALL or a file of tests is named."""
+FOR_CI = ("page", "kill")
+"""Marks of tests that take long and are left out in the same way."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -84,6 +95,30 @@ def servo_model():
     from rmpc_bench.models.servo import ServoNoise, design
 
     return design(0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path):
+    """Of the files beside this one only those with an example are imported for their doctests."""
+    collectors = yield
+    if file_path.is_relative_to(Path(__file__).parent) and ">>> " not in file_path.read_text("utf-8", "replace"):
+        return [each for each in collectors if type(each) is pytest.Module]
+    return collectors
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
+    if ALL or any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
+        return
+    marks = [mark for mark in FOR_CI if mark not in config.option.markexpr]
+    cases = defaultdict(list)
+    for item in items:
+        cases[item.nodeid.partition("[")[0]].append(item)
+    left_out = {item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if i % 5}
+    left_out |= {item for item in items if any(map(item.get_closest_marker, marks))}
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 def pytest_collection_finish():

@@ -5,7 +5,7 @@ from contextlib import closing
 
 import numpy as np
 
-from rmpc_bench.execution.store import Store
+from rmpc_bench.store.store import Store
 
 _COLUMNS = (
     "SELECT columns.number FROM columns JOIN keys ON keys.number = columns.owner WHERE kind LIKE ? AND key LIKE ?"
@@ -16,8 +16,8 @@ def n_stored(directory):
     """Count the trials of all methods in a store that must be sound."""
     query = "SELECT DISTINCT key FROM columns JOIN keys ON keys.number = owner WHERE kind = 'status'"
     with Store(directory, writable=False) as store:
-        assert store._read("PRAGMA integrity_check", ()) == [("ok",)]
-        return sum(len(store.statuses(key, 10**6)[0]) for (key,) in store._read(query, ()))
+        assert store.file.read("PRAGMA integrity_check") == [("ok",)]
+        return sum(len(store.statuses(key, 10**6)[0]) for (key,) in store.file.read(query))
 
 
 def forget(directory, method):

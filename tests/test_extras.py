@@ -67,7 +67,7 @@ def test_every_extra_can_be_installed_and_is_one_of_all():
 
 
 def test_every_test_file_that_imports_one_is_skipped_without_it():
-    """pytest imports all files of the tests, for their doctests; an import that fails would end `make test`."""
+    """pytest imports test files, and these the files beside them; an import that fails would end `make test`."""
     development = " ".join(OPTIONAL["dev"])
     modules = {module for extra, module in extras.EXTRAS.items() if f"{extra}>=" not in development}
     for path in sorted(Path(__file__).parent.rglob("*.py")):

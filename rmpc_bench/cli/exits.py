@@ -120,7 +120,8 @@ def _explain(error: BaseException, verb: str) -> int:
     if isinstance(error, Terminated):
         return _say(f"terminated; {_LEFT.get(verb, _UNCHANGED)}", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
-    from rmpc_bench.execution.database import MissingError, StoreError, WriteError
+    from rmpc_bench.received.plain_files import StoreError
+    from rmpc_bench.received.store import MissingError, WriteError
     from rmpc_bench.types import ConfigError
     from rmpc_bench.types.errors import WorkerError
 

@@ -23,10 +23,10 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     The file is a zip archive with RO-Crate metadata.  It has the configuration, the user's files, the rows, the tables,
     figures and claims, the report, and the hash of every file.
     """
-    from rmpc_bench.config.relocation import COPIES
-    from rmpc_bench.execution.pack import pack as pack_results
     from rmpc_bench.extras import install
+    from rmpc_bench.packing.pack import pack as pack_results
     from rmpc_bench.received.archive import ArchiveError
+    from rmpc_bench.types.result_files import COPIES
 
     if output is None:
         output = Path(f"{directory.resolve().name or 'results'}.zip")

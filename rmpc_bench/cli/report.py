@@ -78,8 +78,8 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
 
 def _kept_claims(directories: tuple[Path, ...]) -> dict[Path, KeptClaims]:
     """Read the kept findings of experiments whose trials are not stored, and say which these are."""
-    from rmpc_bench.execution.database import FILE
     from rmpc_bench.publishing.pages import kept_claims
+    from rmpc_bench.received.store import FILE
 
     missing = [directory for directory in directories if not (directory / FILE).exists()]
     found = {directory: claims for directory in missing if (claims := kept_claims(directory)) is not None}

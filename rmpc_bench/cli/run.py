@@ -86,7 +86,7 @@ def run(**options: Any) -> int:
 
         import rmpc_bench.config.load  # noqa: F401
         from rmpc_bench.cli.run_warnings import warning_texts
-        from rmpc_bench.execution.database import StoreError
+        from rmpc_bench.received.plain_files import StoreError
 
     with noted() as read:
         config, directory = configured(request)
@@ -196,8 +196,8 @@ def _say_uncompared(request: Request, uncompared: bool) -> None:
 
 def _say_shards(request: Request, directory: Path) -> None:
     """Say that a directory without a store has shards, which the option --missing takes."""
-    from rmpc_bench.execution.database import FILE
     from rmpc_bench.execution.shards import shards_in
+    from rmpc_bench.received.store import FILE
 
     if not request.missing and not (directory / FILE).exists() and shards_in(directory, FILE):
         request.note(f"{directory} has shards, which are not used; with --missing their trials are taken")
@@ -240,9 +240,9 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
 
 def _stored_methods(directory: Path, config: ExperimentConfig) -> dict[str, str]:
     """Return methods that were added to the results of this experiment and that its configuration does not have."""
-    from rmpc_bench.execution.database import FILE, MissingError
-    from rmpc_bench.execution.store import Store
     from rmpc_bench.execution.stored_experiment import added_methods
+    from rmpc_bench.received.store import FILE, MissingError
+    from rmpc_bench.store.store import Store
 
     if not (directory / FILE).exists():
         return {}
@@ -282,11 +282,11 @@ def _directory(request: Request, config: ExperimentConfig) -> Path:
 
 
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
-    from rmpc_bench.execution.database import FILE
     from rmpc_bench.execution.other_code import rows_of_other_code
     from rmpc_bench.execution.runner import pending
-    from rmpc_bench.execution.store import Store
     from rmpc_bench.execution.stored_stop import stop_of
+    from rmpc_bench.received.store import FILE
+    from rmpc_bench.store.store import Store
 
     names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
     stop, place = stop_of(config, None), request.place(directory)
@@ -323,9 +323,9 @@ def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Re
 def _set_aside(directory: Path, experiment: str) -> None:
     """Rename a directory; nothing is ever deleted, and the looks at the experiment go into the new store."""
     from rmpc_bench.execution.manifest import keep_looks, remaining_looks
-    from rmpc_bench.execution.store import Store
     from rmpc_bench.received.plain_files import StoreError
     from rmpc_bench.received.store import FILE, is_in_use, is_there
+    from rmpc_bench.store.store import Store
 
     if is_there(directory):  # without a store, whole or damaged, the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):

@@ -183,8 +183,8 @@ class Request:
 
 def check_division(chosen: ChosenShard, directory: Path) -> None:
     """Refuse --shard auto where the directory is divided otherwise, as when single tasks of an array run again."""
-    from rmpc_bench.execution.database import FILE
     from rmpc_bench.execution.shards import shards_in
+    from rmpc_bench.received.store import FILE
 
     count = chosen.shard.total
     others = sorted({shard.total for shard in shards_in(directory, FILE)} - {count})

@@ -32,8 +32,8 @@ def verify(
     """
     if no_run and (runs is not None or claim):
         raise click.UsageError("--no-run computes nothing: leave out --runs and --claim")
-    from rmpc_bench.execution.pack_verify import verify as verify_archive
     from rmpc_bench.execution.progress import choose
+    from rmpc_bench.packing.verify import verify as verify_archive
     from rmpc_bench.received.archive import ArchiveError
 
     try:

@@ -16,8 +16,7 @@ from typing import Any
 from rmpc_bench import notices
 from rmpc_bench.components.code import CodeError, CodeReference, DataReference, split_reference
 from rmpc_bench.components.designs import DesignFunction, loaded_design
-from rmpc_bench.components.loading import load
-from rmpc_bench.components.probe import check_import
+from rmpc_bench.components.loading import import_file, load
 from rmpc_bench.components.source import read_source
 from rmpc_bench.received.consent import accepted, is_code, reason_against
 from rmpc_bench.types.errors import nearest
@@ -90,7 +89,7 @@ class CodeAccess:
             try:
                 self.check(reference)
                 name_files([reference])
-                check_import(reference, _short_hash(reference.path))
+                import_file(reference)
                 self._loaded[key] = make()
             except CodeError as error:
                 self._loaded[key] = error

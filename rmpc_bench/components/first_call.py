@@ -5,14 +5,20 @@ The numbers are plausible: the nominal parameters of the plant, the true initial
 
 from __future__ import annotations
 
+import io
+import os
+import random
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
+from copy import copy
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rmpc_bench.components.single_design import run_info
+from rmpc_bench.components.signals import TooLong, limited, noted_signals
+from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.trace import last_user_frame, one_line, place_in
+from rmpc_bench.components.untouched import untouched
 from rmpc_bench.types import (
     Array,
     Command,
@@ -49,6 +55,8 @@ class FirstAnswer(NamedTuple):
     """Role of a component written for one run -> duration of its last step [s]."""
     warnings: Mapping[str, tuple[str, ...]]
     """Role -> warnings of its code."""
+    too_long: Finding | None
+    """Where its time was over."""
 
 
 class Sample(NamedTuple):
@@ -61,15 +69,43 @@ class Sample(NamedTuple):
     n_steps: int
 
 
+_Design = TypeVar("_Design")
+
+
 class _Stopped(Exception):
     """The first call has come to its end."""
 
 
-class FirstCall:
-    """One nominal run over k = 0 and k = 1; `enter` is called with the role of the component whose code runs next."""
+def first_call(plant: Plant, method: Method, sample: Sample) -> FirstAnswer:
+    """Simulate two samples of a method, with a limit of time in the main thread."""
+    alone = method._replace(estimator=_unprepared(method.estimator), controller=_unprepared(method.controller))
+    with _nothing_kept(), noted_signals() as arrived:
+        return _FirstCall(_unprepared(plant), alone, sample, arrived).answer()
 
-    def __init__(self, plant: Plant, method: Method, sample: Sample, enter: Callable[[str], None]) -> None:
-        self.plant, self.method, self.sample, self.enter = plant, method, sample, enter
+
+def _unprepared(design: _Design) -> _Design:
+    """Return a design whose `prepare` is called again for the runs, which then have its warnings."""
+    return copy(design) if isinstance(design, SingleDesign) else design
+
+
+@contextmanager
+def _nothing_kept() -> Iterator[None]:
+    """Show no output, and put back what the code of a user changes for others."""
+    global_state, own_state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        with untouched(), chdir(os.getcwd()), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            yield
+    finally:
+        np.random.set_state(global_state)  # noqa: NPY002
+        random.setstate(own_state)
+
+
+class _FirstCall:
+    """One nominal run over k = 0 and k = 1; `interrupts` gets the signals that interrupt this process."""
+
+    def __init__(self, plant: Plant, method: Method, sample: Sample, interrupts: list[int]) -> None:
+        self.plant, self.method, self.sample, self.interrupts = plant, method, sample, interrupts
+        self.role = ""
         self.runs: RunInfo = run_info(1)
         self.found: Finding | None = None
         self.first: Estimate | None = None
@@ -77,15 +113,19 @@ class FirstCall:
 
     def answer(self) -> FirstAnswer:
         """Simulate the two samples."""
+        too_long = None
         try:
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"), limited():
                 self._samples()
         except _Stopped:
             pass
+        except TooLong as error:
+            text = f"its first call {error}; `execution.timeout` ends runs that take too long"
+            too_long = Finding(self.role, text)
         # The durations of the first step are kept apart: it may compile.
         kept = self.runs.journal.seconds
         seconds = {role: kept[role][-1] for role in ("plant", "estimator", "controller") if kept.get(role)}
-        return FirstAnswer(self.found, self.first, seconds, self.warnings)
+        return FirstAnswer(self.found, self.first, seconds, self.warnings, too_long)
 
     def _samples(self) -> None:
         plant, estimator, controller = self.plant, self.method.estimator, self.method.controller
@@ -142,7 +182,7 @@ class FirstCall:
     @contextmanager
     def _role(self, role: str) -> Iterator[None]:
         """Run code of a component; an exception or a failure that it notes ends the first call."""
-        self.enter(role)
+        self.role = role
         try:
             yield
         except SolverError:
@@ -151,6 +191,8 @@ class FirstCall:
         except _Stopped:
             raise
         except (Exception, SystemExit, KeyboardInterrupt) as error:
+            if isinstance(error, KeyboardInterrupt) and self.interrupts:
+                raise
             place = last_user_frame(error)
             self._stop(role, f"{place}: {one_line(error)}" if place else one_line(error))
         known = [text for texts in self.warnings.values() for text in texts]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from typing import Any
 
 from rmpc_bench.components.code import CodeError, CodeReference, Place
 from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
-from rmpc_bench.components.signals import noted_signals
+from rmpc_bench.components.signals import TooLong, limited, noted_signals
 from rmpc_bench.extras import missing, missing_extra
 from rmpc_bench.types.errors import ConfigError, DesignError, unknown
 
@@ -39,6 +40,17 @@ def module_of(path: Path) -> ModuleType:
         return import_module(f"{package.name}.{module_name(path.stem)}")
 
 
+def import_file(reference: CodeReference) -> None:
+    """Import a user's file in the main program, with a limit of time; a crash of it writes the line to stderr."""
+    if not faulthandler.is_enabled():
+        faulthandler.enable(2, all_threads=False)
+    try:
+        with limited():
+            module_of(reference.path)
+    except TooLong as error:
+        raise CodeError(f"{reference.file}: its import {error}; move what it computes into `prepare`") from None
+
+
 def reference_of(design: Any) -> CodeReference | None:
     """Return where something from a private module stands; None for anything else."""
     module, name = getattr(design, "__module__", None), getattr(design, "__qualname__", None)
@@ -55,13 +67,13 @@ def user_code(path: Path | None = None) -> Iterator[None]:
     A DesignError is the component's own message and stays one.  `SystemExit` and a `KeyboardInterrupt` that the code
     raises count as its errors; Ctrl-C ends the program as always.
     """
-    with noted_signals() as signals:
+    with noted_signals() as arrived:
         try:
             yield
         except (CodeError, ConfigError, DesignError):
             raise
         except (Exception, KeyboardInterrupt, SystemExit) as error:
-            if isinstance(error, KeyboardInterrupt) and signals:
+            if isinstance(error, KeyboardInterrupt) and arrived:
                 raise
             raise _code_error(error, path) from error
 

@@ -1,23 +1,29 @@
-"""First calls of a user's components, in a process of their own, before any run."""
+"""First calls of a user's components before any run, for the points of a sweep and the rounds of tuning."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.simulation.scenario import Scenario
-from rmpc_bench.types import Estimate, Method, Plant
+from rmpc_bench.types import Controller, Estimate, Estimator, Method, Plant
 
 if TYPE_CHECKING:
     from rmpc_bench.components.first_call import Sample
 
 
 class FirstCalls:
-    """The first calls of a configuration; points of a sweep with the same files share one."""
+    """The first calls of a configuration; points of a sweep with the same files share one.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    left_out : whether no code is called, since the process that asks has done it
+    """
+
+    def __init__(self, *, left_out: bool = False) -> None:
+        self.left_out = left_out
         self._estimates: dict[Any, Estimate | None] = {}
 
     def estimates(
@@ -40,7 +46,8 @@ class FirstCalls:
                 from rmpc_bench.components.first_call import Sample
 
                 r = scenario.reference.sample(method.controller.preview + 2)
-                self._estimates[key] = _called(draft, named, (plant, method, Sample(scenario.x0, r, n_steps)))
+                sample = Sample(scenario.x0, r, n_steps)
+                self._estimates[key] = None if self.left_out else _called(draft, named, plant, method, sample)
             found[method.name] = self._estimates[key]
         return found
 
@@ -52,37 +59,28 @@ def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
     return {role: each for role, each in named.items() if each is not None}
 
 
-def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, Method, Sample]) -> Estimate | None:
-    from rmpc_bench.components import probe
-    from rmpc_bench.components.transport import dumps
+def _called(
+    draft: DraftConfig, named: dict[str, Component], plant: Plant, method: Method, sample: Sample
+) -> Estimate | None:
+    from rmpc_bench.components.first_call import first_call
 
-    answer = probe.ask({"first_call": dumps(call)})
-    if answer.outcome == "done":
-        if answer.value is None:
-            return None
-        finding, estimate, seconds, warnings = answer.value
-        _keep(call, seconds, warnings)
-        if finding is not None and finding.role in named:
-            draft.problems.append(named[finding.role].problem(finding.message))
-        return estimate if estimate is None else Estimate(*estimate)
-    component = named.get(answer.stage, next(each for each in named.values() if each.references()))
-    if answer.outcome == "died":
-        draft.problems.append(component.problem(f"its first call ends the process ({answer.reason})"))
+    answer = first_call(plant, method, sample)
+    if answer.too_long is not None:
+        component = named.get(answer.too_long.role, next(each for each in named.values() if each.references()))
+        draft.warnings.append(component.problem(answer.too_long.message))
         return None
-    text = f"its first call takes longer than {probe.LIMIT:g} s; `execution.timeout` ends runs that take too long"
-    draft.warnings.append(component.problem(text))
-    return None
+    for role, design in (("plant", plant), ("estimator", method.estimator), ("controller", method.controller)):
+        _keep(design, answer.seconds.get(role), answer.warnings.get(role, ()))
+    if answer.finding is not None and answer.finding.role in named:
+        draft.problems.append(named[answer.finding.role].problem(answer.finding.message))
+    return answer.estimate
 
 
-def _keep(
-    call: tuple[Plant, Method, Sample], seconds: Mapping[str, float], warnings: Mapping[str, tuple[str, ...]]
-) -> None:
-    """Note what components written for one run cost, for the estimate of the computing time, and their warnings."""
+def _keep(design: Plant | Estimator | Controller, seconds: float | None, warnings: tuple[str, ...]) -> None:
+    """Note what a component written for one run costs, for the estimate of the computing time, and its warnings."""
     from rmpc_bench.components.single_design import SingleDesign
 
-    plant, method, _ = call
-    for role, design in (("plant", plant), ("estimator", method.estimator), ("controller", method.controller)):
-        if isinstance(design, SingleDesign):
-            design.seconds_per_step = seconds.get(role, design.seconds_per_step)
-            more = [text for text in warnings.get(role, ()) if text not in design.remarks]
-            design.__dict__["remarks"] = (*design.remarks, *more)
+    if isinstance(design, SingleDesign):
+        design.seconds_per_step = design.seconds_per_step if seconds is None else seconds
+        more = [text for text in warnings if text not in design.remarks]
+        design.__dict__["remarks"] = (*design.remarks, *more)

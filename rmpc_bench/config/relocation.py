@@ -18,9 +18,8 @@ from rmpc_bench.components.source import read_source
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config_file.tree import Items, Map, locate
 from rmpc_bench.received.plain_files import DamagedError, content_of
+from rmpc_bench.types.result_files import COPIES
 
-COPIES = "code"
-"""Directory of the copies in a directory of results."""
 STORE = "trials.sqlite"
 _WAY_OUT = "restore the file from the original, or `rmpc-bench run --fresh` computes everything again"
 _WITHOUT_FILES = ("title", "summary", "label", "name", "claims", "statistics", "paper", "assumptions")

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from rmpc_bench.child_process import end_with
 from rmpc_bench.components.loading import described, place_of
 from rmpc_bench.components.transport import loads
 from rmpc_bench.engines.tasks import Done, Task, contained, warm_up_own
@@ -32,8 +33,6 @@ LOG_PER_RUN = 100_000
 """Output of components that is kept, on average of the runs of a task [bytes]."""
 LEAST_FREE = 50_000_000
 """Memory that a limit must leave beyond what a worker has before its first run [bytes]."""
-_KILL_WITH_PARENT = 1
-"""PR_SET_PDEATHSIG of Linux."""
 
 
 def main(connection: int, watch: int, trace: int, parent: int) -> None:
@@ -41,7 +40,7 @@ def main(connection: int, watch: int, trace: int, parent: int) -> None:
     # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
-    _end_with(parent)
+    end_with(parent)
     with os.fdopen(watch, "r+b", buffering=0) as file:
         shared = SharedWatch(file)
         # A component may call os.fork.
@@ -70,21 +69,6 @@ def _work(connection: Connection, watch: SharedWatch) -> None:
             _serve(connection, experiments, watch, limits)
     except (EOFError, ConnectionError):
         pass
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has been killed, also while compiled code runs where the system can do that."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_KILL_WITH_PARENT, signal.SIGKILL)
-    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
-
-
-def _follow(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
 
 
 def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:

@@ -14,7 +14,6 @@ from rmpc_bench.config.identity import set_keys
 from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import (
     PointMethod,
     StoredExperiment,
@@ -26,6 +25,7 @@ from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import design_series, kept
 from rmpc_bench.simulation.scenario import Experiment, random_besides
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Method
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import StoredTuning

@@ -10,9 +10,9 @@ from collections.abc import Collection, Iterable
 
 from rmpc_bench.components.installed import distribution_of
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.database import StoreError
 from rmpc_bench.execution.other_code import stored_methods
-from rmpc_bench.execution.store import Store
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.store.store import Store
 
 OF_THE_BENCH = ("numpy", "scipy", "numba", "joblib", "pandas")
 """Libraries of the bench itself: another version of them is reported, as for built-in components, and not refused."""

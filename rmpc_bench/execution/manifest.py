@@ -16,14 +16,14 @@ from typing import Any
 import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.database import FILE as STORE
-from rmpc_bench.execution.database import MissingError, OccupiedError, StoreError
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
-from rmpc_bench.execution.store import Store
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.names import wrong_line
-from rmpc_bench.received.plain_files import MANIFEST, json_of
+from rmpc_bench.received.plain_files import MANIFEST, StoreError, json_of
+from rmpc_bench.received.store import FILE as STORE
+from rmpc_bench.received.store import MissingError, OccupiedError
 from rmpc_bench.replaced_file import replace_text
+from rmpc_bench.store.store import Store
 
 FILE = "manifest.json"
 

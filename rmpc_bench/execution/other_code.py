@@ -9,9 +9,8 @@ from typing import Any
 
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.differences import Names, changes
-from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.stored_method import StoredMethod, each_once
+from rmpc_bench.store.differences import Names, changes
+from rmpc_bench.store.store import Store, StoredMethod, each_once
 
 
 @dataclass(frozen=True)

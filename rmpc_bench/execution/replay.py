@@ -14,15 +14,14 @@ from rmpc_bench.analysis.traces import last_new_sample
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.sweep_point import SweepPoint, chosen_point
 from rmpc_bench.engines.tasks import failure_of, named_values
-from rmpc_bench.execution.database import FILE, MissingError
-from rmpc_bench.execution.runner import RESOLVED
-from rmpc_bench.execution.store import Store
+from rmpc_bench.received.store import FILE, MissingError
 from rmpc_bench.simulation.checked_calls import metric_values
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.recording import SIGNALS
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import (
     Array,
     DesignError,
@@ -36,6 +35,7 @@ from rmpc_bench.types import (
     Statuses,
 )
 from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.result_files import RESOLVED
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}

@@ -15,13 +15,12 @@ from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.relocation import check_copies
-from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.step_times import timings
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
 from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
 from rmpc_bench.execution.tuning.stored import tuning_of
-from rmpc_bench.received.store import decoded
+from rmpc_bench.received.store import FILE, MissingError, decoded
+from rmpc_bench.store.store import Store
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:

@@ -14,15 +14,13 @@ from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.relocation import COPIES, check_copies, in_directory
+from rmpc_bench.config.relocation import check_copies, in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue
 from rmpc_bench.engines.choice import Engine, choose_engine
 from rmpc_bench.engines.tasks import Done, Task
-from rmpc_bench.execution.chunks import ranges
-from rmpc_bench.execution.database import FILE, WriteError
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
@@ -32,19 +30,20 @@ from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
 from rmpc_bench.execution.shards import Shard, stored_in, take_shards
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.received.plain_files import content_of
+from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
 from rmpc_bench.simulation.recording import kept
+from rmpc_bench.store.columns import ranges
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
+from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.stopping import Stopping
 
 
-CONFIG = "config.yaml"
-RESOLVED = "config.resolved.yaml"
 _ADDED = "# this directory has more methods: --add-method "
 
 

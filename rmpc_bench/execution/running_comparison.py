@@ -20,7 +20,7 @@ from rmpc_bench.types import Array, MetricInfo, Status
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.engines.tasks import Done
-    from rmpc_bench.execution.store import Store
+    from rmpc_bench.store.store import Store
 
 _Part: TypeAlias = tuple[int, Array]
 """Index of the first run, and values of consecutive runs."""

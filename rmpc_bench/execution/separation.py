@@ -1,24 +1,30 @@
 """Methods with different files of users are computed in different processes, and built-in ones without any such file.
 
-The designs of built-in methods are made again in a fork of a process that has loaded no file (`components.probe`), as
-this one has loaded those of all methods.  What all share (plant, noise, reference, metrics) is loaded everywhere: where
-it comes from a file, a trial of every built-in method is compared with one in a fork that has loaded nothing else.
+The designs of built-in methods are made again in a new process, as this one has loaded the files of all methods.  What
+all share (plant, noise, reference, metrics) is loaded everywhere: where it comes from a file, a trial of every built-in
+method is compared with one in a process that has loaded nothing else.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
+import signal
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, TimeoutExpired
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.components import probe
+from rmpc_bench.child_process import end_with, start
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.config.build import build
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.left_out import Inherited, fitting_metrics
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
@@ -31,25 +37,26 @@ from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import groups_of
 from rmpc_bench.engines.tasks import Task, is_built_in, work
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
-from rmpc_bench.execution.store import Store
 from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError, Status
 from rmpc_bench.types.errors import WorkerError
 
 Trials: TypeAlias = Mapping[Pair, Mapping[str, float]]
 """Method -> metrics of a run."""
-LONGEST = 600.0
-"""Time for the designs of all built-in methods, or for one trial of each [s]."""
+LONGEST = 3600.0
+"""Time for the designs of all built-in methods, or for one trial of each, on a busy machine [s]."""
+_ONLY = "a process with the built-in methods only"
 TOLERANCE = 1e-9
 """Relative difference of a trial to a stored one of an earlier session, which may be of another machine or block."""
 _WITHOUT = ("claims", "statistics", "stop", "report", "smoke")
 
 
 class _Reduced(NamedTuple):
-    """The built-in methods of a configuration before validation; a fork makes an experiment of it."""
+    """The built-in methods of a configuration before validation; a new process makes an experiment of it."""
 
     points: list[SweptTree]
     chosen: Chosen
@@ -63,13 +70,14 @@ class _Reduced(NamedTuple):
         if self.is_shared:
             load_plugins(self.points[0].tree, self.access)
         drafts = validate_sections(self.points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
-        found = build(drafts, OwnCode(self.access), smoke=self.smoke)
+        calls = FirstCalls(left_out=True)
+        found = build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)
         if None in found:
             every = Inherited(Path(), is_changed=True)
             trees = [fitting_metrics(draft.tree, draft.problems, every)[0] for draft in drafts]
             points = [point._replace(tree=tree) for point, tree in zip(self.points, trees, strict=True)]
             drafts = validate_sections(points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
-            found = build(drafts, OwnCode(self.access), smoke=self.smoke)
+            found = build(drafts, OwnCode(self.access), smoke=self.smoke, calls=calls)
         problems = [str(problem) for draft in drafts for problem in draft.problems]
         if None in found:
             raise WorkerError("; ".join(problems))
@@ -110,7 +118,7 @@ def _numbers(pairs: set[Pair]) -> list[int]:
 
 
 def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[str], runs: range, run: int) -> Any:
-    """Return what `_remade` returns in a fork for a run in a block of some methods; text where they cannot be built."""
+    """Return what `_remade` returns in a new process for a run in a block; text where methods cannot be built."""
     numbers = _numbers(pairs)
     drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
@@ -120,10 +128,46 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
     ordered = [(numbers.index(number), name) for number, name in sorted(pairs) if name in methods]
     tasks = [Task(name, runs.start, runs.stop, place) for place, name in ordered]
-    answer = probe.ask({"call": dumps((_remade, reduced, tasks, numbers, run))}, LONGEST)
-    if answer.outcome != "done":
-        raise WorkerError(f"a process with the built-in methods only: {answer.outcome} {answer.reason}".rstrip())
-    return "they cannot be made without them" if answer.value is None else answer.value
+    answer = _in_a_new_process((_remade, reduced, tasks, numbers, run))
+    return "they cannot be made without them" if answer is None else answer
+
+
+def _in_a_new_process(call: tuple[Any, ...]) -> Any:
+    """Call a function with arguments in a process that has loaded no file of a user; None where it fails there."""
+    # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
+    process = start(__name__, PIPE, PIPE, DEVNULL, given={"parent": os.getpid()}, session=True)
+    with process:
+        try:
+            answer, _ = process.communicate(dumps(call), LONGEST)
+        except TimeoutExpired:
+            raise WorkerError(f"{_ONLY}: timeout") from None
+        finally:
+            process.kill()
+    code = process.returncode
+    if not answer:
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        raise WorkerError(f"{_ONLY}: died {how}")
+    return pickle.loads(answer)
+
+
+def main(parent: int) -> None:
+    """Answer the one request of `_in_a_new_process` from standard input."""
+    end_with(parent)
+    call = sys.stdin.buffer.read()
+    # What code of the user prints must not get into the answer.
+    answers, nowhere = os.fdopen(os.dup(1), "wb"), os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1):
+        os.dup2(nowhere, descriptor)
+    try:
+        function, *arguments = loads(call)
+        found = pickle.dumps(function(*arguments))
+    except Exception:
+        # What cannot be made here.
+        found = pickle.dumps(None)
+    answers.write(found)
+    answers.flush()
+    # Without the exit handlers of the user's libraries, which belong to a process that ends by itself.
+    os._exit(0)
 
 
 def _tree(point: SweepPoint, names: set[str]) -> SweptTree:

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.trials import stacked_rows, with_point
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.simulation.ensemble import Group, joined
 from rmpc_bench.simulation.moments import Moments, signals
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
 from rmpc_bench.types.sweep_points import relevant_paths
 

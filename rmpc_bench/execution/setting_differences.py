@@ -11,10 +11,10 @@ from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.results import Results
-from rmpc_bench.execution.runner import RESOLVED
-from rmpc_bench.execution.store import Store
 from rmpc_bench.report.results_text import Setting
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.result_files import RESOLVED
 
 SECTIONS = ("methods", "metrics", "statistics")
 """Sections of the resolved configuration that the experiment hash does not cover."""

@@ -17,11 +17,11 @@ from typing import NamedTuple
 from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.database import FILE, MissingError, OccupiedError, StoreError
-from rmpc_bench.execution.store import Store
-from rmpc_bench.received.plain_files import DamagedError
+from rmpc_bench.received.plain_files import DamagedError, StoreError
+from rmpc_bench.received.store import FILE, MissingError, OccupiedError
 from rmpc_bench.simulation.ensemble import SIZE
 from rmpc_bench.simulation.recording import kept
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
 
 FOLDER = "shards"

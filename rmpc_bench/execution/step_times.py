@@ -10,10 +10,10 @@ import pandas as pd
 
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.execution.durations import Durations
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.simulation.block_times import BLOCK
+from rmpc_bench.store.rows import Durations
+from rmpc_bench.store.store import Store
 
 
 def with_step_times(

@@ -17,10 +17,10 @@ from rmpc_bench.claims.verdict import judge
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.stop_section import EVERY
 from rmpc_bench.engines.tasks import Task
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
 from rmpc_bench.execution.stored_stop import note_looks, planned_looks, stop_of
 from rmpc_bench.execution.stored_trials import stored_trials
+from rmpc_bench.store.store import Store
 
 Missing = Callable[[int, Collection[str]], list[Task]]
 """Number of runs and names of methods -> the tasks that are not stored yet."""

@@ -17,14 +17,12 @@ from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials
-from rmpc_bench.execution.database import FILE, MissingError
-from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.execution.stored_stop import StoredStop, read_looks
 from rmpc_bench.received.names import wrong_experiment, wrong_label, wrong_method, wrong_metric
 from rmpc_bench.received.plain_files import wrong_option
-from rmpc_bench.received.store import MOST_RUNS, damaged
+from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
 from rmpc_bench.simulation.scenario import Recording
+from rmpc_bench.store.store import Store, StoredMethod, each_once
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.metric import Direction
 from rmpc_bench.types.requirement import Requirement

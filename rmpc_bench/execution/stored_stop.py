@@ -13,7 +13,7 @@ from rmpc_bench.config.sweep_point import digest
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.config.stop_section import StopKeys
-    from rmpc_bench.execution.store import Store
+    from rmpc_bench.store.store import Store
 
 KEY = "stop"
 """Name under which the looks are stored."""

@@ -14,13 +14,13 @@ from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.trials import Trials, stacked_rows, with_point
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.other_code import rows_kept_apart
 from rmpc_bench.execution.series import SeriesReader, groups_within
 from rmpc_bench.execution.step_times import with_step_times
-from rmpc_bench.execution.store import WORDS, Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.execution.traces import traces_of, with_estimates
+from rmpc_bench.received.store import MissingError
+from rmpc_bench.store.store import WORDS, Store
 from rmpc_bench.types import Array
 
 

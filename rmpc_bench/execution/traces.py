@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from rmpc_bench.analysis.traces import COVARIANCE, Traces
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredPoint
 from rmpc_bench.received.store import decoded
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
 
 

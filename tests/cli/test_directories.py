@@ -7,7 +7,7 @@ import re
 import pytest
 from small_experiment import cli, ran, spied, write
 
-from rmpc_bench.execution.store import Store
+from rmpc_bench.store.store import Store
 
 
 @pytest.fixture(autouse=True)

@@ -86,6 +86,7 @@ def test_a_full_disk(tmp_path, size):
     assert ran(path, tmp_path / "out") == expected
 
 
+@pytest.mark.kill
 @pytest.mark.parametrize("n_kills", [4, pytest.param(20, marks=pytest.mark.slow)])
 def test_kills_at_random_moments(tmp_path, n_kills):
     """No stored trial is lost, and what remains ends in the bytes of a run that nobody disturbs."""

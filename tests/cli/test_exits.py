@@ -7,7 +7,8 @@ import click
 import pytest
 
 from rmpc_bench.cli import exits
-from rmpc_bench.execution.database import StoreError, WriteError
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import WriteError
 from rmpc_bench.types import ConfigError, Problem
 
 

@@ -100,6 +100,7 @@ def stored(path):
     return n_stored(path.parent / "out")
 
 
+@pytest.mark.kill
 @pytest.mark.parametrize(
     ("number", "jobs", "code", "message"),
     [

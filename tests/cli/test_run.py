@@ -186,7 +186,7 @@ def test_progress_goes_to_stderr(here, how):
 
 def test_an_internal_error(here, monkeypatch):
     """Exit 70 with the traceback; finished blocks are kept."""
-    from rmpc_bench.execution.store import Store
+    from rmpc_bench.store.store import Store
 
     monkeypatch.setattr(Store, "add_block", lambda *args: 1 / 0)
     result = go(write(here), "-o", "out")

@@ -15,9 +15,9 @@ from small_experiment import cli, ran, spied
 from tuned_experiment import record, run, write
 
 from rmpc_bench import load_config, load_results
-from rmpc_bench.execution.database import StoreError
 from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning.record import read_record
+from rmpc_bench.received.plain_files import StoreError
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 RKF = "RKF: {estimator: {kind: robust-kalman, c: 0.1}, tune: {estimator.c: [0.001, 1]}}"
@@ -170,6 +170,7 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     assert (part.state, part.stage, part.done, part.total) == ("finished", "", 16, 16)
 
 
+@pytest.mark.kill
 @pytest.mark.slow
 def test_killed_and_interrupted_in_the_tuning(tmp_path):
     """By kill -9 and by Ctrl-C, with an estimator from a file, which is tuned as any other."""

@@ -277,8 +277,8 @@ def test_points_of_a_sweep_read_a_file_once(tmp_path, monkeypatch):
     from rmpc_bench.components import consent
 
     looked = []
-    check = consent.check_import
-    monkeypatch.setattr(consent, "check_import", lambda *given: looked.append(given) or check(*given))
+    check = consent.import_file
+    monkeypatch.setattr(consent, "import_file", lambda *given: looked.append(given) or check(*given))
     sweep = "{grid: {estimator.gain: [0.1, 0.2, 0.3], seed: [1, 2]}}"
     path = write(tmp_path, methods="{A: {}, B: {estimator: {gain: 0.5}}}", sweep=sweep)
     path.write_text(path.read_text().replace("methods:", "estimator: {file: own.py:Own}\nmethods:"))

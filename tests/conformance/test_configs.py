@@ -55,7 +55,7 @@ LONG = {
     "ma2025/certificate.yaml",
     "suite/suite-1.yaml",
 }
-"""Two runs of theirs take five seconds or more; `make smoke` runs them as well."""
+"""Two runs of theirs take five seconds or more; `.ci/run` runs them by `make smoke`."""
 
 
 def marked(slow):
@@ -64,16 +64,28 @@ def marked(slow):
 
 
 def check_names(config, name):
-    """Results of configs/<paper>/<name>.yaml go to results/<paper>/<name>; a claim has a finding and a source."""
+    """Results of configs/<paper>/<name>.yaml go to results/<paper>/<name>; a claim has a finding and a source.
+
+    A claim that a paper makes from a figure has a figure here.
+    """
     folder, _, stem = name.removesuffix(".yaml").rpartition("/")
     assert (config.name, bool(config.title)) == (stem, True)
     assert folder in ("benchmarks", config.paper or "")
     assert [claim.says for claim in config.claims if not (claim.finding and claim.source)] == []
+    of_figures = [claim for claim in config.claims if claim.of_paper and "Fig" in claim.source]
+    assert [claim.says for claim in of_figures if not claim.figures] == []
 
 
 def test_there_are_configurations():
     """Collecting none would pass everything below."""
     assert CONFIGS
+
+
+@pytest.mark.parametrize("name", sorted(LONG & HEAVY))
+def test_names_of_what_is_run_elsewhere(name):
+    """The small size has the same claims as those sizes that are loaded by the slow tests only."""
+    skip_without_libraries(ROOT / name)
+    check_names(load_config(ROOT / name, smoke=True), name)
 
 
 @pytest.mark.parametrize("name", marked(LONG))

@@ -117,6 +117,7 @@ def checkout(tmp_path):
     return tmp_path
 
 
+@pytest.mark.page
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 def test_long_pages(name, checkout):

@@ -17,6 +17,7 @@ def steps(tmp_path_factory):
     return place, [*follow(PAGE, place)]
 
 
+@pytest.mark.page
 def test_every_command_works(steps):
     place, done = steps
     assert len(done) == 3
@@ -26,11 +27,13 @@ def test_every_command_works(steps):
     assert (place / "results" / "limited" / "figures" / "rows.svg").exists()
 
 
+@pytest.mark.page
 def test_the_ranks_of_the_page(steps):
     (shown,) = (step for step in steps[1] if step.shown is not None)
     assert comparable(shown.out) == comparable(shown.shown)
 
 
+@pytest.mark.page
 def test_an_output_disturbance_is_refused_in_the_words_of_the_page(steps):
     from rmpc_bench import load_config
     from rmpc_bench.types import ConfigError

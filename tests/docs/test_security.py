@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rmpc_bench.execution.pack_files import BYTES, HASHED, NUMBERS, UNSEEN
+from rmpc_bench.packing.comparison import BYTES, HASHED, NUMBERS, UNSEEN
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")

@@ -12,6 +12,7 @@ def page():
     return followed(TUNING)
 
 
+@pytest.mark.page
 def test_every_command_works(page):
     assert len(page.steps) >= 3
     for step in page.steps:
@@ -19,6 +20,7 @@ def test_every_command_works(page):
         assert "Traceback" not in step.err
 
 
+@pytest.mark.page
 def test_the_run_of_the_page_is_shown(page):
     (shown,) = [step for step in page.steps if step.shown is not None]
     assert (
@@ -27,6 +29,7 @@ def test_the_run_of_the_page_is_shown(page):
     )
 
 
+@pytest.mark.page
 def test_what_the_page_says_of_its_results(page):
     """The default has the largest error and the tuned Kalman filter the smallest mean; the method without a range."""
     results = load_results(page.place / "results" / "fair")
@@ -36,6 +39,7 @@ def test_what_the_page_says_of_its_results(page):
     assert results.trials.parameters["robust"] == "tuned (budget 16, 20 runs)"
 
 
+@pytest.mark.page
 def test_the_files_agree_with_the_trials(page):
     """Oracle: the mean of the metric over the runs of the experiment is the objective of the tuned value."""
     place = page.place / "results" / "fair"

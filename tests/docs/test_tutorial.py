@@ -12,6 +12,7 @@ def steps():
     return followed(TUTORIAL).steps
 
 
+@pytest.mark.page
 def test_every_command_works(steps):
     assert 4 <= len(steps) <= 10
     for step in steps:
@@ -19,6 +20,7 @@ def test_every_command_works(steps):
         assert "Traceback" not in step.err
 
 
+@pytest.mark.page
 def test_the_page_shows_what_some_commands_print(steps):
     assert sum(step.shown is not None for step in steps) >= 2
 
@@ -28,6 +30,7 @@ def test_the_quickstart_of_the_page_exists():
     assert (TUTORIAL.parents[1] / "configs" / "quickstart.yaml").is_file()
 
 
+@pytest.mark.page
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_the_document_of_the_page_compiles():
     place = followed(TUTORIAL).place

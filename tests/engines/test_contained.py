@@ -9,8 +9,8 @@ from engines.misbehaving import BAD, K_BAD, Level, do_nothing, experiment, tasks
 
 from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.engines.choice import serial
-from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.ensemble import joined
+from rmpc_bench.store.store import Store
 
 N_RUNS = 60
 RIGHT = "it must be an array of numbers (1, 1)"

@@ -77,6 +77,7 @@ def test_the_workers_have_the_results_of_this_process(store):
     np.testing.assert_array_equal(store.values("do_nothing", "mse", range(N_RUNS)), values)
 
 
+@pytest.mark.kill
 def test_workers_that_are_killed_or_stopped(monkeypatch):
     """Dask workers that the engine has started, and worker processes below them; nothing stays."""
     monkeypatch.setattr(engine, "STOPPED", 0.5)
@@ -159,6 +160,7 @@ time.sleep(100.0)
 """
 
 
+@pytest.mark.kill
 def test_a_scheduler_that_is_killed(monkeypatch, capfd):
     """One sentence soon, without a word of dask's own; what was finished before has been handed over."""
     monkeypatch.setattr(engine, "PATIENCE", 2.0)
@@ -198,6 +200,7 @@ def test_a_worker_with_other_versions(scheduler, monkeypatch):
         [*dask_cluster([made], queue_of(made, 1), 2, scheduler)]
 
 
+@pytest.mark.kill
 def test_closing_ends_a_run_that_hangs(scheduler):
     """Also on a cluster that goes on."""
     made = experiment([do_nothing, misbehaving.sleep], 12)
@@ -268,6 +271,7 @@ class Own:
 """
 
 
+@pytest.mark.kill
 def test_an_interruption(tmp_path):
     """Ctrl-C, which reaches all processes of the group, ends it without a traceback, and no process stays."""
     (tmp_path / "own.py").write_text(WAITING, encoding="utf-8")

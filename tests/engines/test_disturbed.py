@@ -20,7 +20,7 @@ from rmpc_bench.engines.pool import processes
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.engines.watch import Limits
 from rmpc_bench.engines.workers import MAX_DEATHS, MAX_KILLS, End, Job, after
-from rmpc_bench.execution.sampled_values import by_name
+from rmpc_bench.store.columns import by_name
 from rmpc_bench.types import Method
 
 OUTSIDE, INSIDE, LATE = End("killed", outside=True), End("exit code 3"), End("late", timed_out=True)
@@ -73,6 +73,7 @@ def serial_results(n_runs):
     return results_of(serial([made], queue_of(made, 7)), n_runs)
 
 
+@pytest.mark.kill
 def test_a_worker_that_is_killed_or_stopped(tmp_path, monkeypatch):
     """By any signal, in the middle of a run; another worker repeats what it had."""
     monkeypatch.setattr(workers, "STOPPED", 0.5)
@@ -107,6 +108,7 @@ class HangsOnce(Halfway):
         return super().correct(k, state, y)
 
 
+@pytest.mark.kill
 def test_a_worker_that_hangs(tmp_path, monkeypatch):
     """It uses no time of the processor for long."""
     monkeypatch.setattr(engine, "patience", lambda experiments: 1.0)
@@ -117,6 +119,7 @@ def test_a_worker_that_hangs(tmp_path, monkeypatch):
     assert [end.message for _, end in notes] == ["the worker process has computed nothing for 1 s"]
 
 
+@pytest.mark.kill
 def test_a_stop_is_no_computing_time():
     """A run whose worker was stopped for a while has not timed out."""
     made = made_of(Slow(0.1), 2)

@@ -18,7 +18,7 @@ from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.engines.choice import serial
 from rmpc_bench.engines.pool import processes
 from rmpc_bench.engines.watch import Limits
-from rmpc_bench.execution.store import Store
+from rmpc_bench.store.store import Store
 from rmpc_bench.types.errors import WorkerError
 
 N_RUNS = 30
@@ -182,7 +182,7 @@ def test_the_serial_engine_warns(tmp_path):
     assert result.exit_code == 3, result.output
     assert "engine serial: a component that ends its process" in result.stderr
     with Store(tmp_path / "out", writable=False) as store:
-        ((method,),) = store._read("SELECT DISTINCT key FROM failures JOIN keys ON number = method", ())
+        ((method,),) = store.file.read("SELECT DISTINCT key FROM failures JOIN keys ON number = method")
         assert [(each.run, each.message) for each in store.failures(method, 9)] == [(7, "OSError: no licence")]
 
 
@@ -210,6 +210,7 @@ def test_a_limit_of_memory_that_leaves_nothing():
         list(processes([made], TaskQueue(tasks_of(made, 4)), 1, Limits(memory=20_000_000, memory_text="20 MB")))
 
 
+@pytest.mark.kill
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
 def test_an_interruption_while_a_worker_hangs(tmp_path, number, code):
     """It ends at once, and no process stays."""

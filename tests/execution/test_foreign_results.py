@@ -11,8 +11,8 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_results
-from rmpc_bench.execution.database import MissingError, StoreError, WriteError
-from rmpc_bench.received.store import FILE
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import FILE, MissingError, WriteError
 
 HOSTILE = "<script>alert(1)</script>|`x`$\\input{/etc/passwd}$ =HYPERLINK(1) ![](http://x) %"
 KEYS = {

@@ -13,8 +13,8 @@ from small_experiment import cli, ran, spied, text, write
 from uncertain_experiment import write_estimation
 
 from rmpc_bench import compare, load_config, load_results, load_trials, publish, registry, run
-from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.layout import _limits as limits_of_controller
+from rmpc_bench.received.store import MissingError
 from rmpc_bench.types import ConfigError
 
 KEPT = ("trials.sqlite", "manifest.json")
@@ -250,7 +250,7 @@ def test_a_smoke_run_can_be_reported(tmp_path):
 
 def test_an_interrupted_run_can_be_read(tmp_path, monkeypatch):
     """What reports need is stored before the first block."""
-    from rmpc_bench.execution import store
+    from rmpc_bench.store import store
 
     path, out = write(tmp_path, execution="{block: 2}"), tmp_path / "out"
     add, added = store.Store.add_block, []

@@ -11,7 +11,7 @@ from uncertain_experiment import write_estimation
 
 import rmpc_bench
 from rmpc_bench import load_config, load_results, load_trials
-from rmpc_bench.execution.database import MissingError
+from rmpc_bench.received.store import MissingError
 
 
 def change_code(monkeypatch, number):

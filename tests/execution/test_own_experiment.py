@@ -88,10 +88,9 @@ def run(path, out, *options):
 
 @pytest.fixture(scope="module", autouse=True)
 def no_first_calls():
-    """Leave out trial imports and calls in processes of their own, which take most of the time."""
+    """Leave out the calls before any run, which nothing here is about."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rmpc_bench.config.build._ExperimentBuilder.call_first", lambda *_: None)
-        patch.setattr("rmpc_bench.components.consent.check_import", lambda *_: None)
         yield
 
 

@@ -160,6 +160,7 @@ def test_writers_that_have_died(tmp_path, keys, age, state):
     assert found.not_computed == (0 if state == "running" else 6)
 
 
+@pytest.mark.kill
 @pytest.mark.parametrize(("number", "state"), [(signal.SIGTERM, "interrupted"), (signal.SIGKILL, "killed")])
 def test_a_shard_that_is_ended(tmp_path, number, state):
     """While it hangs its file is renewed; after its end `status` says so, and the same command would continue."""

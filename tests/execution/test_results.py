@@ -8,8 +8,9 @@ from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_results, load_trials, run
 from rmpc_bench.analysis.traces import Traces
-from rmpc_bench.execution.database import MissingError, StoreError
 from rmpc_bench.execution.traces import with_estimates
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import MissingError
 
 
 class Arm(NamedTuple):

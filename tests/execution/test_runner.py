@@ -13,7 +13,7 @@ from rmpc_bench.engines import tasks
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import serial
 from rmpc_bench.execution.runner import pending
-from rmpc_bench.execution.store import Store
+from rmpc_bench.store.store import Store
 
 NOISY = {
     "uncertainty": "{eps: +-20%, delta: {dist: normal, std: 5%, truncate: 3}}",

@@ -1,5 +1,9 @@
 """Components do not touch each other: a file of a user changes the numbers of its own methods, or an error names it."""
 
+import os
+import signal
+import time
+
 import daqp
 import numpy as np
 import pytest
@@ -8,7 +12,9 @@ from small_experiment import KEYS, cli, ran, write
 
 from rmpc_bench import load_config, load_trials, register, run
 from rmpc_bench.components.untouched import untouched
-from rmpc_bench.execution.separation import groups_of
+from rmpc_bench.execution import separation
+from rmpc_bench.execution.separation import _in_a_new_process, groups_of
+from rmpc_bench.types.errors import WorkerError
 
 WRAPPING = '''
 import os
@@ -158,7 +164,7 @@ def test_a_plant_that_wraps_numpy_while_a_model_is_made_from_it_is_an_error(tmp_
 @pytest.mark.parametrize("size", ["1e-3", "1e-13"])
 def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
     """A trial in a fresh process differs from the stored one, if only by its last bits; the trials stay stored."""
-    change = f"u[0] - x[1] + {size} * (sys.argv[0] == '-c') * len(sys.argv)"
+    change = f"u[0] - x[1] + {size} * (sys.argv[0] == '-c') * ('connection' in sys.argv[-1])"
     path = with_plant(tmp_path, "import sys\n" + RHS.replace("u[0] - x[1]", change))
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
     assert result.exit_code == 2
@@ -184,7 +190,7 @@ def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):
 
 def test_a_plant_that_fails_where_it_is_alone_is_an_error(tmp_path):
     """A stored run that ends well differs from one that fails."""
-    fails = BLOCKS.replace("        moved", "        assert k < 9 or sys.argv != ['-c']\n        moved")
+    fails = BLOCKS.replace("        moved", "        assert k < 9 or 'connection' in sys.argv[-1]\n        moved")
     result = cli("run", with_blocks(tmp_path, fails), "-o", tmp_path / "out", "-j", 1)
     assert result.exit_code == 2 and "has mse = nan instead of" in result.stderr
 
@@ -226,6 +232,34 @@ def test_what_cannot_be_separated_is_said(tmp_path, capsys):
     path = with_blocks(tmp_path, BLOCKS, plant="{kind: plant-of-a-program}", methods=methods, runs="2")
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
     assert result.exit_code == 0 and "built-in methods" in result.stderr and "cannot be separated" in result.stderr
+
+
+def test_files_of_the_current_directory_replace_no_standard_modules(tmp_path, monkeypatch):
+    """Trap: Python looks for `select` in the current directory first, which nobody has agreed to."""
+    for name in ("select", "struct", "random"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('not this one')", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert _in_a_new_process((abs, -3)) == 3
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        ((os._exit, 4), "died exit code 4"),
+        ((signal.raise_signal, signal.SIGKILL), "died signal SIGKILL"),
+        ((time.sleep, 1000.0), "timeout"),
+    ],
+)
+def test_the_end_of_the_new_process_is_an_error(monkeypatch, call, message):
+    """It says how the process has ended."""
+    monkeypatch.setattr(separation, "LONGEST", 60.0 if "died" in message else 2.0)
+    with pytest.raises(WorkerError, match=f"a process with the built-in methods only: {message}"):
+        _in_a_new_process(call)
+
+
+def test_what_a_new_process_prints_or_raises_is_no_answer():
+    """Neither gets between the bytes."""
+    assert _in_a_new_process((print, "x")) is None and _in_a_new_process((float, "x")) is None
 
 
 def test_what_hides_a_method_or_a_function_of_python_is_removed():

@@ -393,6 +393,7 @@ def children(pid):
     return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+@pytest.mark.kill
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds the workers in /proc")
 def test_shards_at_the_same_time_and_kills_from_outside(tmp_path):
     """A worker of one is killed, the whole second is killed and started again: the bytes are those of one process."""

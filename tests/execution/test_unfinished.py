@@ -11,12 +11,12 @@ import rmpc_bench
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.claims.table import claims_table
-from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.evaluation import drivers, requirements
-from rmpc_bench.execution.store import Store
+from rmpc_bench.received.store import MissingError
 from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.run_tables import lost_table, tail_columns
+from rmpc_bench.store.store import Store
 
 FAILS = """
 from rmpc_bench import SolverError, single_run

@@ -59,8 +59,8 @@ def store_writes():
     """Store trials of four metrics and a named value in blocks of 50 runs; a unit is a trial."""
     import numpy as np
 
-    from rmpc_bench.execution.store import Store
     from rmpc_bench.simulation.closed_loop import Block
+    from rmpc_bench.store.store import Store
     from rmpc_bench.types import Journal
 
     metrics, eps = trials()

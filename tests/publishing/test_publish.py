@@ -15,7 +15,7 @@ from pypdf import PdfReader
 from small_experiment import cli, write
 
 from rmpc_bench import compare, figure, judge, load_config, load_results, publish, run, summarise
-from rmpc_bench.execution.store import Store
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import DesignError
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}, {says: not testable here}]"

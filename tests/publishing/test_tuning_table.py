@@ -44,7 +44,7 @@ def test_an_experiment_says_that_nothing_is_tuned(results, tmp_path):
 
 
 def test_the_words_are_those_of_the_stored_experiment(results):
-    from rmpc_bench.execution.store import Store
+    from rmpc_bench.store.store import Store
 
     other = replace(results.experiment, parameters={"S-MPC": "as published"})
     with Store(results.directory, writable=False) as store:

@@ -33,12 +33,11 @@ SENT = tuple(
     os.path.join(*each.split("/"))
     for each in (
         "rmpc_bench/components/transport.py",
-        "rmpc_bench/components/probe.py",
-        "rmpc_bench/components/probe_process.py",
         "rmpc_bench/conformance/subject.py",
         "rmpc_bench/conformance/replay.py",
         "rmpc_bench/conformance/separate_process.py",
         "rmpc_bench/engines/worker.py",
+        "rmpc_bench/execution/separation.py",
         "multiprocessing/connection.py",
         "numba/core/caching.py",
         "numba/core/serialize.py",

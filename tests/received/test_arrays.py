@@ -13,7 +13,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 
-from rmpc_bench.execution.pack_rows import read_rows
+from rmpc_bench.packing.comparison import read_rows
 from rmpc_bench.received.arrays import MAX_COLUMNS, MAX_ENTRIES, ArrayFileError, columns, matrices
 
 VALUES = {

@@ -12,9 +12,9 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_results
-from rmpc_bench.execution.database import MissingError, StoreError, WriteError
-from rmpc_bench.execution.store import Store
-from rmpc_bench.received.store import FILE, SCHEMA
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import FILE, SCHEMA, MissingError, WriteError
+from rmpc_bench.store.store import Store
 
 KEYS = {"record": "{runs: 2}", "evaluate": "[runs, ensemble]"}
 

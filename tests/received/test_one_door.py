@@ -31,11 +31,9 @@ READERS = {
     "joblib.load",
 }
 # File -> what it opens: a table that `verify` reads from an archive which was taken out and checked.
-OTHERS = {"execution/pack_rows.py": {"pd.read_csv"}}
+OTHERS = {"packing/comparison.py": {"pd.read_csv"}}
 # What one process of the bench sends to another, through a pipe or a temporary file of its own.
 BETWEEN_OWN_PROCESSES = {
-    "components/probe.py": {"pickle.loads"},
-    "components/probe_process.py": {"pickle.loads"},
     "components/transport.py": {"pickle.loads"},
     "conformance/checking.py": {"pickle.load"},
     "conformance/metrics.py": {"pickle.loads"},
@@ -47,6 +45,7 @@ BETWEEN_OWN_PROCESSES = {
     "conformance/subject.py": {"pickle.loads"},
     "conformance/supervisor.py": {"pickle.load"},
     "execution/pilot.py": {"json.loads"},
+    "execution/separation.py": {"pickle.loads"},
 }
 
 

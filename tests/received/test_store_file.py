@@ -9,9 +9,10 @@ import pytest
 from small_experiment import cli, ran, write
 from stored_rows import n_stored
 
-from rmpc_bench.execution.database import Database
-from rmpc_bench.execution.store import Store
-from rmpc_bench.received.store import FILE, FORMAT, MissingError, StoreError, check_file, is_in_use
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import FILE, FORMAT, MissingError, check_file, is_in_use
+from rmpc_bench.store.file import StoreFile
+from rmpc_bench.store.store import Store
 
 FIRST_FORMAT = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -193,4 +194,4 @@ def test_a_killed_first_transaction(tmp_path):
     assert (tmp_path / FILE).stat().st_size > 0
     with Store(tmp_path) as store:
         store.set_meta("a", "b")
-    assert Database(tmp_path, writable=False).read("SELECT value FROM meta") == [("b",)]
+    assert StoreFile(tmp_path, writable=False).read("SELECT value FROM meta") == [("b",)]

@@ -9,9 +9,10 @@ from xml.etree import ElementTree
 import pytest
 from small_experiment import ran, write
 
-from rmpc_bench.execution.journal_tables import read_failures
 from rmpc_bench.report.page.rendering import to_markdown, unbroken
 from rmpc_bench.report.point_tables import markdown_table
+from rmpc_bench.store.rows import read_failures
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import RunFailure, Status
 from rmpc_bench.types.texts import inert_markdown, without_formulas
 
@@ -97,10 +98,13 @@ def test_marks_that_are_no_text():
         assert inert_markdown(text) != text
 
 
-def test_what_code_has_said_contains_no_controls():
+def test_what_code_has_said_contains_no_controls(tmp_path):
     """The message, the trace and the component of a failure are shown with escapes, in every file and on the screen."""
     row = RunFailure(1, int(Status.DIVERGED), "plant", 0, "\x1b[2J\x9b\u202e", "File x\n\x07")._asdict()
-    (failure,) = read_failures(lambda *_: [(json.dumps(row),)], 1, 9)
+    with Store(tmp_path) as store:
+        with store.file.writing():
+            store.file.insert("failures", [(1, 1, json.dumps(row))])
+        (failure,) = read_failures(store.file, 1, 9)
     assert failure.message == r"\x1b[2J\x9b\u202e" and failure.trace == "File x\n\\x07" and failure.k == 0
 
 

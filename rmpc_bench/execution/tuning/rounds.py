@@ -25,8 +25,8 @@ from rmpc_bench.execution.runner import pending, store_block
 from rmpc_bench.execution.running_comparison import RunningComparison
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.tuning.record import FOLDER
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Status
 
 

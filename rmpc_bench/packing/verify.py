@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,24 +14,37 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rmpc_bench.analysis.looks import number_of_look
 from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, terms
 from rmpc_bench.claims.record import ClaimRecord
 from rmpc_bench.claims.table import claims_table
+from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.evaluation import judge
-from rmpc_bench.execution.pack_again import PackedFiles
-from rmpc_bench.execution.pack_claim import only_claim
-from rmpc_bench.execution.pack_environment import environment, other_versions
-from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, NUMBERS, FileOutcome, compared_text
-from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, rows_against_summary, with_rows, wrong_row
 from rmpc_bench.execution.results import Results, run
-from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
-from rmpc_bench.execution.verification import Verification
+from rmpc_bench.packing.comparison import (
+    DIFFERENT,
+    HASHED,
+    NUMBERS,
+    TOLERANCE,
+    FileOutcome,
+    compared_text,
+    read_rows,
+    rows_against_summary,
+    with_rows,
+    wrong_row,
+)
+from rmpc_bench.packing.recreate import PackedFiles
+from rmpc_bench.packing.verification import Verification, environment, other_versions
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.result_files import RESOLVED
+from rmpc_bench.types.sweep_points import lies_at
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -276,3 +289,45 @@ def _claims(results: Results) -> list[ClaimRecord]:
     """Return the claims as claims.json has them."""
     claims: list[ClaimRecord] = json.loads(json.dumps(claims_table(judge(results))))
     return claims
+
+
+def only_claim(config: ExperimentConfig, name: str, methods: Collection[str]) -> tuple[ExperimentConfig, list[str]]:
+    """Reduce an experiment to the points, methods and the claim of this `id` or number in claims.md."""
+    claim = _named(config.claims, name)
+    wanted = list(_needed(claim))
+    names = [method for method in config.methods if method in methods and method in {each for each, _ in wanted}]
+    points = tuple(
+        point for point in config.points if any(lies_at(point.coordinates, coordinates) for _, coordinates in wanted)
+    )
+    if not names or not points:
+        raise ArchiveError(f"claim {name}: no run can be computed for it: {claim.says}")
+    return replace(config, claims=(claim,), points=points), names
+
+
+def _named(claims: Sequence[Claim], name: str) -> Claim:
+    known = {claim.name: claim for claim in claims if claim.name}
+    numbered = {str(number): claim for number, claim in enumerate(claims, 1)}
+    if name not in known and name not in numbered:
+        numbers = f"; or a number from 1 to {len(claims)}, as in claims.md" if claims else ""
+        none = f"there is no claim {name!r}" + ("" if claims else ": the experiment has no claims")
+        text = unknown(name, known, "claim") if known else none
+        raise ArchiveError(f"--claim: {text}{numbers}")
+    return known.get(name) or numbered[name]
+
+
+def _needed(claim: Claim) -> Iterator[tuple[str, Mapping[str, str]]]:
+    """Yield the methods that a claim names, each with coordinates of a point."""
+    trees = []
+    for text, read in [
+        *((each, parse) for each in claim.check),
+        *((each.of, parse_expression) for each in claim.numbers),
+    ]:
+        try:
+            trees.append(read(text))
+        except ExpressionError:
+            # The finding says so.
+            continue
+    for at in claim.at or ({},):
+        for node in trees:
+            for term in terms(node):
+                yield term.method, {**at, **dict(term.point)}

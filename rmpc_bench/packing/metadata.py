@@ -14,6 +14,7 @@ from rmpc_bench.received.consent import VERIFIED
 
 CITATION = "CITATION.cff"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+LICENCES = "https://spdx.org/licenses/"
 NO_LICENCE = "No licence is stated; ask the authors before you use these results"
 UNKNOWN_AUTHORS = "The authors of the experiment"
 DESCRIPTIONS: Mapping[str, str] = {
@@ -55,6 +56,8 @@ _TYPES = {
     **{".svg": "image/svg+xml", ".pdf": "application/pdf", ".png": "image/png", ".json": "application/json"},
     ".txt": "text/plain",
 }
+_NO_RESULTS = ("config.yaml", "config.resolved.yaml", CITATION)
+"""Files at the top that no computation has made."""
 
 
 class Contents(NamedTuple):
@@ -117,7 +120,8 @@ def crate(contents: Contents) -> dict[str, Any]:
     root["datePublished"] = contents.finished
     root["identifier"] = f"sha256:{contents.experiment.hash}"
     root["keywords"] = ["Monte Carlo", "robust estimation", "model predictive control", contents.experiment.name]
-    root["license"] = entity(*_licence(contents.licence), name=contents.licence or NO_LICENCE)
+    identifier = f"{LICENCES}{contents.licence}" if contents.licence else "#no-licence"
+    root["license"] = entity(identifier, "CreativeWork", name=contents.licence or NO_LICENCE)
     profile = entity(PROFILE, "CreativeWork", name="Process Run Crate", version="0.5")
     root["conformsTo"] = profile
     people = [entity(f"#author-{number}", "Person", name=name) for number, name in enumerate(contents.authors, 1)]
@@ -137,8 +141,8 @@ def stated_by(metadata: Any) -> tuple[tuple[str, ...], str]:
     graph = metadata.get("@graph", []) if isinstance(metadata, dict) else []
     entities = [each for each in graph if isinstance(each, dict)] if isinstance(graph, list) else []
     people = [str(each.get("name")) for each in entities if str(each.get("@id")).startswith("#author-")]
-    prefix = _licence("x")[0].removesuffix("x")
-    licences = [str(each["@id"]).removeprefix(prefix) for each in entities if str(each.get("@id")).startswith(prefix)]
+    named = [str(each.get("@id")) for each in entities]
+    licences = [name.removeprefix(LICENCES) for name in named if name.startswith(LICENCES)]
     return tuple(people), (*licences, "")[0]
 
 
@@ -176,9 +180,6 @@ def _add_computation(made: Any, entity: Any, contents: Contents, people: list[An
     made.root_dataset["mentions"] = entity("#computation", "CreateAction", **action)
 
 
-_NO_RESULTS = ("config.yaml", "config.resolved.yaml", CITATION)
-
-
 def _single(entities: list[Any]) -> Any:
     """Return a list, or its only element, as RO-Crate recommends."""
     return entities[0] if len(entities) == 1 else entities
@@ -189,32 +190,23 @@ def _folder(name: str) -> str:
 
 
 def _file(name: str) -> dict[str, str]:
-    """Describe a file."""
-    suffix = PurePosixPath(name).suffix
-    kind = _TYPES.get(suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
+    kind = _TYPES.get(PurePosixPath(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
     description = DESCRIPTIONS.get(name) or FOLDERS.get(_folder(name), "File of the results")
     return {"name": name, "description": description, "encodingFormat": kind}
 
 
 def _description(contents: Contents) -> str:
-    experiment = contents.experiment
-    methods = ", ".join(experiment.methods)
-    text = f"{contents.n_runs} paired runs of {methods}; seed {experiment.points[0].seed}."
+    methods, seed = ", ".join(contents.experiment.methods), contents.experiment.points[0].seed
+    text = f"{contents.n_runs} paired runs of {methods}; seed {seed}."
     if contents.incomplete:
         text += f" Incomplete: {'; '.join(contents.incomplete)}."
     return f"{text} `rmpc-bench verify` computes them again and compares them."
-
-
-def _licence(licence: str) -> tuple[str, str]:
-    """Return identifier and type of the licence; `entity` adds its name."""
-    return (f"https://spdx.org/licenses/{licence}" if licence else "#no-licence"), "CreativeWork"
 
 
 def citation(contents: Contents) -> str:
     """Return the citation file (CFF 1.2.0): these results, the program, and the paper whose methods they compare."""
     from rmpc_bench.config_file.yaml import dump
 
-    authors = [{"name": name} for name in contents.authors or (UNKNOWN_AUTHORS,)]
     bench = contents.manifest.get("versions", {}).get("rmpc-bench", rmpc_bench.__version__)
     program = {
         "type": "software",
@@ -233,7 +225,7 @@ def citation(contents: Contents) -> str:
             "message": "If you use these results, cite them, the program, and the paper whose methods they compare.",
             "type": "dataset",
             "title": contents.title,
-            "authors": authors,
+            "authors": [{"name": name} for name in contents.authors or (UNKNOWN_AUTHORS,)],
             "date-released": contents.finished[:10],
             **({"license": contents.licence} if contents.licence else {}),
             "references": references,

@@ -1,15 +1,22 @@
-"""The outcome of a verification as a record and as text."""
+"""The outcome of a verification as a record and as text, and the machine and versions it was found with."""
 
 from __future__ import annotations
 
+import os
+import platform
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import rmpc_bench
 from rmpc_bench.analysis.trial_differences import TrialDifferences
-from rmpc_bench.execution.pack_files import BYTES, NUMBERS, FileOutcome
+from rmpc_bench.execution import manifest
+from rmpc_bench.execution.libraries import OF_THE_BENCH
+from rmpc_bench.packing.comparison import BYTES, NUMBERS, FileOutcome
 
 MOST_LINES = 10
 """Differences of one kind that are named; the rest is counted."""
@@ -154,7 +161,8 @@ def _metrics(trials: TrialDifferences) -> list[str]:
 
 def _alone(trials: TrialDifferences) -> list[str]:
     """Name what was packed and does not come out here."""
-    found = [f"{noun} {name}: is packed only" for noun, (names, _) in _names(trials) for name in names]
+    packed = {"method": trials.methods[0], "metric": trials.metrics[0], "point": trials.points[0]}
+    found = [f"{noun} {name}: is packed only" for noun, names in packed.items() for name in names]
     found += [f"metric {name}: is computed only here" for name in trials.metrics[1]]
     found += [f"point {name}: is computed only here" for name in trials.points[1]]
     for each in trials.runs:
@@ -163,5 +171,45 @@ def _alone(trials: TrialDifferences) -> list[str]:
     return found
 
 
-def _names(trials: TrialDifferences) -> Iterator[tuple[str, tuple[tuple[str, ...], tuple[str, ...]]]]:
-    yield from (("method", trials.methods), ("metric", trials.metrics), ("point", trials.points))
+def environment() -> dict[str, Any]:
+    """Return date, machine and versions."""
+    versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "versions": versions | {name: version(name) for name in OF_THE_BENCH},
+        "numerics": rmpc_bench.NUMERICS,
+    }
+
+
+def other_versions(packed: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what differs between the environment that a manifest states and this one."""
+    here = environment()
+    before = dict(packed.get("versions", {}))
+    for name, text in before.items():
+        if name in here["versions"] and here["versions"][name] != text:
+            yield f"{name}: packed {text}, here {here['versions'][name]}"
+    for name, text in dict(packed.get("libraries", {})).items():
+        found = _version(name)
+        if found != text:
+            yield f"{name}: packed {text}, here {found}"
+    if packed.get("numerics") != rmpc_bench.NUMERICS:
+        yield f"arithmetic (NUMERICS): packed {packed.get('numerics')}, here {rmpc_bench.NUMERICS}"
+    # Another kind of processor computes other last digits.
+    kinds, there = _processors(packed.get("blas", [])), _processors(manifest.blas())
+    if kinds and there and not kinds & there:
+        yield f"processor: packed {', '.join(sorted(kinds))}, here {', '.join(sorted(there))}"
+    system, machine = (str(packed.get("platform", {}).get(key)) for key in ("system", "machine"))
+    if (system, machine) != (here["machine"]["system"], here["machine"]["machine"]):
+        yield f"machine: packed {system} {machine}, here {here['machine']['system']} {here['machine']['machine']}"
+
+
+def _processors(infos: Iterable[Mapping[str, Any]]) -> set[str]:
+    return {str(info["architecture"]) for info in infos if info.get("architecture")}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,4 +1,4 @@
-"""The trial store of an experiment; finished blocks are committed every half a second.
+"""The trial store of an experiment: blocks in, columns out, and which runs are there.
 
 Trials are stored under the hash of the definition of their method and of the code that computed them, and metrics under
 the hash of their definition.  After a change of a definition or of the code the old numbers are therefore not used.
@@ -10,38 +10,67 @@ import json
 import sys
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int, Int8
+from jaxtyping import Bool, Int, Int8
 
-from rmpc_bench.execution.chunks import Column, Columns
-from rmpc_bench.execution.database import FILE, Database, Statement, StoreError, WriteError
-from rmpc_bench.execution.differences import Names, differences
-from rmpc_bench.execution.durations import Durations
-from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
-from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failed_steps, read_failures
-from rmpc_bench.execution.sampled_values import Sampled, by_name, read_sampled
-from rmpc_bench.execution.store_copy import Opened, copy_rows
-from rmpc_bench.execution.stored_method import StoredMethod
-from rmpc_bench.execution.stored_runs import covered, rows_of_others, runs_with, without_traces
-from rmpc_bench.execution.timed_writes import TimedWrites
-from rmpc_bench.received.plain_files import STORED, checked
-from rmpc_bench.received.store import array_of, damaged, decoded
+from rmpc_bench.received.plain_files import STORED, StoreError, checked
+from rmpc_bench.received.store import FILE, WriteError, array_of, damaged, decoded
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
+from rmpc_bench.store.columns import Column, Columns, Sampled, by_name, covered
+from rmpc_bench.store.copying import copy_rows
+from rmpc_bench.store.differences import Names, differences
+from rmpc_bench.store.file import StoreFile
+from rmpc_bench.store.rows import (
+    Durations,
+    as_array,
+    as_bytes,
+    read_durations,
+    read_failed_steps,
+    read_failures,
+    read_groups,
+    write_groups,
+    write_journal,
+)
 from rmpc_bench.types import Array, RunFailure, Status
 from rmpc_bench.types.texts import visible
 
 _NOTHING = Recording()
+_MAYBE_WITHOUT_TRACES = [int(Status.CRASHED), int(Status.TIMEOUT)]
+"""Statuses of runs that may have no trajectories, because their block was not simulated to its end."""
 MOST_SETTINGS = 5
 """Differing settings that are named where a directory is refused."""
 WORDS = np.array([status.word for status in sorted(Status)], dtype=object)
 """Word of every status, at its number."""
+
+
+class StoredMethod(NamedTuple):
+    """A method whose trials are stored under one key."""
+
+    key: str
+    """Hash of its definition and of the code."""
+    definition: str
+    """Hash of its definition."""
+    code: Mapping[str, Any]
+    """What identifies the code that computes its trials."""
+    name: str = ""
+    """Its name, for messages."""
+
+
+def each_once(methods: Iterable[StoredMethod]) -> list[StoredMethod]:
+    """Return methods that share trials as one, with all their names."""
+    found: dict[str, StoredMethod] = {}
+    for method in methods:
+        names = dict.fromkeys(
+            [*found[method.key].name.split(", "), method.name] if method.key in found else [method.name]
+        )
+        found[method.key] = method._replace(name=", ".join(names))
+    return list(found.values())
 
 
 class Store:
@@ -62,9 +91,8 @@ class Store:
 
     def __init__(self, directory: Path, *, writable: bool = True) -> None:
         self.directory = directory
-        self._database = Database(directory, writable=writable)
-        self._writes = TimedWrites(self._database)
-        self._columns = Columns(self._database, self._writes)
+        self.file = StoreFile(directory, writable=writable)
+        self._columns = Columns(self.file)
         self._unpacked: dict[str, int] = {}
 
     def __enter__(self) -> Store:
@@ -76,29 +104,21 @@ class Store:
     ) -> None:
         """Commit what waits, close the file and release the lock."""
         try:
-            self._writes.flush()
+            self.file.commit()
         except WriteError:
             # An earlier write has failed for the same reason, such as a full disk.
             if not isinstance(value, WriteError):
                 raise
         finally:
-            with self._writes.lock:
-                self._database.close()
+            self.file.close()
 
     def flush(self) -> None:
         """Commit all blocks now."""
-        self._writes.flush()
-
-    def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
-        with self._writes.reading():
-            return self._database.read(query, parameters)
-
-    def _write(self, statements: Sequence[Statement]) -> None:
-        self._writes.now(lambda: self._database.write(statements))
+        self.file.commit()
 
     def meta(self, key: str) -> str | None:
         """Read a value that was set with `set_meta`."""
-        rows = self._read("SELECT value FROM meta WHERE key = ?", (key,))
+        rows = self.file.read("SELECT value FROM meta WHERE key = ?", (key,))
         return str(rows[0][0]) if rows else None
 
     def data(self, key: str) -> dict[str, Any]:
@@ -115,24 +135,22 @@ class Store:
 
     def set_meta(self, key: str, value: str) -> None:
         """Set a value."""
-        self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
+        with self.file.writing(at_once=True):
+            self.file.insert("meta", [(key, value)], "INSERT OR REPLACE")
 
     def set_layout(self, key: str, text: str, arrays: Mapping[str, Array]) -> None:
         """Set a value and the arrays that it names in place of all arrays; nothing is written if it has not changed."""
         if self.meta(key) == text:
             return
         rows = [(name, json.dumps(array.shape), zlib.compress(as_bytes(array))) for name, array in arrays.items()]
-        self._write(
-            [
-                ("DELETE FROM arrays", [()]),
-                ("INSERT INTO arrays VALUES (?, ?, ?)", rows),
-                ("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, text)]),
-            ]
-        )
+        with self.file.writing(at_once=True):
+            self.file.write("DELETE FROM arrays")
+            self.file.insert("arrays", rows)
+            self.file.insert("meta", [(key, text)], "INSERT OR REPLACE")
 
     def array(self, name: str) -> Array:
         """Read an array that was set with `set_layout`."""
-        rows = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
+        rows = self.file.read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
         with decoded(self.directory):
             [(shape, data)] = rows
             # Numbers that hardly change take little room, so that much more than the size of the file may be honest.
@@ -144,11 +162,6 @@ class Store:
     def has_trials(self, method: str) -> bool:
         """Whether a run of a method is stored."""
         return self._columns.stop(Column("status", method)) > 0
-
-    def _number(self, key: str) -> int:
-        """Return the number of a key; 0 if it has none."""
-        with self._writes.reading():
-            return self._database.find_number(key)
 
     def file_names(self, also: Names | None = None) -> dict[str, Mapping[str, str]]:
         """Return hash of a source or a data file -> names of its files -> their hashes, for messages."""
@@ -174,22 +187,32 @@ class Store:
 
     def register(self, methods: Iterable[StoredMethod]) -> None:
         """Note definition and code of methods whose trials are about to be stored."""
-        noted = list(methods)
-
-        def write() -> None:
-            rows = [(self._database.number(each.key), each.definition, json.dumps(each.code)) for each in noted]
-            self._database.write([("INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", rows)])
-
-        self._writes.now(write)
+        with self.file.writing(at_once=True):
+            rows = [(self.file.number(each.key), each.definition, json.dumps(each.code)) for each in methods]
+            self.file.insert("methods", rows, "INSERT OR IGNORE")
 
     def of_other_code(
         self, method: StoredMethod, n_runs: int, current: Collection[str] = ()
     ) -> list[tuple[list[Any], int]]:
         """Count the runs that other code has computed and this code has not, by what identifies the others."""
         query = "SELECT key, code FROM methods JOIN keys ON number = method WHERE definition = ? ORDER BY method"
-        rows = self._read(query, (method.definition,))
+        rows = self.file.read(query, (method.definition,))
         others = {key: self._checked("methods.code", code) for key, code in rows if key not in current}
-        return rows_of_others(self._columns, method.key, others, n_runs)
+        return self._missing_from(method.key, others, n_runs)
+
+    def _missing_from(self, method: str, others: Mapping[str, Any], n_runs: int) -> list[tuple[list[Any], int]]:
+        kept = {key: code for key, code in others.items() if key != method}
+        columns = {key: Column("status", key) for key in kept}
+        n = min(n_runs, max(map(self._columns.stop, columns.values()), default=0))
+        missing, label = ~self._columns.stored(Column("status", method), n), np.zeros(n, dtype=np.int64)
+        codes: list[list[Any]] = [[]]
+        for key, code in kept.items():
+            # Every set of codes so far is split into the runs that this code has computed too, and the others.
+            there = self._columns.stored(columns[key], n) & missing
+            used, label = np.unique(2 * label + there, return_inverse=True)
+            codes = [[*codes[each // 2], code] if each % 2 else codes[each // 2] for each in used.tolist()]
+        counts = np.bincount(label, minlength=len(codes)).tolist()
+        return [(each, count) for each, count in zip(codes, counts, strict=True) if each]
 
     def finished(
         self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING, n_runs: int = sys.maxsize
@@ -198,17 +221,29 @@ class Store:
 
         Of the moments those count that `ensemble` returns for ``n_runs``.
         """
-        there = runs_with(self._columns, method, metrics, n_runs)
+        status = Column("status", method)
+        there = self._columns.stored(status, min(n_runs, self._columns.stop(status)))
+        for metric in metrics:
+            there &= self._columns.stored(Column("metric", method, metric), len(there))
         if recording.n_runs and recording.signals:
-            query = "SELECT run FROM traces WHERE method = ? AND signal = ? AND run < ?"
-            found = [
-                self._read(query, (self._number(method), self._number(each), n_runs)) for each in recording.signals
-            ]
-            there = without_traces(self._columns, method, there, recording.n_runs, found)
+            there = self._with_traces(method, there, recording)
         if recording.ensemble:
             query = "SELECT first, stop FROM ensemble_groups WHERE method = ? AND stop <= ?"
-            there &= covered(len(there), self._read(query, (self._number(method), n_runs)))
+            there &= covered(len(there), self.file.read(query, (self.file.find_number(method), n_runs)))
         return np.flatnonzero(there)
+
+    def _with_traces(self, method: str, there: Bool[Array, " runs"], recording: Recording) -> Bool[Array, " runs"]:
+        """Return which of some runs have the trajectories that they need."""
+        runs, status = self._columns.read(Column("status", method), len(there))
+        complete = np.arange(len(there)) >= recording.n_runs
+        complete[runs[np.isin(status, _MAYBE_WITHOUT_TRACES)]] = True
+        query = "SELECT run FROM traces WHERE method = ? AND signal = ? AND run < ?"
+        for signal in recording.signals:
+            recorded = complete.copy()
+            numbers = self.file.find_number(method), self.file.find_number(signal)
+            recorded[[run for (run,) in self.file.read(query, (*numbers, len(there)))]] = True
+            there = there & recorded
+        return there
 
     def add_block(
         self,
@@ -219,7 +254,7 @@ class Store:
         draw: str,
         uncertainty: Sampled,
     ) -> None:
-        """Store a finished block; it is committed within half a second."""
+        """Store a finished block; it is committed at once unless commits have taken too much of the time."""
         indices = np.array(runs, dtype=np.int64)
         columns = {Column("status", method): np.array(block.status)}
         columns |= {Column("metric", method, metric): np.array(column) for metric, column in metrics.items()}
@@ -227,74 +262,49 @@ class Store:
         for column, values in columns.items():
             if values.shape != indices.shape:
                 raise ValueError(f"{column}: values of shape {values.shape} for {len(indices)} runs")
-        traces = [
-            (signal, run, trace.shape[1], as_bytes(trace))
-            for signal, recorded in block.traces.items()
-            for run, trace in zip(indices.tolist(), recorded, strict=False)  # the first ones of the block
-        ]
-        size = sum(values.nbytes for values in columns.values()) + sum(len(data) for *_, data in traces)
-        self._writes.add(partial(self._write_block, method, indices, columns, traces, block), size)
-
-    def _write_block(
-        self,
-        method: str,
-        runs: Int[Array, " runs"],
-        columns: Mapping[Column, Array],
-        traces: Sequence[tuple[Any, ...]],
-        block: Block,
-    ) -> None:
-        """Write a block inside a transaction."""
-        for column, values in columns.items():
-            self._columns.put(column, runs, values)
-        number = self._database.number(method)
-        groups = with_stored_runs(self._database.read, number, block.ensemble)
-        reduced = [(number, group.first, group.stop) for group in groups if not group.is_single]
-        rows = [(number, self._database.number(signal), *rest) for signal, *rest in traces]
-        self._database.write(
-            [
-                # Single runs of a group are needed until it is whole.
-                ("DELETE FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ?", reduced),
-                (
-                    "INSERT OR REPLACE INTO ensemble_groups VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    [(number, *group[:3], group.mean.shape[1], *map(as_bytes, group[3:])) for group in groups],
-                ),
-                ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", rows),
-                *journal_rows(number, np.sort(runs), block.journal),
+        with self.file.writing():
+            for column, values in columns.items():
+                self._columns.put(column, indices, values)
+            number = self.file.number(method)
+            write_groups(self.file, number, block.ensemble)
+            traces = [
+                (number, self.file.number(signal), run, trace.shape[1], as_bytes(trace))
+                for signal, recorded in block.traces.items()
+                for run, trace in zip(indices.tolist(), recorded, strict=False)  # the first ones of the block
             ]
-        )
+            self.file.insert("traces", traces, "INSERT OR REPLACE")
+            write_journal(self.file, number, np.sort(indices), block.journal)
 
     def copy_from(self, other: Store) -> None:
         """Copy the rows of another store of the experiment that this one lacks, in one transaction."""
-        there, here = (Opened(each._database, each._columns, each._read) for each in (other, self))
-        self._writes.now(copy_rows(there, here))
+        with self.file.writing(at_once=True):
+            copy_rows(other._columns, self._columns)
 
     def failures(self, method: str, n_runs: int) -> list[RunFailure]:
         """Failures of a method that have a description, in the order of the runs."""
         with decoded(self.directory):
-            return read_failures(self._read, self._number(method), n_runs)
+            return read_failures(self.file, self.file.find_number(method), n_runs)
 
     def held(self, method: str, n_runs: int) -> dict[int, int]:
         """Run -> number of held steps, of the runs that have some."""
         query = "SELECT run, n FROM held WHERE method = ? AND run < ? ORDER BY run"
-        return dict(self._read(query, (self._number(method), n_runs)))
+        return dict(self.file.read(query, (self.file.find_number(method), n_runs)))
 
     def failed_steps(self, method: str, n_runs: int) -> dict[int, dict[str, int]]:
         """Run -> word of a status -> number of steps whose optimisation failed so, of the runs that have some."""
-        if not self._database.has_table("failed_steps"):
-            return {}
         with decoded(self.directory):
-            return read_failed_steps(self._read, self._number(method), n_runs)
+            return read_failed_steps(self.file, self.file.find_number(method), n_runs)
 
     def warnings(self, method: str, n_runs: int) -> dict[str, int]:
         """Text of a warning of a component -> how often it was given, the most frequent one first."""
         counted = "SELECT text, sum(n) AS n FROM warnings WHERE method = ? AND first < ?"
         query = f"{counted} GROUP BY text ORDER BY 2 DESC, text"
-        return {visible(text): n for text, n in self._read(query, (self._number(method), n_runs))}
+        return {visible(text): n for text, n in self.file.read(query, (self.file.find_number(method), n_runs))}
 
     def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
         """Component and phase -> durations of its calls."""
         with decoded(self.directory):
-            return read_durations(self._read, self._number(method), n_runs)
+            return read_durations(self.file, self.file.find_number(method), n_runs)
 
     def statuses(self, method: str, n_runs: int) -> tuple[Int[Array, " stored"], Int8[Array, " stored"]]:
         """Run indices and numbers of the statuses of a method, in the order of the runs."""
@@ -315,7 +325,7 @@ class Store:
     def traces(self, method: str, signal: str, n_runs: int) -> tuple[list[int], Array]:
         """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
         query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
-        rows = self._read(query, (self._number(method), self._number(signal), n_runs))
+        rows = self.file.read(query, (self.file.find_number(method), self.file.find_number(signal), n_runs))
         with decoded(self.directory):
             recorded = [as_array(data).reshape(-1, width) for _, width, data in rows]
             return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
@@ -326,8 +336,8 @@ class Store:
         A group that reaches beyond n_runs is left out.
         """
         with decoded(self.directory):
-            return read_groups(self._read, self._number(method), n_runs)
+            return read_groups(self.file, self.file.find_number(method), n_runs)
 
     def uncertainty(self, draw: str, n_runs: int) -> tuple[Int[Array, " runs"], dict[str, Array]]:
         """Return the runs that have named uncertain quantities, and name -> (runs,) values, NaN where there is none."""
-        return read_sampled(self._columns, draw, n_runs)
+        return self._columns.sampled(draw, n_runs)

@@ -273,7 +273,7 @@ def test_an_outcome_that_cannot_be_noted_is_shown(here, tmp_path, monkeypatch):
     def refused(*given):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("rmpc_bench.execution.pack_verify.note_verification", refused)
+    monkeypatch.setattr("rmpc_bench.packing.verify.note_verification", refused)
     result = cli("verify", file, "-j", 1, "--runs", 2)
     assert result.exit_code == 0 and "does not record this outcome: Permission denied" in result.stdout
 

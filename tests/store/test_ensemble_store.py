@@ -10,10 +10,10 @@ from uncertain_experiment import PLANT, write_estimation
 
 from rmpc_bench import load_results, load_trials
 from rmpc_bench.engines import tasks
-from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, groups
 from rmpc_bench.simulation.scenario import Recording
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Journal, Status
 
 N = 130

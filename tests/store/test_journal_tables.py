@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.execution.durations import WIDTH, Durations
-from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.store.rows import WIDTH, Durations
+from rmpc_bench.store.store import Store
 from rmpc_bench.types import Journal, RunFailure, Status
 
 

@@ -17,24 +17,24 @@ import pandas as pd
 import rmpc_bench
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.relocation import COPIES, in_directory, renamed
+from rmpc_bench.config.relocation import in_directory, renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
-from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text
-from rmpc_bench.execution.pack_metadata import CITATION, citation, crate, stated_by
-from rmpc_bench.execution.pack_rows import read_rows
 from rmpc_bench.execution.results import Results
-from rmpc_bench.execution.runner import CONFIG, RESOLVED, added_in
+from rmpc_bench.execution.runner import added_in
 from rmpc_bench.execution.step_times import with_timings
 from rmpc_bench.execution.tuning.record import FILE as TUNING
+from rmpc_bench.packing.comparison import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text, read_rows
+from rmpc_bench.packing.metadata import CITATION, citation, crate, stated_by
+from rmpc_bench.packing.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
 from rmpc_bench.publishing.publish import choose, publish
 from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.received.plain_files import checked
 from rmpc_bench.types import ConfigError, DesignError
+from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
 
 TIMINGS = "timings.csv"
 DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")

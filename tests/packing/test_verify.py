@@ -15,7 +15,7 @@ from own_experiment import write_own
 from small_experiment import cli, write
 
 import rmpc_bench
-from rmpc_bench.execution.pack_files import _parts, compared
+from rmpc_bench.packing.comparison import _parts, compared
 from rmpc_bench.received.archive import ArchiveError
 from rmpc_bench.types import ConfigError
 

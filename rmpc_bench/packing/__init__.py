@@ -1,0 +1,1 @@
+"""Archives of results that somebody else can check."""
