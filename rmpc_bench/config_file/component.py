@@ -21,7 +21,7 @@ from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.recipes import Recipe, inside
 from rmpc_bench.config_file.keys import keys_of, keys_with_files, shown, validate
-from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, split, with_kind
+from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, locate_key, split, with_kind
 from rmpc_bench.config_file.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
@@ -225,7 +225,8 @@ def read_component(
         own.pop(key, None)
     if FILE in own and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
         del own[FILE]
-        problems.append(Problem(*tree.places(FILE)[0], join([*path, FILE]), "stands for `kind`; give one of the two"))
+        place = locate_key(tree, [FILE])
+        problems.append(Problem(*place, join([*path, FILE]), "stands for `kind`; give one of the two"))
     shared = _shared(group, own, model, path, problems)
     own = placed(own, keys_with_files(group, kind, design), access)
     checked = validate(model, own, path, problems, further=[*SHARED_KEYS.get(group, {})])

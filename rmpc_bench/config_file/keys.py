@@ -114,9 +114,8 @@ def with_quantities(annotation: Any) -> Any:
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
     if origin in (Union, UnionType):
         return _union(arguments)
-    if inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__"):
-        return _record(annotation)
-    return annotation
+    is_record = inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__")
+    return _record(annotation) if is_record else annotation
 
 
 def _shape(value: Any) -> str:
