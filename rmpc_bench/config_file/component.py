@@ -145,9 +145,7 @@ class Component:
 
     def references(self) -> tuple[CodeReference, ...]:
         """Return what the component uses in Python files of the user: its own file, and those that its keys name."""
-        own = self.code or reference_of(self.design)
-        named = [each for each in self._named if isinstance(each, CodeReference)]
-        return tuple(dict.fromkeys([*([] if own is None else [own]), *named]))
+        return tuple(dict.fromkeys(each for each in self._named if isinstance(each, CodeReference)))
 
     def data_files(self) -> tuple[Path, ...]:
         """Return the data files that its keys name, absolute and sorted."""
@@ -159,9 +157,10 @@ class Component:
 
     @cached_property
     def _named(self) -> tuple[CodeReference | DataReference, ...]:
-        """What its keys name in files of the user."""
+        """Its own place in a file of the user, and what its keys name in such files."""
         # Found once, since keys may hold large matrices.
-        return tuple(inside(self.parameters))
+        own = self.code or reference_of(self.design)
+        return (*([] if own is None else [own]), *inside(self.parameters))
 
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Return a problem of this component, at the parameter to blame."""
@@ -215,14 +214,19 @@ def read_component(
     kind = kind or _kind(group, tree, path, problems)
     if kind is None:
         return None
-    given = _design(group, kind, tree, path, mark, access, problems)
-    if given is None:
+    found = _design(group, kind, tree, path, mark, access, problems)
+    if found is None:
         return None
-    kind, code, design, model = given
-    own = tree.copy()
+    code, design = found
+    kind = kind if code is None else code.text
+    model = keys_of(group, kind, design)
+    own, before = tree.copy(), len(problems)
     for key in ("kind", *ignore):
         own.pop(key, None)
-    before = len(problems)
+    if FILE in own and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
+        del own[FILE]
+        place = locate_key(tree, [FILE])
+        problems.append(Problem(*place, join([*path, FILE]), "stands for `kind`; give one of the two"))
     shared = _shared(group, own, model, path, problems)
     own = placed(own, keys_with_files(group, kind, design), access)
     checked = validate(model, own, path, problems, further=[*SHARED_KEYS.get(group, {})])
@@ -255,28 +259,23 @@ def _design(
     mark: tuple[str, int, int],
     access: CodeAccess,
     problems: list[Problem],
-) -> tuple[str, CodeReference | None, Callable[..., Any], type[BaseModel]] | None:
-    """Return kind, reference, design function and keys of a component; None where its file cannot be used."""
+) -> tuple[CodeReference | None, Callable[..., Any]] | None:
+    """Return the reference and the design function of a component, whose keys can be read; None where it has none."""
     kind_mark = locate(tree, ["kind"]) if "kind" in tree else Mark(*mark)
     if lacking := missing_for(group, kind):
-        problems.append(
-            Problem(*kind_mark, join([*path, kind if kind in given_forms(group, tree) else "kind"]), lacking)
-        )
+        form = kind if kind in given_forms(group, tree) else "kind"
+        problems.append(Problem(*kind_mark, join([*path, form]), lacking))
         return None
     try:
         code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
         design = registered_design(group, kind) if code is None else access.design(group, code)
-        kind = kind if code is None else code.text
-        with nullcontext() if is_built_in(group, kind) else user_code(None if code is None else code.path):
-            model = keys_of(group, kind, design)
+        if not is_built_in(group, kind):
+            with user_code(None if code is None else code.path):
+                keys_of(group, kind if code is None else code.text, design)
+        return code, design
     except CodeError as error:
         problems.append(problem_of(error, kind_mark, join([*path, FILE if is_reference(kind) else "kind"])))
         return None
-    if FILE in tree and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
-        place = locate_key(tree, [FILE])
-        problems.append(Problem(*place, join([*path, FILE]), "stands for `kind`; give one of the two"))
-        return None
-    return kind, code, design, model
 
 
 def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:

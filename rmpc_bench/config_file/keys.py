@@ -39,97 +39,8 @@ from rmpc_bench.config_file.user_files import names_files, read_data, read_funct
 from rmpc_bench.expressions import quantity
 from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime, Problem, row_by_row
 
-BOOLEAN = "true or false"
-
-
-def _shape(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    if isinstance(value, dict) or hasattr(value, "__dataclass_fields__"):
-        return "a mapping"
-    if isinstance(value, list | tuple):
-        return "a matrix" if value and isinstance(value[0], list | tuple) else "a list"
-    return "a number"
-
-
-def union(members: Sequence[Any], checked: Callable[[Any], Any]) -> Any:
-    """Choose the member by the shape of the value, of several dataclasses by their field `kind`.
-
-    It allows one word in each.  `checked` turns an annotation into one that pydantic validates.
-    """
-    tagged = _by_shape(members, checked)
-    if [*tagged] == ["a mapping"]:
-        return tagged["a mapping"]
-    words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
-
-    def choose(value: Any) -> str:
-        if isinstance(value, str) and value in words:
-            return "a word"
-        if isinstance(value, bool) and BOOLEAN in tagged:
-            return BOOLEAN
-        if isinstance(value, str) and ("text" in tagged or "a number" not in tagged):
-            return "text" if "text" in tagged else "a word"
-        shape = _shape(value)
-        return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
-
-    return _chosen(tagged, choose, " or ".join(tag for tag in tagged if tag != "nothing"))
-
-
-def _by_shape(members: Sequence[Any], checked: Callable[[Any], Any]) -> dict[str, Any]:
-    """Return the annotation for every shape of a value."""
-    kinds = [member for member in members if inspect.isclass(member) and hasattr(member, "__dataclass_fields__")]
-    tagged: dict[str, Any] = {}
-    for member in members:
-        core = get_args(member)[0] if get_origin(member) is Annotated else member
-        if any(isinstance(mark, FromCode | FromData) for mark in get_args(member)):
-            tagged["text"] = checked(member)
-            continue
-        if get_origin(core) is Literal:
-            tagged["a word"] = member
-        elif core is NoneType:
-            tagged["nothing"] = member
-        elif get_origin(core) in (list, tuple):
-            inner = get_args(core)[0]
-            tagged["a matrix" if get_origin(inner) in (list, tuple) else "a list"] = checked(member)
-        elif core is bool:
-            tagged[BOOLEAN] = member
-        elif core in (float, int):
-            tagged["a number"] = checked(member)
-        elif core is str:
-            tagged["text"] = member
-        else:
-            tagged["a mapping"] = _by_kind(kinds, checked) if len(kinds) > 1 else checked(member)
-    return tagged
-
-
-def _by_kind(members: Sequence[type], checked: Callable[[Any], Any]) -> Any:
-    """Choose between dataclasses by the key `kind`, each of which allows one word for it."""
-    kinds = {get_args(get_type_hints(member)["kind"])[0]: member for member in members}
-
-    def refuse(kind: Any) -> None:
-        known = f"known kinds: {', '.join(kinds)}"
-        raise ValueError(f"'kind' is missing; {known}" if kind is None else registry.unknown(str(kind), kinds, "kind"))
-
-    def choose(value: Any) -> str | None:
-        if not isinstance(value, dict):
-            return None
-        kind = value.get("kind")
-        return f"kind {kind}" if isinstance(kind, str) and kind in kinds else "no kind"
-
-    wrong: Any = (Annotated[Any, BeforeValidator(refuse)], Field(None, validate_default=True))
-    nothing: Any = create_model("NoKind", __config__=ConfigDict(extra="allow"), kind=wrong)
-    return _chosen({f"kind {kind}": checked(kinds[kind]) for kind in kinds} | {"no kind": nothing}, choose, "a mapping")
-
-
-def _chosen(tagged: dict[str, Any], choose: Callable[[Any], str | None], expected: str) -> Any:
-    """Return a union whose member is selected by a function of the value."""
-    choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
-    return Annotated[
-        choices,
-        Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}"),
-    ]
-
-
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
+_NO_KEYS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
     "models": frozenset({"Ts", "n_steps", "plant"}),
@@ -148,10 +59,6 @@ PROVIDED_TO_OWN: dict[str, frozenset[str]] = {
     "controllers": frozenset({"limits"}),
 }
 """The same for components that are not built in; a built-in controller has a key `limits`."""
-
-
-def _number(value: Any) -> float:
-    return quantity.number(value)
 
 
 def _integer(value: Any) -> Any:
@@ -181,10 +88,8 @@ def _number_or_integer(value: Any) -> Any:
 _PLAIN = Annotated[Any, BeforeValidator(_number_or_integer)]
 """A key without an annotation whose default is a number: its value may be written as a quantity."""
 
-
 _READERS: dict[type, Callable[[Any], Any]] = {
     OverTime: _system_matrix,
-    # Before the mark from which it is derived.
     FromCodeOrText: read_function_or_text,
     FromCode: read_function,
     FromData: read_data,
@@ -195,25 +100,114 @@ _READERS: dict[type, Callable[[Any], Any]] = {
 def with_quantities(annotation: Any) -> Any:
     """Let every number inside an annotation be written as a quantity, and choose between the members of a union."""
     if annotation is float:
-        return Annotated[float, BeforeValidator(_number)]
+        return Annotated[float, BeforeValidator(quantity.number)]
     if annotation is int:
         return Annotated[int, BeforeValidator(_integer)]
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, *constraints = arguments
-        for mark, read in _READERS.items():
-            if any(isinstance(constraint, mark) for constraint in constraints):
-                return Annotated[Any, BeforeValidator(read)]
+        for constraint in constraints:
+            if type(constraint) in _READERS:
+                return Annotated[Any, BeforeValidator(_READERS[type(constraint)])]
         return Annotated[(with_quantities(inner), *constraints)]
     if origin in (list, tuple, dict):
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
     if origin in (Union, UnionType):
-        return union(arguments, with_quantities)
-    if inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__"):
-        return _record(annotation)
-    return annotation
+        return _union(arguments)
+    is_record = inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__")
+    return _record(annotation) if is_record else annotation
 
 
+def _shape(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict) or hasattr(value, "__dataclass_fields__"):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a matrix" if value and isinstance(value[0], list | tuple) else "a list"
+    return "a number"
+
+
+def _union(members: Sequence[Any]) -> Any:
+    """Choose the member by the shape of the value, of several dataclasses by their field `kind`.
+
+    So errors concern that member only.  One word is allowed in each.
+    """
+    tagged = _by_shape(members)
+    if [*tagged] == ["a mapping"]:
+        return tagged["a mapping"]
+    words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
+
+    def choose(value: Any) -> str:
+        if isinstance(value, str) and value in words:
+            return "a word"
+        if isinstance(value, bool) and "true or false" in tagged:
+            return "true or false"
+        if isinstance(value, str) and ("text" in tagged or "a number" not in tagged):
+            return "text" if "text" in tagged else "a word"
+        shape = _shape(value)
+        return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
+
+    return _chosen(tagged, choose, " or ".join(tag for tag in tagged if tag != "nothing"))
+
+
+def _by_shape(members: Sequence[Any]) -> dict[str, Any]:
+    """Return the annotation for every shape of a value."""
+    kinds = [member for member in members if inspect.isclass(member) and hasattr(member, "__dataclass_fields__")]
+    tagged: dict[str, Any] = {}
+    for member in members:
+        core = get_args(member)[0] if get_origin(member) is Annotated else member
+        if any(isinstance(mark, FromCode | FromData) for mark in get_args(member)):
+            tagged["text"] = with_quantities(member)
+            continue
+        if get_origin(core) is Literal:
+            tagged["a word"] = member
+        elif core is NoneType:
+            tagged["nothing"] = member
+        elif get_origin(core) in (list, tuple):
+            inner = get_args(core)[0]
+            tagged["a matrix" if get_origin(inner) in (list, tuple) else "a list"] = with_quantities(member)
+        elif core is bool:
+            tagged["true or false"] = member
+        elif core in (float, int):
+            tagged["a number"] = with_quantities(member)
+        elif core is str:
+            tagged["text"] = member
+        else:
+            tagged["a mapping"] = _by_kind(kinds) if len(kinds) > 1 else with_quantities(member)
+    return tagged
+
+
+def _by_kind(members: Sequence[type]) -> Any:
+    """Choose between dataclasses by the key `kind`, each of which allows one word for it."""
+    kinds = {get_args(get_type_hints(member)["kind"])[0]: member for member in members}
+
+    def refuse(kind: Any) -> None:
+        known = f"known kinds: {', '.join(kinds)}"
+        raise ValueError(f"'kind' is missing; {known}" if kind is None else registry.unknown(str(kind), kinds, "kind"))
+
+    def choose(value: Any) -> str | None:
+        if not isinstance(value, dict):
+            return None
+        kind = value.get("kind")
+        return f"kind {kind}" if isinstance(kind, str) and kind in kinds else "no kind"
+
+    wrong: Any = (Annotated[Any, BeforeValidator(refuse)], Field(None, validate_default=True))
+    nothing: Any = create_model("NoKind", __config__=ConfigDict(extra="allow"), kind=wrong)
+    tagged = {f"kind {kind}": with_quantities(member) for kind, member in kinds.items()}
+    return _chosen({**tagged, "no kind": nothing}, choose, "a mapping")
+
+
+def _chosen(tagged: dict[str, Any], choose: Callable[[Any], str | None], expected: str) -> Any:
+    """Return a union whose member is selected by a function of the value."""
+    choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
+    return Annotated[
+        choices,
+        Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}"),
+    ]
+
+
+@cache
 def _record(kind: type) -> Any:
     """Validate a mapping with the fields of a dataclass as keys, and make the dataclass."""
     model = create_model(kind.__name__, __config__=_CONFIG, **_fields(kind, frozenset()))
@@ -222,12 +216,6 @@ def _record(kind: type) -> Any:
         return kind(**{name: getattr(value, name) for name in type(value).model_fields})
 
     return Annotated[model, AfterValidator(make)]
-
-
-_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
-
-
-_NO_KEYS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
@@ -240,16 +228,12 @@ def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str,
     found = hints(function, annotated)
     fields: dict[str, Any] = {}
     for name, parameter in keys.items():
-        default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+        default = ... if parameter.default is parameter.empty else parameter.default
+        unannotated = _PLAIN if isinstance(default, int | float) and not isinstance(default, bool) else Any
         alias = name.rstrip("_")
         field = Field(default, alias=alias) if alias != name else Field(default)
-        fields[name] = (with_quantities(found.get(name, _PLAIN if _is_number(parameter) else Any)), field)
+        fields[name] = (with_quantities(found.get(name, unannotated)), field)
     return fields
-
-
-def _is_number(parameter: inspect.Parameter) -> bool:
-    """Whether a parameter without an annotation has a number as default."""
-    return isinstance(parameter.default, int | float) and not isinstance(parameter.default, bool)
 
 
 def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:

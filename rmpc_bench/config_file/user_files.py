@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.consent import CodeAccess
@@ -63,11 +63,9 @@ def read_data(value: Any) -> Any:
 
 def placed(tree: Map, keys: Collection[str], access: CodeAccess) -> Map:
     """Return a component in which the texts that name files have their place."""
-    result = tree.copy()
-    for key in keys:
-        if key in tree:
-            result[key] = _placed(tree[key], locate(tree, [key]).file, access)
-    return result
+    return tree.like(
+        {key: _placed(each, tree.places(key)[1].file, access) if key in keys else each for key, each in tree.items()}
+    )
 
 
 def _placed(value: Any, written_in: str, access: CodeAccess) -> Any:
@@ -82,25 +80,16 @@ def _placed(value: Any, written_in: str, access: CodeAccess) -> Any:
 
 def names_files(annotation: Any) -> bool:
     """Whether values of an annotation, or values inside them, name files."""
-    return any(isinstance(mark, FromCode | FromData) for mark in _marks(annotation))
-
-
-def _marks(annotation: Any) -> Iterator[Any]:
-    """Metadata of all annotations inside an annotation, the fields of dataclasses included."""
-    if get_origin(annotation) is Annotated:
-        inner, *metadata = get_args(annotation)
-        yield from metadata
-        yield from _marks(inner)
-    elif dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
-        yield from _marks_of_fields(annotation)
-    else:
-        for inner in get_args(annotation):
-            yield from _marks(inner)
+    if isinstance(annotation, FromCode | FromData):
+        return True
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        return _field_names_files(annotation)
+    return any(map(names_files, get_args(annotation)))
 
 
 @cache
-def _marks_of_fields(kind: type) -> tuple[Any, ...]:
-    return tuple(mark for hint in get_type_hints(kind, include_extras=True).values() for mark in _marks(hint))
+def _field_names_files(kind: type) -> bool:
+    return any(map(names_files, get_type_hints(kind, include_extras=True).values()))
 
 
 SECTIONS_WITH_CODE = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -106,12 +106,10 @@ def schema_of(annotation: Any) -> Schema:
 
 
 def _annotated(inner: Any, *constraints: Any) -> Schema:
-    for constraint in constraints:
-        for marker, schema in _MARKED.items():
-            if isinstance(constraint, marker):
-                return dict(schema)
     schema = schema_of(inner)
     for constraint in constraints:
+        if type(constraint) in _MARKED:
+            return dict(_MARKED[type(constraint)])
         schema |= _limits(constraint)
     return schema
 
@@ -190,7 +188,6 @@ _SIMPLE: Mapping[Any, Schema] = {
 }
 _CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {list: _list, tuple: _tuple, dict: _dict}
 _MARKED: Mapping[type, Schema] = {
-    # Before the mark from which it is derived.
     FromCodeOrText: {"type": "string"},
     FromCode: CODE,
     FromData: _DATA_FILES,
@@ -348,7 +345,7 @@ def json_schema() -> Schema:
         "else": {
             # The model may come with the plant of another file.
             "required": [name for name, section in SECTIONS.items() if section.default is ... and name != "model"],
-            "properties": {name: _one_of(f"{name}s", partial=False) for name in ("plant", "reference", "input")},
+            "properties": {name: _one_of(f"{name}s", partly=False) for name in ("plant", "reference", "input")},
         },
         "additionalProperties": False,
         "definitions": {**_definitions(), "law": _law(_usable("noises"))},
@@ -382,17 +379,17 @@ def _component(group: str, kind: str) -> Schema:
     return schema
 
 
-def _one_of(group: str, *, partial: bool) -> Schema:
-    """Schema of a component of a group; if partial, required keys may stand elsewhere, as in the default of methods."""
-    choices: list[Schema] = [_choice(group, kind, partial=partial) for kind in _usable(group)]
+def _one_of(group: str, *, partly: bool) -> Schema:
+    """Schema of a component; if `partly`, required keys may stand elsewhere, as in the default of methods."""
+    choices: list[Schema] = [_choice(group, kind, partly=partly) for kind in _usable(group)]
     file: Schema = {"type": "object", "properties": {"file": CODE}, "required": ["file"]}
     source: list[Schema] = [{"type": "object", "required": ["from"]}] if group in _EXTRA else []
     return {"anyOf": [*choices, *source, file]}
 
 
-def _choice(group: str, kind: str, *, partial: bool) -> Schema:
+def _choice(group: str, kind: str, *, partly: bool) -> Schema:
     reference = {"$ref": f"#/definitions/{group}.{kind}"}
-    if partial:
+    if partly:
         return reference
     fields = model_of(group, kind).model_fields
     required = [field.alias or name for name, field in fields.items() if field.is_required()]
@@ -409,12 +406,12 @@ def _usable(group: str) -> Iterable[str]:
 def _list_of(group: str) -> Schema:
     """Schema of a list whose entries are names or mappings."""
     names: Schema = {"enum": [*_usable(group)]}
-    return {"type": "array", "items": {"anyOf": [names, _one_of(group, partial=False)]}}
+    return {"type": "array", "items": {"anyOf": [names, _one_of(group, partly=False)]}}
 
 
 def _methods() -> Schema:
     keys: dict[str, Schema] = {
-        name: {**_one_of(f"{name}s", partial=True), "description": f"{name} of this method; merged with the default"}
+        name: {**_one_of(f"{name}s", partly=True), "description": f"{name} of this method; merged with the default"}
         for name in ("model", "estimator", "controller")
     }
     keys["label"] = {"type": "string", "description": "text for tables and figures; {KEY} is the value of a key"}
@@ -427,16 +424,12 @@ def _methods() -> Schema:
     return {"type": "object", "additionalProperties": method}
 
 
+_COMPONENTS = ("plant", "model", "reference", "input", "estimator", "controller")
 _SPECIAL: dict[str, Any] = {
-    "plant": lambda: _one_of("plants", partial=True),
-    "model": lambda: _one_of("models", partial=True),
-    "reference": lambda: _one_of("references", partial=True),
-    "input": lambda: _one_of("inputs", partial=True),
-    "estimator": lambda: _one_of("estimators", partial=True),
-    "controller": lambda: _one_of("controllers", partial=True),
+    **{name: partial(_one_of, f"{name}s", partly=True) for name in _COMPONENTS},
     "methods": _methods,
-    "metrics": lambda: _list_of("metrics"),
-    "figures": lambda: _list_of("figures"),
+    "metrics": partial(_list_of, "metrics"),
+    "figures": partial(_list_of, "figures"),
     "uncertainty": _uncertainty,
     "noise": _noise,
     "initial": _initial,

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 from engines.test_isolation import OWN
-from execution.test_ensemble_store import write_estimation
 from small_experiment import cli, ran, spied, write
+from store.test_ensemble_store import write_estimation
 
 from rmpc_bench.execution.progress_file import read
 from rmpc_bench.execution.shards import Shard, parse_shard, shards_in

@@ -7,11 +7,13 @@ from typing import Annotated, Any, Literal
 
 import pytest
 from annotated_types import Ge, Gt
+from small_experiment import write
 
 from rmpc_bench import registry
+from rmpc_bench.config.load import load_config
 from rmpc_bench.config_file.keys import PROVIDED, model_of, shown, validate
 from rmpc_bench.config_file.yaml import parse
-from rmpc_bench.types import Count, Matrix, NonNegative, Positive
+from rmpc_bench.types import ConfigError, Count, Matrix, NonNegative, Positive
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -231,3 +233,24 @@ def test_other_values_of_such_a_key_are_refused(given):
     """The message names what is accepted."""
     with pytest.raises(ValueError, match="auto|true or false or a word"):
         model_of("figures", "boxplot").model_validate({"log": given})
+
+
+CODE = """
+from rmpc_bench import single_run
+
+@single_run
+class Typo:
+    def __init__(self, modle):
+        self.model = modle
+    def update(self, y):
+        return y
+"""
+
+
+def test_a_misspelt_argument_of_the_code(tmp_path):
+    """It would be a key that must be given; the value that the bench gives is named."""
+    (tmp_path / "own.py").write_text(CODE, encoding="utf-8")
+    path = write(tmp_path, methods="{A: {estimator: {file: own.py:Typo}}}")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert "'modle' is missing; if it is an argument in your code, did you mean 'model'" in str(caught.value)
