@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from loaded_configs import loaded
 from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config, run
@@ -120,7 +121,7 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
 def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
     """All designs can be made, and what is written with every default filled in is the same experiment."""
     skip_without_libraries(ROOT / name)
-    config = load_config(ROOT / name)
+    config = loaded(name.removesuffix(".yaml"))
     check_names(config, name)
     copy = tmp_path / "config.resolved.yaml"
     for module in (ROOT / name).parent.glob("*.py"):

@@ -1,13 +1,11 @@
 """Linear-quadratic control with integrals: limits, steady states, offsets, windup, disturbances."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from conftest import random_model, servo_model
+from loaded_configs import loaded
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.config.load import load_config
 from rmpc_bench.controllers.input_limits import InputLimits
 from rmpc_bench.controllers.lqg import design
 from rmpc_bench.controllers.state_feedback import lqr
@@ -20,7 +18,6 @@ from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.types import DesignError, Estimate, Estimator, LinearPlant, Method, Status
 
 TS = 0.1
-CONFIGS = Path(__file__).parents[2] / "configs" / "zenere2018"
 SERVO = {"Q_y": 1.0, "Q_i": 1e-2, "R_u": 1e-6}
 SETTLED = {"rtol": 0.0, "atol": 1e-8}
 """Remainder of a transient that has decayed."""
@@ -239,7 +236,7 @@ def test_perturbed_servomechanism():
 
     Static friction holds the load within 0.01 rad of it for seconds.
     """
-    experiment = load_config(CONFIGS / "sim2.yaml").experiment
+    experiment = loaded("zenere2018/sim2").experiment
     n = experiment.n_steps
     methods = {method.name: method for method in experiment.methods}
     m, filter_ = servo_model(), methods["S-MPC"].estimator

@@ -1,16 +1,14 @@
 """Warnings before any run: what they are about, the key and the way out; and that sound experiments have none."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from loaded_configs import loaded
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
 from rmpc_bench.cli.run_warnings import warning_texts
 from rmpc_bench.numerics.stability import hinf_norm
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 SYSTEM = "B: 1, C: 1, Bw: 1, Dv: 1"
 ESTIMATION = {
     "uncertainty": None, "controller": None, "reference": None, "noise": "same", "initial": "{x: 0, x_hat: 0, P: 1}",
@@ -136,7 +134,7 @@ def test_points_of_a_sweep_share_a_line(tmp_path):
 )
 def test_sound_experiments_have_no_warning(name):
     """Oracle: their loops are stable and reach the reference."""
-    assert warning_texts(load_config(CONFIGS / f"{name}.yaml")) == []
+    assert warning_texts(loaded(name)) == []
 
 
 def test_run_and_check_show_the_warning(tmp_path):

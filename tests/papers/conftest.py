@@ -4,9 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+from loaded_configs import loaded
 from missing_libraries import skip_without_libraries
 
-from rmpc_bench import load_config, run
+from rmpc_bench import run
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,7 +23,7 @@ def results_of(tmp_path_factory):
     def results(name):
         if name not in known:
             skip_without_libraries(ROOT / "configs" / f"{name}.yaml")
-            config = load_config(ROOT / "configs" / f"{name}.yaml")
+            config = loaded(name)
             directory = tmp_path_factory.mktemp(name.replace("/", "-"))
             if (tuned := ROOT / "results" / name / "tuning.json").exists():
                 shutil.copy(tuned, directory)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loaded_configs import loaded
 
-from rmpc_bench.config.load import load_config
 from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.mpc import Scale, design
 from rmpc_bench.models.servo import ServoNoise
@@ -17,7 +17,7 @@ PI = np.pi
 
 def record_of(name, method, runs, n_steps, enforce, linear=None):
     """Simulate a method of a configuration under limits, and a limit of the shaft torque with the given weight."""
-    experiment = load_config(f"configs/zenere2018/{name}.yaml").experiment
+    experiment = loaded(f"zenere2018/{name}").experiment
     soft = None if linear is None else {"shaft_torque": SoftLimit((-25 * PI, 25 * PI), linear)}
     limits, scale = Limits(u=(-220.0, 220.0), enforce=enforce), Scale(u=440.0, y=2.0 * PI)
     model = servo(0.1, noise=ServoNoise(1.0, 1.0))

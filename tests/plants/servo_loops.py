@@ -5,14 +5,13 @@ Nothing here looks into the bench's plant: it is moved by its public methods, an
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from loaded_configs import loaded
 from plants.servo_oracle import breakaway
 from plants.servo_reference import COARSE, FINE, RELEASE, STICK, Log, Tolerance, held
 
-from rmpc_bench import load_config
 from rmpc_bench.plants import servo
 from rmpc_bench.types import Motion, Plant, Status
 
@@ -86,7 +85,7 @@ class ReferencePlant(Plant):
 
 def fig7() -> Any:
     """Experiment of section 4.3, third simulation: plant, methods and scenario."""
-    return load_config(Path(__file__).parents[2] / "configs" / "zenere2018" / "fig7.yaml").experiment
+    return loaded("zenere2018/fig7").experiment
 
 
 def random_plant(rng: np.random.Generator, **changes: float) -> dict[str, float]:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loaded_configs import loaded
 
-from rmpc_bench.config.load import load_config
 from rmpc_bench.controllers.mpc_law import Mpc
 from rmpc_bench.controllers.state_feedback import GameGain, Lqr
 from rmpc_bench.estimators.bridging import RiccatiRecursion
@@ -179,7 +179,7 @@ def test_the_random_systems_have_failed_runs():
 )
 def test_configurations(name):
     """All methods to which the compiled simulation applies, on five runs."""
-    experiment = load_config(f"configs/{name}.yaml").experiment
+    experiment = loaded(name).experiment
     plant, n_steps = experiment.plant, experiment.n_steps
     draws = experiment.scenario.draw(plant, range(5), n_steps)
     methods = [method for method in experiment.methods if applies(experiment, method)]
@@ -231,7 +231,7 @@ def test_products_add_like_einsum(m):
 
 def test_block_of_an_experiment_is_the_same_either_way(monkeypatch):
     """Metrics, statuses, records and ensembles of `simulate_block`, with and without the compiled simulation."""
-    experiment = load_config("configs/benchmarks/simon-motor.yaml").experiment
+    experiment = loaded("benchmarks/simon-motor").experiment
     method = experiment.methods[0]
     assert applies(experiment, method)
     fast = simulate_block(experiment, method, range(60))
@@ -258,7 +258,7 @@ def test_a_limit_of_time_goes_step_by_step(monkeypatch):
         def step(self, k):
             self.steps += 1
 
-    experiment = load_config("configs/benchmarks/simon-motor.yaml").experiment
+    experiment = loaded("benchmarks/simon-motor").experiment
     watch = Limited()
     simulate_block(experiment, experiment.methods[0], range(2), watch=watch)
     assert watch.steps == experiment.n_steps + 1
@@ -270,7 +270,7 @@ def test_components_of_a_user_are_simulated_step_by_step():
     class Own(GainScheduleFilter):
         pass
 
-    experiment = load_config("configs/benchmarks/simon-motor.yaml").experiment
+    experiment = loaded("benchmarks/simon-motor").experiment
     method = experiment.methods[1]
     assert adds_like_einsum() and applies(experiment, method)
     given = {name: getattr(method.estimator, name) for name in ("x0", "F", "B", "C", "K", "L", "P")}
@@ -281,7 +281,7 @@ def test_small_experiments_do_not_load_the_compiler(monkeypatch):
     """Without numba in the process a few runs are simulated step by step."""
     from rmpc_bench.simulation import linear_loop
 
-    experiment = replace(load_config("configs/benchmarks/simon-motor.yaml").experiment, n_runs=2)
+    experiment = replace(loaded("benchmarks/simon-motor").experiment, n_runs=2)
     monkeypatch.setattr(linear_loop.sys, "modules", {})
     assert not linear_loop.applies(experiment, experiment.methods[0])
     assert linear_loop.applies(replace(experiment, n_runs=10**6), experiment.methods[0])
