@@ -11,7 +11,7 @@ import click
 from rmpc_bench.received.consent import NO_CODE
 
 if TYPE_CHECKING:
-    from rmpc_bench.conformance.linear_system import LinearSystem
+    from rmpc_bench.conformance.systems import LinearSystem
 
 
 def check_component(component: str, keys: str | None, model: str | None, group: str | None, seconds: float) -> int:
@@ -28,8 +28,8 @@ def check_component(component: str, keys: str | None, model: str | None, group: 
     from rmpc_bench.components.code import split_reference
     from rmpc_bench.config_file.tree import Map
     from rmpc_bench.config_file.yaml import parse
+    from rmpc_bench.conformance.process import check_subject
     from rmpc_bench.conformance.subject import subject_of
-    from rmpc_bench.conformance.supervisor import check_subject
     from rmpc_bench.types import DesignError
 
     parts = split_reference(component)
@@ -61,7 +61,7 @@ def _system(text: str) -> LinearSystem:
         If the model is not linear.
     """
     from rmpc_bench.config_file.yaml import parse
-    from rmpc_bench.conformance.linear_system import LinearSystem
+    from rmpc_bench.conformance.systems import LinearSystem
     from rmpc_bench.types import DesignError
 
     path = Path(text)

@@ -24,7 +24,7 @@ def own_component_lines(config: ExperimentConfig) -> tuple[list[str], bool]:
     -------
     The lines, none where all components are built in; and whether a check of the class `error` has failed.
     """
-    from rmpc_bench.conformance.experiment_components import check_own_components
+    from rmpc_bench.conformance.kit import check_own_components
 
     lines: list[str] = []
     failed = False

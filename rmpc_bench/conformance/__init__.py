@@ -21,8 +21,7 @@ kind of component.
 from typing import Any
 
 from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.figures import FigureExample
-from rmpc_bench.conformance.filtering import EstimatorExample
+from rmpc_bench.conformance.evaluation import FigureExample, MetricExample
 from rmpc_bench.conformance.kit import (
     check,
     check_controller,
@@ -34,13 +33,11 @@ from rmpc_bench.conformance.kit import (
     check_reference,
     parametrize_with_checks,
 )
-from rmpc_bench.conformance.metrics import MetricExample
-from rmpc_bench.conformance.noises import NoiseExample
 from rmpc_bench.conformance.plants import PlantExample
-from rmpc_bench.conformance.references import ReferenceExample
-from rmpc_bench.conformance.report import Report
-from rmpc_bench.conformance.results import Check, CheckResult, run_checks
+from rmpc_bench.conformance.results import Check, CheckResult, Report, run_checks
+from rmpc_bench.conformance.signals import NoiseExample, ReferenceExample
 from rmpc_bench.conformance.stages import CHECKS
+from rmpc_bench.conformance.systems import EstimatorExample
 
 Example = (
     PlantExample

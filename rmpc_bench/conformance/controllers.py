@@ -3,22 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.failures import require_valid_return_values
-from rmpc_bench.conformance.global_random import SEED, global_seed
-from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
-from rmpc_bench.conformance.results import Check, NotApplicableError, copies, require, require_same, require_unchanged
-from rmpc_bench.simulation.run_start import RunStart, RunState
-from rmpc_bench.types import Array, Command, Controller, Estimate, Journal, Status, as_command
+from rmpc_bench.conformance.information import CHANGE, FRESH, InformationExample, function_of_data, require_no_lookahead
+from rmpc_bench.conformance.outcome import (
+    REPETITION,
+    SEED,
+    Outcome,
+    RunsExample,
+    first_checks,
+    global_seed,
+    require_valid_return_values,
+)
+from rmpc_bench.conformance.results import (
+    Check,
+    NotApplicableError,
+    copies,
+    require,
+    require_same,
+    require_unchanged,
+)
+from rmpc_bench.conformance.systems import LinearGaussian, LinearSystem
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Journal,
+    Method,
+    Motion,
+    as_command,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class ControllerExample:
+class ControllerExample(RunsExample):
     """Estimates, measurements and a reference that a controller is checked with.
 
     Every estimate has a set M of its own for each run and a mean of the process noise, `w_mean`, so that a controller
@@ -38,9 +66,9 @@ class ControllerExample:
     nu: int | None = None
     pair: tuple[Controller, Controller] | None = None
     """The law without limits of its own, and with equal ones for all inputs; None where it has no such key."""
-    known: dict[int, tuple[Controller, Outcome]] = field(default_factory=dict, repr=False)
-    """Outcome of the whole example by component, computed once for each of the controllers."""
-    checks: ClassVar[tuple[Check, ...]]
+    bounds: tuple[float, float] | None = None
+    """Bounds of the plant for every input; the controller is told the input that acts."""
+    noun: ClassVar[str] = "u"
 
     @classmethod
     def random(
@@ -72,49 +100,24 @@ class ControllerExample:
         P = np.tile(0.1 * np.eye(nx), (n_runs, 1, 1))
         return Estimate(x_hat.copy(), P, M, np.zeros(n_runs, dtype=np.int8), {"w_mean": 0.1 * x_hat})
 
-    def start(self, controller: Controller, rows: Sequence[int], journal: Journal, shared: RunState) -> Any:
+    def start(self, component: Controller, outcome: Outcome) -> Any:
         """State of some runs before the first sample."""
-        return RunStart(SEED, tuple(int(row) for row in rows), journal).controller(controller, len(rows), shared)
+        return outcome.start.controller(component, len(outcome.rows), outcome.shared)
 
-    def evaluate(
-        self,
-        component: Controller,
-        rows: Sequence[int] | None = None,
-        *,
-        seed: int = 0,
-        bounds: tuple[float, float] | None = None,
-    ) -> Outcome:
-        """Control some runs, with bounds of the plant where they are given; an exception ends them."""
-        rows = range(self.n_runs) if rows is None else rows
-        shared, journal = RunState.of(len(rows)), Journal()
-        status = np.zeros(len(rows), np.int8)
-        outcome, k = Outcome("u", [], status, journal, None, [], []), -1
-        with global_seed(seed), np.errstate(over="ignore", invalid="ignore"):
-            try:
-                state = self.start(component, rows, journal, shared)
-                for k in range(self.x_hat.shape[1]):
-                    status[:] = np.where(status != Status.OK, status, shared.failed)
-                    np.equal(status, Status.OK, out=shared.alive)
-                    state, command = self.step(component, k, state, rows)
-                    command = command._replace(u=np.array(command.u))
-                    if bounds is not None:
-                        command = command._replace(u=np.clip(command.u, *bounds))
-                        state = component.applied(k, state, command.u.copy())
-                    outcome.states.append(state)
-                    outcome.returned.append(command)
-                    outcome.numbers.append(command.u)
-                    status[:] = np.where(status != Status.OK, status, command.status)
-                    np.equal(status, Status.OK, out=shared.alive)
-            except (Exception, SystemExit) as error:  # a controller under test may raise anything
-                error.add_note(f"k = {k}" if k >= 0 else "before the first sample")
-                return outcome._replace(error=error)
-        return outcome
-
-    def all(self, component: Controller) -> Outcome:
-        """Control the whole example; computed once per controller."""
-        if id(component) not in self.known:
-            self.known[id(component)] = component, self.evaluate(component)
-        return self.known[id(component)][1]
+    def call(self, component: Controller, outcome: Outcome) -> None:
+        """Control some runs."""
+        state = self.start(component, outcome)
+        for k in outcome.samples(self.x_hat.shape[1]):
+            outcome.add_status(outcome.shared.failed)
+            state, command = self.step(component, k, state, outcome.rows)
+            command = command._replace(u=np.array(command.u))
+            if self.bounds is not None:
+                command = command._replace(u=np.clip(command.u, *self.bounds))
+                state = component.applied(k, state, command.u.copy())
+            outcome.states.append(state)
+            outcome.returned.append(command)
+            outcome.numbers.append(command.u)
+            outcome.add_status(command.status)
 
     def step(
         self, controller: Controller, k: int, state: Any, rows: Sequence[int] | None = None
@@ -128,7 +131,7 @@ class ControllerExample:
 
     def u(self, controller: Controller) -> Float[Array, "runs steps nu"]:
         """Inputs of all runs over time."""
-        return self.evaluate(controller).values
+        return self.results(controller)
 
 
 def _base_class(controller: Any, _: ControllerExample) -> None:
@@ -151,15 +154,8 @@ def _shapes(controller: Controller, example: ControllerExample) -> None:
             require(len(values) == n_runs, f"info[{name!r}] has {len(values)} rows for {n_runs} runs")
 
 
-def _begun(controller: Controller, example: ControllerExample) -> Any:
-    """State before the first sample of a controller without objects."""
-    state = example.start(controller, range(example.n_runs), Journal(), RunState.of(example.n_runs))
-    refuse_objects(controller, state)
-    return state
-
-
 def _arguments(controller: Controller, example: ControllerExample) -> None:
-    state = _begun(controller, example)
+    state = example.begun(controller)
     for k in range(3):
         estimate = example.estimate(example.x_hat[:, k])
         x_hat, y, r = estimate.x_hat, example.y[:, k].copy(), example.r[k : k + controller.preview].copy()
@@ -170,7 +166,7 @@ def _arguments(controller: Controller, example: ControllerExample) -> None:
 
 
 def _purity(controller: Controller, example: ControllerExample) -> None:
-    state = _begun(controller, example)
+    state = example.begun(controller)
     for k in range(3):
         (new, first), (again, second) = (example.step(controller, k, state) for _ in range(2))
         require_same("u", second.u, first.u)
@@ -183,7 +179,7 @@ def _missing(controller: Controller, example: ControllerExample) -> None:
     run, k = example.n_runs // 2, 3
     x_hat, y = example.x_hat.copy(), example.y.copy()
     x_hat[run, k], y[run, k] = np.nan, np.nan
-    outcome = ControllerExample(x_hat, y, example.r).evaluate(controller)
+    outcome = example.changed(x_hat=x_hat, y=y).evaluate(controller)
     found, expected = outcome.values, example.u(controller)
     require_same("u of the other runs", np.delete(found, run, axis=0), np.delete(expected, run, axis=0))
     require_same("u before the missing sample", found[run, :k], expected[run, :k])
@@ -193,7 +189,7 @@ def _missing(controller: Controller, example: ControllerExample) -> None:
 
 
 def _applied(controller: Controller, example: ControllerExample) -> None:
-    repeated = example.evaluate(controller, bounds=(-np.inf, np.inf)).values
+    repeated = example.changed(bounds=(-np.inf, np.inf)).u(controller)
     require_same("u after `applied` with the input that `control` has returned", repeated, example.u(controller))
     if example.pair is None:
         text = "the law has no key `limits` of the form {u: [low, high]}"
@@ -201,7 +197,7 @@ def _applied(controller: Controller, example: ControllerExample) -> None:
     free, limited = example.pair
     assert limited.input_limits is not None
     low, high = (float(np.min(each)) for each in limited.input_limits)
-    found, expected = example.evaluate(free, bounds=(low, high)).values, example.u(limited)
+    found, expected = example.changed(bounds=(low, high)).u(free), example.u(limited)
     equal = np.allclose(found, expected, rtol=1e-9, atol=1e-9 * high, equal_nan=True)
     require(equal, "with bounds of the plant u differs from u with equal limits of its own; see `Controller.applied`")
 
@@ -218,4 +214,127 @@ ControllerExample.checks = (
     *REPETITION,
     Check("missing-estimate", "a missing estimate of one run changes no other run", _missing),
     Check("applied-input", "bounds of the plant act as equal limits of its own: it remembers the applied u", _applied),
+)
+
+
+class DrivenPlant(LinearGaussian):
+    """A linear plant with a given input.
+
+    Parameters
+    ----------
+    model : its matrices
+    u : (runs, steps, nu) input that acts
+    """
+
+    def __init__(self, model: LinearModel, u: Float[Array, "runs steps nu"]) -> None:
+        super().__init__(model)
+        self.u = u
+
+    def step(self, k: int, delta: None, x: Array, u: Array, w: Array) -> Motion:
+        """Move to x(k+1) with the given input."""
+        return super().step(k, delta, x, self.u[:, k], w)
+
+
+class GivenEstimates(Estimator):
+    """Estimates that were computed before.
+
+    Parameters
+    ----------
+    example : contains them
+    x_hat : (runs, samples, nx)
+    """
+
+    def __init__(self, example: ControllerExample, x_hat: Float[Array, "runs samples nx"]) -> None:
+        self.example, self.x_hat = example, x_hat
+
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
+
+    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
+        """Return the estimate of k."""
+        return None, self.example.estimate(np.ascontiguousarray(self.x_hat[:, k]))
+
+    def predict(self, k: int, state: None, u: Array) -> None:
+        """There is nothing to predict."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerInformationExample(InformationExample):
+    """Runs of a linear Gaussian system that a controller is checked on.
+
+    Parameters
+    ----------
+    system : the system with the random inputs of its runs
+    preview : samples of the reference that the controller sees
+    regulates : whether its reference is 0
+    """
+
+    system: LinearSystem
+    preview: int
+    regulates: bool = False
+
+    @cached_property
+    def _samples(self) -> tuple[Array, Array]:
+        """Estimates of the Kalman filter, and the measurements, at all samples."""
+        recorded = self.system.recorded()
+        record, _ = self.system.simulated(self.system.kalman)
+        return record.x_hat, recorded.y
+
+    @cached_property
+    def r(self) -> Float[Array, "samples ny"]:
+        """A random reference; 0 for a regulator."""
+        n = self.system.n_steps + 1 + self.preview
+        r = np.random.default_rng(18).standard_normal((n, self.system.model.ny))
+        return 0.0 * r if self.regulates else r
+
+    @cached_property
+    def data(self) -> ControllerExample:
+        """What the controller may use."""
+        x_hat, y = (each[:, :-1] for each in self._samples)
+        return ControllerExample(x_hat, y, self.r, self.system.model.nu)
+
+    def simulated(self, component: Controller) -> Float[Array, "runs steps nu"]:
+        """Inputs in the simulation, where there is a plant."""
+        system = self.system
+        method = Method("checked", GivenEstimates(self.data, self._samples[0]), component)
+        plant, start = DrivenPlant(system.model, system.u), RunStart(SEED, tuple(range(system.n_runs)), Journal())
+        with global_seed(0):
+            record, _ = simulate(plant, method, system.draws(), self.r, system.n_steps, start=start)
+        return record.u
+
+
+def _compared(controller: Controller, data: ControllerExample, changed: ControllerExample, what: str) -> None:
+    """Compare u(0)..u(CHANGE - 1) with other data from there on."""
+    before, after = (
+        [each.evaluate(controller, range(5)).values for _ in range(n)] for each, n in ((data, 3), (changed, 2))
+    )
+    require_no_lookahead(before, after, CHANGE, f"{what} u")
+
+
+def _changed(values: Array, first: int, axis: int) -> Array:
+    """Return values that differ from a sample on."""
+    changed = np.moveaxis(values.copy(), axis, 0)
+    changed[first:] += 3.0 * np.random.default_rng(19).standard_normal(changed[first:].shape)
+    return np.moveaxis(changed, 0, axis)
+
+
+def _causal(controller: Controller, example: ControllerInformationExample) -> None:
+    data = example.data
+    other = data.changed(x_hat=_changed(data.x_hat, CHANGE, 1), y=_changed(data.y, CHANGE, 1))
+    _compared(controller, data, other, f"with other y and x_hat from k = {CHANGE} on")
+
+
+def _preview(controller: Controller, example: ControllerInformationExample) -> None:
+    if example.regulates:
+        raise NotApplicableError("a regulator has no reference")
+    data, first = example.data, CHANGE - 1 + max(controller.preview, 1)
+    other = data.changed(r=_changed(data.r, first, 0))
+    _compared(controller, data, other, f"with another r from k = {first} on, beyond its preview,")
+
+
+ControllerInformationExample.checks = (
+    Check("function-of-data", "u depends on x_hat, y, r and the model only, not on the plant", function_of_data),
+    FRESH,
+    Check("causal", "u(k) does not depend on y and x_hat after k", _causal),
+    Check("preview", "u(k) does not depend on r beyond the preview", _preview),
 )

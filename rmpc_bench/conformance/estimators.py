@@ -1,16 +1,111 @@
-"""Checks of estimators: shapes, purity, and runs that do not depend on the block they share."""
+"""Whether the errors of an estimator agree with its reported covariance: nees and nis inside chi-square bands."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from rmpc_bench.conformance.failures import require_valid_return_values
-from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.outcome import REPETITION, first_checks, refuse_objects
-from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
+from rmpc_bench.components.by_kind import estimator as made_estimator
+from rmpc_bench.conformance.information import CHANGE, FRESH, InformationExample, function_of_data, require_no_lookahead
+from rmpc_bench.conformance.outcome import REPETITION, first_checks, require_valid_return_values
+from rmpc_bench.conformance.results import (
+    Check,
+    NotApplicableError,
+    copies,
+    require,
+    require_same,
+    require_unchanged,
+)
+from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, Recorded
+from rmpc_bench.conformance.timing import exactness, shift_text
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.linalg import congruence, mv
 from rmpc_bench.types import Array, Estimator, as_estimate
+
+SPACING = 10
+"""Samples between those that count; with fast modes their errors are nearly independent."""
+QUANTILE = 4.0
+"""Standard normal quantile of both ends of a band: outside once in 16,000 times by chance."""
+
+
+def band(degrees: int) -> tuple[float, float]:
+    """Return the quantiles of chi-square over its degrees of freedom, after Wilson and Hilferty.
+
+    Parameters
+    ----------
+    degrees : of freedom; the ends are off by 1e-2 at 30 and by 1e-4 at 1000
+
+    Examples
+    --------
+    >>> low, high = band(1000)
+    >>> round(low, 3), round(high, 3)
+    (0.831, 1.189)
+    """
+    spread = 2.0 / (9.0 * degrees)
+    low, high = ((1.0 - spread + sign * QUANTILE * math.sqrt(spread)) ** 3 for sign in (-1.0, 1.0))
+    return low, high
+
+
+def consistency_text(
+    model: LinearModel,
+    recorded: tuple[Array, Array, Array],
+    x_hat: Float[Array, "runs samples nx"],
+    P: Float[Array, "samples nx nx"] | Float[Array, "runs samples nx nx"],
+    *,
+    predictor: bool,
+) -> str:
+    """Compare normalised squares of errors and innovations with chi-square.
+
+    Parameters
+    ----------
+    model : the true system
+    recorded : y, u and x of the runs
+    x_hat, P : estimates and their reported covariances
+    predictor : whether x_hat(k) does not use y(k)
+
+    Returns
+    -------
+    nees and nis, where both are inside their bands.
+
+    Raises
+    ------
+    AssertionError
+        If one is outside.
+    """
+    y, u, x = recorded
+    n_runs, n_samples = x.shape[:2]
+    P = np.broadcast_to(P, (n_runs, *P.shape[-3:]))
+    ks = range(2 * SPACING, n_samples - 1, SPACING)
+    nees = [_squares(x_hat[:, k] - x[:, k], P[:, k]) for k in ks]
+    nis = []
+    for k in ks:
+        if predictor:
+            x_pred, P_pred = x_hat[:, k + 1], P[:, k + 1]
+        else:
+            x_pred = mv(model.A, x_hat[:, k]) + mv(model.B, u[:, k]) + model.f0
+            P_pred = congruence(model.A, P[:, k]) + model.Q_w
+        e = y[:, k + 1] - mv(model.C, x_pred) - model.d0
+        nis.append(_squares(e, congruence(model.C, P_pred) + model.R_v))
+    texts, wrong = [], []
+    for name, values, n in (("nees", nees, x.shape[2]), ("nis", nis, y.shape[2])):
+        mean, (low, high) = float(np.mean(values)) / n, band(n_runs * len(nees) * n)
+        texts.append(f"{name} {mean:.3g} (band {low:.3g}..{high:.3g})")
+        if not low <= mean <= high:
+            wrong.append(f"{texts[-1]}: P is too {'small' if not mean <= high else 'large'}")
+    if wrong:
+        raise AssertionError("; ".join(wrong))
+    return ", ".join(texts)
+
+
+def _squares(e: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Float[Array, " runs"]:
+    """Return e' P^-1 e of every run; a singular P has its pseudo-inverse."""
+    squares: Array = np.einsum("ri,rij,rj->r", e, np.linalg.pinv(P, hermitian=True), e)
+    return squares
 
 
 def _base_class(estimator: Any, _: EstimatorExample) -> None:
@@ -38,8 +133,7 @@ def _shapes(estimator: Estimator, example: EstimatorExample) -> None:
 
 
 def _arguments(estimator: Estimator, example: EstimatorExample) -> None:
-    state = example.start(estimator, range(example.n_runs))
-    refuse_objects(estimator, state)
+    state = example.begun(estimator)
     for k in range(3):
         arguments = [*state, example.y, example.u]
         before = copies(arguments)
@@ -52,8 +146,7 @@ def _arguments(estimator: Estimator, example: EstimatorExample) -> None:
 
 
 def _purity(estimator: Estimator, example: EstimatorExample) -> None:
-    state = example.start(estimator, range(example.n_runs))
-    refuse_objects(estimator, state)
+    state = example.begun(estimator)
     for k in range(3):
         (a, first), (b, second) = (estimator.correct(k, state, example.y[:, k]) for _ in range(2))
         require_same("x_hat", as_estimate(second).x_hat, as_estimate(first).x_hat)
@@ -64,8 +157,7 @@ def _purity(estimator: Estimator, example: EstimatorExample) -> None:
 
 
 def _own_arrays(estimator: Estimator, example: EstimatorExample) -> None:
-    state = example.start(estimator, range(example.n_runs))
-    refuse_objects(estimator, state)
+    state = example.begun(estimator)
     returned: list[Array] = []
     for k in range(3):
         state, corrected = estimator.correct(k, state, example.y[:, k])
@@ -81,7 +173,7 @@ def _own_arrays(estimator: Estimator, example: EstimatorExample) -> None:
 def _missing(estimator: Estimator, example: EstimatorExample) -> None:
     run, k, broken = example.n_runs // 2, 3, example.y.copy()
     broken[run, k] = np.nan
-    outcome, expected = example.evaluate(estimator, y=broken), example.x_hat(estimator)
+    outcome, expected = example.changed(y=broken).evaluate(estimator), example.x_hat(estimator)
     found = outcome.values
     require_same("x_hat of the other runs", np.delete(found, run, axis=0), np.delete(expected, run, axis=0))
     require_same("x_hat before the missing sample", found[run, :k], expected[run, :k])
@@ -117,4 +209,155 @@ EstimatorExample.checks = (
     *REPETITION,
     Check("missing-measurement", "a missing measurement of one run changes no other run", _missing),
     Check("series", "a series has one entry for every sample, or a single constant one", _series),
+)
+
+
+AHEAD = 20
+"""Samples after the change; a component that looks further ahead is not found."""
+MOST_ERRORS = 4.0
+"""Standard errors beyond which a paired difference counts."""
+
+LOST = 0.4
+"""Probability that an output of a sample is missing."""
+EQUAL, STILL_EQUAL = 1e-5, 1e-4
+"""Largest difference from the Kalman filter, relative to its largest estimate, without and with missing outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorInformationExample(InformationExample):
+    """A linear Gaussian system, with the random inputs of its runs, that an estimator is checked on."""
+
+    system: LinearSystem
+
+    @cached_property
+    def recorded(self) -> Recorded:
+        """Data with noise."""
+        return self.system.recorded()
+
+    @cached_property
+    def data(self) -> EstimatorExample:
+        """The measurements and inputs alone."""
+        return EstimatorExample(self.recorded.y, self.recorded.u, nx=self.system.model.nx)
+
+    @cached_property
+    def kalman(self) -> Float[Array, "runs samples nx"]:
+        """Estimates of the Kalman filter."""
+        return self.data.x_hat(self.system.kalman)
+
+    def simulated(self, component: Estimator) -> Float[Array, "runs samples nx"]:
+        """Estimates in the simulation, where there is a plant."""
+        x_hat: Array = self.system.simulated(component)[0].x_hat
+        return x_hat
+
+
+def _causal(estimator: Estimator, example: EstimatorInformationExample) -> None:
+    require_causal(estimator, example.data)
+
+
+def require_causal(estimator: Estimator, data: EstimatorExample, change: int = CHANGE) -> None:
+    """Fail if estimates before `change` depend on y from there on; the error says how far they look ahead."""
+    y, rows = data.y[:5, : change + AHEAD], range(min(5, data.n_runs))
+    changed = y.copy()
+    # The size of noise: measurements of another size may be impossible for the model.
+    spread = 0.5 * np.diff(y, axis=1).std(axis=(0, 1)) + 1e-6 * np.abs(y).max()
+    changed[:, change:] += spread * np.random.default_rng(17).standard_normal(changed[:, change:].shape)
+    before, after = ([data.x_hat(estimator, rows, each) for _ in range(3)] for each in (y, changed))
+    require_no_lookahead(before, after, change, f"with another y from k = {change} on x_hat")
+
+
+def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    return shift_text(example.in_loop(estimator), example.recorded.x)
+
+
+def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None:
+    if not np.array_equal(example.data.all(estimator).values, example.in_loop(estimator), equal_nan=True):
+        raise NotApplicableError("see `function-of-data`")
+    u = example.system.u
+    system = replace(example.system, largest=0.5 * float(np.abs(u).max(initial=0.0)) or 1.0)
+    record, _ = system.simulated(estimator)
+    recorded = system.recorded()
+    expected = EstimatorExample(recorded.y, np.clip(u, -system.largest, system.largest)).x_hat(estimator)
+    require(
+        np.allclose(record.x_hat, expected, rtol=1e-9, atol=1e-12, equal_nan=True),
+        "where the plant limits the input, x_hat is not that of the input that acts: use the u that `predict` gets",
+    )
+
+
+def _exact(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    return exactness(estimator, example.system)
+
+
+def _consistent(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    outcome = example.data.all(estimator)
+    matrices = [estimate.P for estimate in outcome.returned]
+    if any(P is None for P in matrices):
+        raise NotApplicableError("P is not reported")
+    predictor = estimator.form == "predictor"
+    P = np.stack(matrices, axis=matrices[0].ndim - 2)
+    return consistency_text(example.system.model, example.recorded, outcome.values, P, predictor=predictor)
+
+
+def _possible(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    x = example.recorded.x
+    found, best = (
+        ((x_hat - x)[:, 5:] ** 2).mean(axis=(1, 2)) for x_hat in (example.in_loop(estimator), example.kalman)
+    )
+    tiny = np.finfo(float).tiny
+    log_ratio = 0.5 * np.log(np.maximum(found, tiny) / np.maximum(best, tiny))
+    mean, error = float(log_ratio.mean()), float(log_ratio.std(ddof=1) / np.sqrt(len(x)))
+    text = f"error {np.exp(mean):.3g} times that of the Kalman filter"
+    require(
+        not (mean < -MOST_ERRORS * error and mean < -1e-6),
+        f"{text}, {-mean / max(error, tiny):.0f} standard errors below it: it uses the true state or later measurements"
+        if error > 0.0
+        else f"{text} in every run",
+    )
+    return text
+
+
+def _kalman_with_gaps(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    if not estimator.bridges_missing:
+        raise NotApplicableError("the estimator does not go on without a measurement")
+    system, rows = example.system, range(6)
+    y = example.data.y[:, :61]
+    lost = np.random.default_rng(19).random(y.shape) < LOST
+    lost[0] = False  # a run without gaps beside the others
+    for form in ("filter", "predictor"):
+        kalman = made_estimator("kalman", system.model, system.n_steps, x0=system.x0, P0=system.P0, form=form)
+        whole, gaps = (
+            _distance(*(example.data.x_hat(each, rows, values) for each in (estimator, kalman)))
+            for values in (y, np.where(lost, np.nan, y))
+        )
+        if whole <= EQUAL:
+            text = f"differs by {gaps:.2g} of the largest estimate with missing measurements, by {whole:.2g} without"
+            way = "compute the gains again where measurements are missing, or set bridges_missing = False"
+            require(
+                gaps <= STILL_EQUAL,
+                f"{text}: does it keep the gains of a run in which nothing is missing? {way}",
+            )
+            return text
+    raise NotApplicableError("with these keys it is not the Kalman filter; give the keys with which it is")
+
+
+def _distance(found: Array, expected: Array) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+FUNCTION = Check(
+    "function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data
+)
+EstimatorInformationExample.checks = (
+    FUNCTION,
+    FRESH,
+    Check("causal", "x_hat(k) does not depend on y after k", _causal),
+    Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
+    Check("applied-input", "predict uses the input that acts, within the bounds of the plant", _applied),
+    Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),
+    Check("possible", "the error is not smaller than that of the Kalman filter, which is optimal here", _possible),
+    Check(
+        "kalman-with-gaps",
+        "an estimator that equals the Kalman filter with all measurements also does where some are missing",
+        _kalman_with_gaps,
+    ),
+    Check("consistent", "errors and innovations agree with the reported covariance P", _consistent, "warning"),
 )

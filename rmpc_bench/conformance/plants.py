@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.failures import WORDS, require_valid_return_values
-from rmpc_bench.conformance.global_random import SEED, global_seed
-from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
-from rmpc_bench.conformance.plant_memory import require_methods_apart
+from rmpc_bench.conformance.outcome import (
+    REPETITION,
+    SEED,
+    WORDS,
+    Outcome,
+    RunsExample,
+    first_checks,
+    global_seed,
+    require_valid_return_values,
+)
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
-from rmpc_bench.simulation.run_start import RunStart, RunState
-from rmpc_bench.types import Array, Journal, Plant, PlantInfo, Status, as_motion
+from rmpc_bench.conformance.systems import Excitation
+from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.own_draws import own_draws
+from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.scenario import Scenario
+from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, PlantInfo, Reference, Status, as_motion
 
 
 @dataclass(frozen=True, eq=False)
-class PlantExample:
+class PlantExample(RunsExample):
     """Parameters, initial states, inputs and noises that a plant is checked with.
 
     Parameters
@@ -36,9 +46,7 @@ class PlantExample:
     u: Float[Array, "runs steps nu"]
     w: Float[Array, "runs steps nw"]
     v: Float[Array, "runs steps nv"]
-    known: dict[int, tuple[Plant, Outcome]] = field(default_factory=dict, repr=False)
-    """Outcome of the whole example by component, computed once for each of the plants."""
-    checks: ClassVar[tuple[Check, ...]]
+    noun: ClassVar[str] = "(x, y)"
 
     @classmethod
     def random(
@@ -68,62 +76,32 @@ class PlantExample:
         """Number of runs."""
         return len(self.x)
 
-    def drawn(
-        self, plant: Plant, rows: Sequence[int], journal: Journal | None = None, shared: RunState | None = None
-    ) -> tuple[Any, Array, Array]:
-        """Uncertain parameters of some runs, and the noises that `step` and `output` receive."""
-        parameters = {name: values[rows] for name, values in self.parameters.items()}
-        rngs = [np.random.default_rng((99, int(row))) for row in rows]  # the same for a run in every block
-        delta = plant.draw(parameters, rngs, self.u.shape[1] - 1)
-        start = RunStart(SEED, tuple(int(row) for row in rows), journal or Journal())
-        delta = start.plant(plant, delta, self.x[rows], shared or RunState.of(len(rows)))
+    def start(self, component: Plant, outcome: Outcome) -> Any:
+        """Uncertain parameters of some runs."""
+        parameters = {name: values[outcome.rows] for name, values in self.parameters.items()}
+        rngs = [np.random.default_rng((99, row)) for row in outcome.rows]  # the same for a run in every block
+        delta = component.draw(parameters, rngs, self.u.shape[1] - 1)
+        return outcome.start.plant(component, delta, self.x[outcome.rows], outcome.shared)
+
+    def noises(self, plant: Plant, delta: Any, rows: Sequence[int]) -> tuple[Array, Array]:
+        """The noises that `step` and `output` receive."""
         w, v = self.w[rows], self.v[rows]
-        return (delta, *plant.mix(delta, w, v)) if plant.mixes_noise else (delta, w, v)
+        return plant.mix(delta, w, v) if plant.mixes_noise else (w, v)
 
-    def evaluate(self, component: Plant, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
-        """Simulate some runs; an exception of the plant ends them.
-
-        Parameters
-        ----------
-        component : what is checked
-        rows : indices of the runs; all of them unless given
-        seed : of the global random generators, which a plant must not use
-
-        Returns
-        -------
-        The numbers of a sample are x(k+1) and y(k), the returned values are pairs of the two.
-        """
-        rows = list(range(self.n_runs) if rows is None else rows)
-        shared, journal, status = RunState.of(len(rows)), Journal(), np.zeros(len(rows), np.int8)
-        outcome, k = Outcome("(x, y)", [], status, journal, None, [], []), -1
-        with global_seed(seed), np.errstate(over="ignore", invalid="ignore"):
-            try:
-                delta, w, v = self.drawn(component, rows, journal, shared)
-                x = component.first_state(delta, self.x[rows])
-                for k in range(self.u.shape[1]):
-                    y = np.array(component.output(k, delta, x, v[:, k]))
-                    u = component.applied_inputs(self.u[rows, k])
-                    motion = as_motion(component.step(k, delta, x.copy(), u, w[:, k]))
-                    status[:] = np.where(status != Status.OK, status, shared.failed)
-                    status[:] = np.where(status != Status.OK, status, motion.status)
-                    np.equal(status, Status.OK, out=shared.alive)
-                    x = np.array(motion.x)
-                    outcome.returned.append((motion._replace(x=x), y))
-                    outcome.numbers.append(np.concatenate([x, y], axis=1))
-            except (Exception, SystemExit) as error:  # a plant under test may raise anything
-                error.add_note(f"k = {k}" if k >= 0 else "before the first sample")
-                return outcome._replace(error=error)
-        return outcome
-
-    def all(self, component: Plant) -> Outcome:
-        """Simulate the whole example; computed once per plant."""
-        if id(component) not in self.known:
-            self.known[id(component)] = component, self.evaluate(component)
-        return self.known[id(component)][1]
-
-    def results(self, component: Plant) -> Array:
-        """States and outputs of all runs."""
-        return self.evaluate(component).values
+    def call(self, component: Plant, outcome: Outcome) -> None:
+        """Simulate some runs; the numbers of a sample are x(k+1) and y(k), the returned values pairs of the two."""
+        rows, delta = outcome.rows, self.start(component, outcome)
+        w, v = self.noises(component, delta, rows)
+        x = component.first_state(delta, self.x[rows])
+        for k in outcome.samples(self.u.shape[1]):
+            y = np.array(component.output(k, delta, x, v[:, k]))
+            u = component.applied_inputs(self.u[rows, k])
+            motion = as_motion(component.step(k, delta, x.copy(), u, w[:, k]))
+            outcome.add_status(outcome.shared.failed)
+            outcome.add_status(motion.status)
+            x = np.array(motion.x)
+            outcome.returned.append((motion._replace(x=x), y))
+            outcome.numbers.append(np.concatenate([x, y], axis=1))
 
 
 def _within(limits: tuple[Array, Array], values: Array, rng: np.random.Generator) -> Array:
@@ -166,8 +144,8 @@ def _finite(plant: Plant, example: PlantExample) -> str:
 def _arguments(plant: Plant, example: PlantExample) -> None:
     given = [*example.parameters.values(), example.x, example.u, example.w, example.v]
     before = copies(given)
-    delta, w, v = example.drawn(plant, range(example.n_runs))
-    refuse_objects(plant, delta)
+    delta = example.begun(plant)
+    w, v = example.noises(plant, delta, range(example.n_runs))
     received = [*delta, w, v]
     kept = copies(received)
     plant.step(0, delta, example.x, example.u[:, 0], w[:, 0])
@@ -177,8 +155,8 @@ def _arguments(plant: Plant, example: PlantExample) -> None:
 
 
 def _purity(plant: Plant, example: PlantExample) -> None:
-    delta, w, _ = example.drawn(plant, range(example.n_runs))
-    refuse_objects(plant, delta)
+    delta = example.begun(plant)
+    w, _ = example.noises(plant, delta, range(example.n_runs))
     first, second = (as_motion(plant.step(0, delta, example.x, example.u[:, 0], w[:, 0])) for _ in range(2))
     require_same("x(1)", second.x, first.x)
     require_same("status", second.status, first.status)
@@ -192,7 +170,7 @@ def _missing(plant: Plant, example: PlantExample) -> None:
             continue
         place = (run, 0) if name == "x" else (run, 3)
         broken[place] = np.nan
-        found = replace(example, **{name: broken}, known={}).evaluate(plant)
+        found = example.changed(**{name: broken}).evaluate(plant)
         others = (np.delete(each.values, run, axis=0) for each in (found, expected))
         require_same(f"(x, y) beside a missing {name}", *others)
         if name in ("x", "u"):
@@ -219,8 +197,54 @@ def _middle(low: Array, high: Array) -> Array:
     return 0.5 * (low + high)
 
 
+class NoEstimate(Estimator):
+    """An estimator whose estimate is always 0."""
+
+    def __init__(self, nx: int) -> None:
+        self.nx = nx
+
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
+
+    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
+        """Return 0."""
+        return None, Estimate(np.zeros((len(y), self.nx)), None, None, np.zeros(len(y), dtype=np.int8), {})
+
+    def predict(self, k: int, state: None, u: Array) -> None:
+        """There is nothing to predict."""
+
+
+class _Zero(Reference):
+    """The reference 0."""
+
+    def __init__(self, ny: int) -> None:
+        self.ny = ny
+
+    def sample(self, n_samples: int) -> Array:
+        """Return zeros."""
+        return np.zeros((n_samples, self.ny))
+
+
 def _methods_apart(plant: Plant, example: PlantExample) -> None:
-    require_methods_apart(plant, example.x[0], example.u)
+    """Simulate two equal methods with the same draws, one after the other."""
+    u, (n_runs, n_steps) = example.u, example.u.shape[:2]
+    scenario = Scenario(SEED, {}, {}, example.x[0], (), (), (), _Zero(plant.ny))
+    draws = scenario.draw(plant, range(n_runs), n_steps)
+    found: list[Any] = []
+    for name in ("first", "second"):
+        method = Method(name, NoEstimate(plant.nx), Excitation(u))
+        start = RunStart(SEED, tuple(range(n_runs)), Journal())
+        own = own_draws(scenario, plant, range(n_runs), n_steps, draws)
+        with global_seed(0):
+            record, _ = simulate(plant, method, own, scenario.reference.sample(n_steps + 1), n_steps, start=start)
+        found.append(record.x)
+    try:
+        require_same("x of the second method", found[1], found[0])
+    except AssertionError as error:
+        text = (
+            "the plant keeps something of the first method: keep it in the state or in what `draw` or `start` returns"
+        )
+        raise AssertionError(f"{error}; {text}") from None
 
 
 FIRST = tuple(

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
-from rmpc_bench.conformance.controller_information import ControllerInformationExample
 from rmpc_bench.conformance.controllers import FIRST as CONTROLLER_FIRST
-from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.estimator_information import FRESH, EstimatorInformationExample
-from rmpc_bench.conformance.estimators import FIRST
-from rmpc_bench.conformance.example_results import example_record, example_results
-from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem, System
-from rmpc_bench.conformance.figures import FigureExample
-from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.linear_system import LinearSystem
-from rmpc_bench.conformance.metrics import MetricExample
-from rmpc_bench.conformance.noises import NoiseExample
+from rmpc_bench.conformance.controllers import ControllerExample, ControllerInformationExample
+from rmpc_bench.conformance.estimators import FIRST as ESTIMATOR_FIRST
+from rmpc_bench.conformance.estimators import EstimatorInformationExample
+from rmpc_bench.conformance.evaluation import FigureExample, MetricExample, example_record, example_results
+from rmpc_bench.conformance.experiment import ExperimentExample, ExperimentSystem, System
+from rmpc_bench.conformance.information import FRESH, InformationExample, SeparateProcess
 from rmpc_bench.conformance.plants import FIRST as PLANT_FIRST
 from rmpc_bench.conformance.plants import PlantExample
-from rmpc_bench.conformance.references import ReferenceExample
-from rmpc_bench.conformance.results import Check, NotApplicableError, Returned
-from rmpc_bench.conformance.separate_process import SeparateProcess
+from rmpc_bench.conformance.results import Check, NotApplicableError
+from rmpc_bench.conformance.signals import NoiseExample, ReferenceExample
 from rmpc_bench.conformance.subject import Subject
+from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem
 from rmpc_bench.types import Array, Controller, DesignError, Estimator, Plant, PlantInfo
 
 SHORT = 12
@@ -124,69 +119,58 @@ MADE = Check("signature", "the design can be made", lambda component, example: N
 def _estimator_stages(setting: Setting) -> Iterator[Stage]:
     system = setting.linear
     design: Estimator = setting.made(system.n_steps)
-    separate_process = setting.separate_process()
-    try:
-        separate_process.prepare()
-        example = EstimatorInformationExample(system, separate_process)
+    with setting.separate_process() as separate_process:
+        example = EstimatorInformationExample(system, separate_process=separate_process)
         yield Stage((MADE,))
         if design.knows_uncertainty:
-            yield Stage(FIRST[:1], design, example.data)
+            yield Stage(ESTIMATOR_FIRST[:1], design, example.data)
             return
-        yield Stage(FIRST, design, example.data)
-        model = system.model
-        data = EstimatorExample.random(model.nu, model.ny, n_steps=SHORT)
-        yield Stage(_without(EstimatorExample.checks, FIRST), setting.made(SHORT), data)
+        yield Stage(ESTIMATOR_FIRST, design, example.data)
+        data = EstimatorExample.random(system.model.nu, system.model.ny, n_steps=SHORT)
+        yield Stage(_without(EstimatorExample.checks, ESTIMATOR_FIRST), setting.made(SHORT), data)
         yield Stage(EstimatorInformationExample.checks, design, example)
-    finally:
-        separate_process.close()
 
 
 def _controller_stages(setting: Setting) -> Iterator[Stage]:
-    system, separate_process = setting.linear, setting.separate_process()
+    system = setting.linear
     design: Controller = setting.made(system.n_steps)
-    try:
-        separate_process.prepare()
+    with setting.separate_process() as separate_process:
         yield Stage((MADE,))
         yield Stage(CONTROLLER_FIRST[:1], design)
-        example = ControllerInformationExample(system, design.preview, separate_process, design.regulates)
+        example = ControllerInformationExample(
+            system, design.preview, design.regulates, separate_process=separate_process
+        )
         yield Stage(CONTROLLER_FIRST[1:], design, example.data)
         data = ControllerExample.random(system.model.nx, system.model.ny, design.preview, n_steps=SHORT)
         data = replace(data, pair=setting.limited_pair())
         yield Stage(_without(ControllerExample.checks, CONTROLLER_FIRST), setting.made(SHORT), data)
         yield Stage(ControllerInformationExample.checks, design, example)
-    finally:
-        separate_process.close()
 
 
 @dataclass(frozen=True, eq=False)
-class PlantProcess:
+class PlantInformationExample(InformationExample):
     """A plant in this process and in another one."""
 
     example: PlantExample
-    separate_process: SeparateProcess
-    noun: ClassVar[str] = "(x, y)"
 
-    def in_loop(self, plant: Plant) -> Array:
+    @property
+    def data(self) -> PlantExample:
+        """Parameters, initial states, inputs and noises."""
+        return self.example
+
+    def simulated(self, component: Plant) -> Array:
         """States and outputs in this process."""
-        return self.example.all(plant).values
-
-    def away(self, *, same: bool) -> Returned:
-        """States and outputs in another process."""
-        return self.separate_process(replace(self.example, known={}), same)
+        return self.example.all(component).values
 
 
 def _plant_stages(setting: Setting) -> Iterator[Stage]:
     design: Plant = setting.made(SHORT)
-    separate_process = setting.separate_process(SHORT)
-    try:
-        separate_process.prepare()
+    with setting.separate_process(SHORT) as separate_process:
         yield Stage((MADE,))
         yield Stage(PLANT_FIRST[:1], design)
         example = PlantExample.random(design, n_steps=SHORT)
         yield Stage(_without(PlantExample.checks, PLANT_FIRST[:1]), design, example)
-        yield Stage((FRESH,), design, PlantProcess(example, separate_process))
-    finally:
-        separate_process.close()
+        yield Stage((FRESH,), design, PlantInformationExample(example, separate_process=separate_process))
 
 
 def _simple_stages(example: Callable[[Setting], Any]) -> Callable[[Setting], Iterator[Stage]]:
@@ -227,13 +211,11 @@ CHECKS: Mapping[str, tuple[Check, ...]] = {
 
 
 def _experiment_stages(setting: Setting, system: ExperimentSystem) -> Iterator[Stage]:
-    design, separate_process = setting.made(system.n_steps), setting.separate_process()
-    try:
-        separate_process.prepare()
+    design = setting.made(system.n_steps)
+    with setting.separate_process() as separate_process:
         yield Stage((MADE,))
-        yield Stage(ExperimentExample.checks, design, ExperimentExample(system, design, separate_process))
-    finally:
-        separate_process.close()
+        example = ExperimentExample(system, design, separate_process=separate_process)
+        yield Stage(ExperimentExample.checks, design, example)
 
 
 def stages(setting: Setting) -> Iterator[Stage]:

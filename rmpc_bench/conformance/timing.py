@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.linear_system import LinearSystem, Recorded
+from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, Recorded
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Estimator
 

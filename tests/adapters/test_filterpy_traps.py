@@ -25,7 +25,7 @@ from small_experiment import cli
 from rmpc_bench.adapters.filterpy import filterpy_estimator
 from rmpc_bench.components import by_kind
 from rmpc_bench.components.single_run import design_function
-from rmpc_bench.conformance.global_random import global_seed
+from rmpc_bench.conformance.outcome import global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import LinearisedModel
 from rmpc_bench.types import OperatingPoint

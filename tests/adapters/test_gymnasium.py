@@ -13,8 +13,8 @@ from adapters import gymnasium_environments as environments  # noqa: E402
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench import registry  # noqa: E402
-from rmpc_bench.conformance.linear_system import Excitation  # noqa: E402
-from rmpc_bench.conformance.plant_memory import NoEstimate, _Zero  # noqa: E402
+from rmpc_bench.conformance.plants import NoEstimate, _Zero  # noqa: E402
+from rmpc_bench.conformance.systems import Excitation  # noqa: E402
 from rmpc_bench.simulation.closed_loop import simulate  # noqa: E402
 from rmpc_bench.simulation.random_streams import stream  # noqa: E402
 from rmpc_bench.simulation.run_start import RunStart  # noqa: E402

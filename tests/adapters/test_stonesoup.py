@@ -21,7 +21,7 @@ from stonesoup.updater.kalman import KalmanUpdater
 from rmpc_bench.adapters.stonesoup import EPOCH, stonesoup_estimator
 from rmpc_bench.components import by_kind
 from rmpc_bench.components.single_run import design_function
-from rmpc_bench.conformance.global_random import global_seed
+from rmpc_bench.conformance.outcome import global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import LinearisedModel
 from rmpc_bench.types import OperatingPoint

@@ -10,11 +10,11 @@ from optional_libraries import skip_without_library
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import ControllerExample, check_component
-from rmpc_bench.conformance.controller_information import ControllerInformationExample
-from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.controllers import ControllerInformationExample
 from rmpc_bench.conformance.results import run_checks
 from rmpc_bench.conformance.stages import Setting
 from rmpc_bench.conformance.subject import subject_of
+from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.controllers.input_limits import InputLimits
 from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
@@ -130,7 +130,7 @@ def test_available_information(kind):
     make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman, "Ts": 0.1}
     provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
     design = make(system.model, **provided, **PARAMETERS[kind][0])
-    example = ControllerInformationExample(system, design.preview, None, design.regulates)
+    example = ControllerInformationExample(system, design.preview, design.regulates)
     results = run_checks(ControllerInformationExample.checks, design, example)
     assert [str(each) for each in results if each.status == "failed"] == []
     assert "passed" in {each.status for each in results}

@@ -9,9 +9,9 @@ from optional_libraries import skip_without_library
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import EstimatorExample, check_component
-from rmpc_bench.conformance.estimator_information import EstimatorInformationExample
-from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.estimators import EstimatorInformationExample
 from rmpc_bench.conformance.results import run_checks, with_expected
+from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.estimators.enhanced_robust import Margins
 from rmpc_bench.estimators.lmmse import EntryLaw
 from rmpc_bench.estimators.risk_sensitive import Radius

@@ -18,8 +18,8 @@ def torques():
 def plant():
     """Simulate Pendulum-v1 with process noise and measurement noise 0, as a block of runs."""
     from rmpc_bench import registry
-    from rmpc_bench.conformance.linear_system import Excitation
-    from rmpc_bench.conformance.plant_memory import NoEstimate, _Zero
+    from rmpc_bench.conformance.plants import NoEstimate, _Zero
+    from rmpc_bench.conformance.systems import Excitation
     from rmpc_bench.simulation.closed_loop import simulate
     from rmpc_bench.simulation.run_start import RunStart
     from rmpc_bench.simulation.scenario import Scenario

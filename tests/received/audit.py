@@ -34,8 +34,7 @@ SENT = tuple(
     for each in (
         "rmpc_bench/components/transport.py",
         "rmpc_bench/conformance/subject.py",
-        "rmpc_bench/conformance/replay.py",
-        "rmpc_bench/conformance/separate_process.py",
+        "rmpc_bench/conformance/information.py",
         "rmpc_bench/engines/worker.py",
         "rmpc_bench/execution/separation.py",
         "multiprocessing/connection.py",

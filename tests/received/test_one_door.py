@@ -35,15 +35,12 @@ OTHERS = {"packing/comparison.py": {"pd.read_csv"}}
 # What one process of the bench sends to another, through a pipe or a temporary file of its own.
 BETWEEN_OWN_PROCESSES = {
     "components/transport.py": {"pickle.loads"},
-    "conformance/checking.py": {"pickle.load"},
-    "conformance/metrics.py": {"pickle.loads"},
-    "conformance/noises.py": {"pickle.loads"},
+    "conformance/process.py": {"pickle.load"},
+    "conformance/evaluation.py": {"pickle.loads"},
+    "conformance/signals.py": {"pickle.loads"},
     "conformance/outcome.py": {"pickle.loads"},
-    "conformance/references.py": {"pickle.loads"},
-    "conformance/replay.py": {"pickle.load"},
-    "conformance/separate_process.py": {"pickle.loads"},
+    "conformance/information.py": {"pickle.loads"},
     "conformance/subject.py": {"pickle.loads"},
-    "conformance/supervisor.py": {"pickle.load"},
     "execution/pilot.py": {"json.loads"},
     "execution/separation.py": {"pickle.loads"},
 }

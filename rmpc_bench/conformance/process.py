@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import pickle
 import queue
 import re
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
-from rmpc_bench.conformance.experiment_example import System
-from rmpc_bench.conformance.report import Report
-from rmpc_bench.conformance.results import PACKAGE, CheckResult, with_expected
-from rmpc_bench.conformance.separate_process import SAME_SEED, started
-from rmpc_bench.conformance.stages import CHECKS, MADE
-from rmpc_bench.conformance.subject import Subject, packed
+from rmpc_bench.child_process import start
+from rmpc_bench.conformance.experiment import System
+from rmpc_bench.conformance.information import SAME_SEED, received
+from rmpc_bench.conformance.results import PACKAGE, CheckResult, Report, not_checked, raised, run_check, with_expected
+from rmpc_bench.conformance.stages import CHECKS, MADE, Setting, provided, stages
+from rmpc_bench.conformance.subject import Subject, group_of, packed, unpacked
+from rmpc_bench.conformance.systems import LinearSystem
+from rmpc_bench.simulation.threads import single_thread
 
-MODULE = "rmpc_bench.conformance.checking"
+MODULE = "rmpc_bench.conformance.process"
 SECONDS = 30.0
 """Time limit of one check."""
 MOST_PROCESSES = 3
@@ -40,12 +44,15 @@ class _Process:
     def __init__(self, job: tuple[Subject, System | None, frozenset[str]], seconds: float) -> None:
         self.seconds = seconds
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
-        self.process = started(MODULE, SAME_SEED, errors=self.errors, session=True)
+        pipe = subprocess.PIPE
+        self.process = start(
+            MODULE, pipe, pipe, self.errors, given={"seconds": seconds}, environment=SAME_SEED, session=True
+        )
         self.said: queue.Queue[tuple[str, Any] | None] = queue.Queue()
         self.listener = threading.Thread(target=self._listen, daemon=True)
         self.listener.start()
         assert self.process.stdin is not None
-        self.process.stdin.write(pickle.dumps((tuple(sys.path), seconds)) + packed(job[0], job))
+        self.process.stdin.write(packed(job[0], job))
         self.process.stdin.close()
 
     def _listen(self) -> None:
@@ -158,3 +165,70 @@ def _followed(process: _Process, results: dict[str, CheckResult], known: dict[st
             return "", ""
         else:
             known[word] = value
+
+
+def main(seconds: float) -> None:
+    """In the other process: run the checks and write every result to stdout as soon as there is one."""
+    faulthandler.enable()
+    with received() as (job, out), single_thread():
+        _Checking(out, seconds).all(job)
+
+
+class _Checking:
+    """Runs all checks of a component.
+
+    Parameters
+    ----------
+    out : stream of the messages
+    seconds : time limit of a check
+    """
+
+    def __init__(self, out: BinaryIO, seconds: float) -> None:
+        self.out, self.seconds, self.first = out, seconds, ""
+
+    def say(self, word: str, value: Any) -> None:
+        """Write a message; a check that takes too long leaves the place where it is on stderr."""
+        if word == "begin":
+            faulthandler.dump_traceback_later(0.9 * self.seconds)
+        pickle.dump((word, value), self.out)
+        self.out.flush()
+
+    def all(self, job: bytes) -> None:
+        """Run the checks of every stage.
+
+        Parameters
+        ----------
+        job : subject, linear system or None, and the ids of checks that an earlier process has run
+        """
+        self.say("begin", MADE.id)
+        try:
+            subject, system, left_out = unpacked(job)
+            system = system or LinearSystem.shipped()
+            group = group_of(subject, lambda each: provided(each, system, system.n_steps))
+            self.say("group", group)
+            for stage in stages(Setting(subject, group, system, self.seconds)):
+                if stage.component is not None:
+                    self.say("expected", expected_failures(stage.component))
+                for check in stage.checks:
+                    if check.id not in left_out:
+                        self.one(check, stage.component, stage.example)
+                outcomes = [outcome for _, outcome in getattr(stage.example, "known", {}).values()]
+                if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
+                    self.say("warned", "; ".join(texts))
+        except (Exception, SystemExit) as error:  # a component under test may raise anything
+            self.say("result", CheckResult(MADE.id, MADE.says, "failed", raised(error)))
+        self.say("end", None)
+
+    def one(self, check: Any, component: Any, example: Any) -> None:
+        """Run a check, unless one that comes first has failed."""
+        self.say("begin", check.id)
+        result = run_check(check, component, example) if not self.first else not_checked(check, self.first)
+        if check.is_first and result.status == "failed":
+            self.first = check.id
+        self.say("result", result)
+
+
+def expected_failures(design: Any) -> dict[str, str]:
+    """Return the failures that a component declares: id of a check -> reason."""
+    declared = getattr(design, "expected_failures", {})
+    return {str(name): str(reason) for name, reason in dict(declared).items()}

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.estimator_information import FRESH, FUNCTION, EstimatorData, require_causal
-from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.global_random import SEED, global_seed
-from rmpc_bench.conformance.linear_system import LinearSystem
-from rmpc_bench.conformance.results import Check, NotApplicableError, Returned, require
+from rmpc_bench.conformance.estimators import FUNCTION, require_causal
+from rmpc_bench.conformance.information import FRESH, InformationExample
+from rmpc_bench.conformance.outcome import SEED, global_seed
+from rmpc_bench.conformance.results import Check, require
+from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
@@ -25,13 +24,7 @@ N_RUNS, N_STEPS = 10, 150
 
 
 class ExperimentSystem:
-    """The plant, the scenario and a method of an experiment.
-
-    Parameters
-    ----------
-    experiment : where they are from
-    method : name of the method
-    """
+    """The plant, the scenario and a method of an experiment."""
 
     def __init__(self, experiment: Experiment, method: str) -> None:
         # The other methods and the metrics are not needed.
@@ -48,12 +41,7 @@ System: TypeAlias = LinearSystem | ExperimentSystem
 
 
 class Recording(Estimator):
-    """An estimator that records its inputs and its estimates.
-
-    Parameters
-    ----------
-    design : the estimator
-    """
+    """An estimator that records its inputs and its estimates."""
 
     def __init__(self, design: Estimator) -> None:
         self.design = design
@@ -82,21 +70,11 @@ class Recording(Estimator):
 
 
 @dataclass(frozen=True, eq=False)
-class ExperimentExample:
-    """Runs of an experiment that an estimator is checked on.
-
-    Parameters
-    ----------
-    system : plant, scenario and method
-    estimator : the design
-    separate_process : repeats the filter in a process without a plant, as in `EstimatorInformationExample`
-    """
+class ExperimentExample(InformationExample):
+    """Runs of an experiment that an estimator is checked on: its plant, scenario and method, and the design."""
 
     system: ExperimentSystem
     estimator: Estimator
-    separate_process: Callable[[EstimatorData, bool], Returned] | None = None
-    checks: ClassVar[tuple[Check, ...]]
-    noun: ClassVar[str] = "x_hat"
 
     @cached_property
     def recording(self) -> Recording:
@@ -125,15 +103,9 @@ class ExperimentExample:
         """The measurements and inputs alone."""
         return EstimatorExample(np.stack(self.recording.y, axis=1), np.stack(self.recording.u, axis=1))
 
-    def in_loop(self, estimator: Estimator) -> Float[Array, "runs samples nx"]:
+    def simulated(self, component: Estimator) -> Float[Array, "runs samples nx"]:
         """Estimates in the simulation."""
         return np.stack(self.recording.x_hat, axis=1)
-
-    def away(self, *, same: bool) -> Returned:
-        """Estimates in a process without a plant."""
-        if self.separate_process is None:
-            raise NotApplicableError("needs another process")
-        return self.separate_process(EstimatorData(self.data.y, self.data.u), same)
 
 
 def _completes(estimator: Estimator, example: ExperimentExample) -> None:

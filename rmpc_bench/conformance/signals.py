@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.conformance.results import FROZEN, Check, require, require_same
-from rmpc_bench.types import Array, Noise
+from rmpc_bench.types import Array, Noise, Reference
 
 MOST_ERRORS = 5.0
 """Standard errors that a mean over draws may be away from its expectation: once in 1.7 million by chance."""
@@ -47,11 +47,11 @@ class NoiseExample:
         return np.array([law.draw(np.random.default_rng(seed), self.n_samples)[-1] for seed in seeds])
 
 
-def _base_class(law: Any, _: NoiseExample) -> None:
+def _noise_class(law: Any, _: NoiseExample) -> None:
     require(isinstance(law, Noise), f"{type(law).__name__} is not a subclass of Noise")
 
 
-def _shapes(law: Noise, example: NoiseExample) -> None:
+def _noise_shapes(law: Noise, example: NoiseExample) -> None:
     noise = example.draw(law)
     require(noise.shape == (example.n_samples, example.n), f"a draw has shape {noise.shape}")
     require(noise.dtype == np.float64, f"a draw is {noise.dtype}, not float64")
@@ -64,7 +64,7 @@ def _generator(law: Noise, example: NoiseExample) -> None:
     require_same("the draw of the copy", example.draw(pickle.loads(pickle.dumps(law))), example.draw(law))
 
 
-def _prefix(law: Noise, example: NoiseExample) -> None:
+def _noise_prefix(law: Noise, example: NoiseExample) -> None:
     longer = example.draw(law, 2 * example.n_samples)
     require_same("the beginning of a longer draw", longer[: example.n_samples], example.draw(law))
 
@@ -114,12 +114,66 @@ def _altered(law: Noise, example: NoiseExample) -> None:
 
 
 NoiseExample.checks = (
-    Check("base-class", "the law is a subclass of Noise", _base_class, is_first=True),
+    Check("base-class", "the law is a subclass of Noise", _noise_class, is_first=True),
     FROZEN,
-    Check("shapes", "a draw is (samples, n) finite numbers", _shapes),
+    Check("shapes", "a draw is (samples, n) finite numbers", _noise_shapes),
     Check("generator", "a draw depends on the generator alone; a copy made by pickle draws the same", _generator),
-    Check("prefix", "a longer draw begins with the shorter one", _prefix),
+    Check("prefix", "a longer draw begins with the shorter one", _noise_prefix),
     Check("bursts", "bursts have the declared names and depend on the generator alone", _bursts),
     Check("moments", "draws have the mean and the covariance that the law states", _moments),
     Check("altered", "a law that alters measurements does so run by run, and a missing one stays missing", _altered),
+)
+
+
+@dataclass(frozen=True)
+class ReferenceExample:
+    """Size of the signal that a reference is checked with.
+
+    Parameters
+    ----------
+    ny : number of outputs
+    n_samples : length of the signal
+    """
+
+    ny: int
+    n_samples: int = 40
+    checks: ClassVar[tuple[Check, ...]]
+
+
+def _reference_class(reference: Any, _: ReferenceExample) -> None:
+    require(isinstance(reference, Reference), f"{type(reference).__name__} is not a subclass of Reference")
+
+
+def _reference_shapes(reference: Reference, example: ReferenceExample) -> None:
+    r = reference.sample(example.n_samples)
+    require(r.shape == (example.n_samples, example.ny), f"the signal has shape {r.shape}")
+    require(r.dtype == np.float64, f"the signal is {r.dtype}, not float64")
+    require(bool(np.isfinite(r).all()), "the signal is not finite")
+
+
+def _reference_prefix(reference: Reference, example: ReferenceExample) -> None:
+    r = reference.sample(example.n_samples)
+    for n_samples in (1, example.n_samples // 2):
+        require_same("the beginning", reference.sample(n_samples), r[:n_samples])
+
+
+def _reference_purity(reference: Reference, example: ReferenceExample) -> None:
+    first = reference.sample(example.n_samples)
+    before = first.copy()
+    first += 1.0  # what a caller does with the array must not reach the next one
+    require_same("the second signal", reference.sample(example.n_samples), before)
+    copy = pickle.loads(pickle.dumps(reference))
+    require_same("the signal of the copy", copy.sample(example.n_samples), before)
+
+
+ReferenceExample.checks = (
+    Check("base-class", "the reference is a subclass of Reference", _reference_class, is_first=True),
+    FROZEN,
+    Check("shapes", "the signal is (samples, ny) finite numbers", _reference_shapes),
+    Check("prefix", "a longer signal begins with the shorter one", _reference_prefix),
+    Check(
+        "purity",
+        "every call returns the same bits in an array of its own; a copy made by pickle too",
+        _reference_purity,
+    ),
 )

@@ -6,16 +6,17 @@ wrong input, has a large error.  The input is random, so that it does not depend
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.components.by_kind import estimator
-from rmpc_bench.conformance.global_random import SEED, global_seed
+from rmpc_bench.conformance.outcome import SEED, Outcome, RunsExample, global_seed
+from rmpc_bench.conformance.results import require
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import mv, psd_sqrt
 from rmpc_bench.simulation.closed_loop import simulate
@@ -32,6 +33,7 @@ from rmpc_bench.types import (
     Motion,
     Plant,
     Signals,
+    as_estimate,
 )
 
 N_RUNS, N_STEPS = 40, 150
@@ -209,3 +211,77 @@ class LinearSystem:
     def kalman(self) -> Estimator:
         """The best estimator."""
         return estimator("kalman", self.model, n_steps=self.n_steps, x0=self.x0, P0=self.P0)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorExample(RunsExample):
+    """Measurements and inputs that an estimator is checked with.
+
+    Parameters
+    ----------
+    y : (runs, samples, ny) measurements of at least six runs and four samples; the design must know as many samples
+    u : (runs, samples, nu) inputs
+    delta : for an oracle estimator: the plant's record of uncertain parameters for the runs of the given indices
+    nx : length of an estimate; not checked where it is not known
+    """
+
+    y: Float[Array, "runs samples ny"]
+    u: Float[Array, "runs samples nu"]
+    delta: Callable[[Sequence[int]], Any] | None = None
+    nx: int | None = None
+    noun: ClassVar[str] = "x_hat"
+
+    @classmethod
+    def random(
+        cls, nu: int, ny: int, *, n_runs: int = 9, n_steps: int = 12, seed: int = 11, delta: Any = None
+    ) -> EstimatorExample:
+        """Draw standard normal measurements and inputs.
+
+        Parameters
+        ----------
+        nu, ny : number of inputs and outputs
+        n_runs, n_steps : size of the example; there are n_steps + 1 samples
+        seed : of the generator
+        delta : as above
+        """
+        rng = np.random.default_rng(seed)
+        y, u = (rng.standard_normal((n_runs, n_steps + 1, n)) for n in (ny, nu))
+        return cls(y, u, delta)
+
+    @property
+    def n_runs(self) -> int:
+        """Number of runs."""
+        return len(self.y)
+
+    def start(self, component: Estimator, outcome: Outcome) -> Any:
+        """State of some runs before the first measurement."""
+        drawn = None
+        if component.knows_uncertainty:
+            require(self.delta is not None, "the estimator knows the uncertain parameters; give the example `delta`")
+            drawn = self.delta(outcome.rows) if self.delta is not None else None
+        return outcome.start.estimator(component, len(outcome.rows), drawn, outcome.shared)
+
+    def call(self, component: Estimator, outcome: Outcome) -> None:
+        """Filter some runs."""
+        state = self.start(component, outcome)
+        for k in outcome.samples(self.y.shape[1]):
+            outcome.add_status(outcome.shared.failed)
+            state, returned = component.correct(k, state, np.ascontiguousarray(self.y[outcome.rows, k]))
+            estimate = as_estimate(returned)
+            # What the estimator may write into again is copied.
+            P = None if estimate.P is None else np.array(estimate.P)
+            estimate = estimate._replace(x_hat=np.array(estimate.x_hat), P=P)
+            outcome.states.append(state)
+            outcome.returned.append(estimate)
+            outcome.numbers.append(estimate.x_hat)
+            outcome.add_status(estimate.status)
+            if k < self.u.shape[1]:
+                state = component.predict(k, state, np.ascontiguousarray(self.u[outcome.rows, k]))
+                outcome.states.append(state)
+
+    def x_hat(
+        self, estimator: Estimator, rows: Sequence[int] | None = None, y: Array | None = None
+    ) -> Float[Array, "runs samples nx"]:
+        """Estimates of some runs over time, for other measurements where they are given."""
+        example = self if y is None else self.changed(y=y)
+        return example.evaluate(estimator, rows).values
