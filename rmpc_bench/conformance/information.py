@@ -75,13 +75,7 @@ class SeparateProcess:
             self._directory = None
 
     def __call__(self, data: Any, same: bool) -> Returned:
-        """Return what the component returns there.
-
-        Parameters
-        ----------
-        data : what it gets
-        same : whether the environment is that of this process
-        """
+        """Return what the component returns there."""
         if same not in self.returned:
             if self._process is None and not same:
                 self.prepare()

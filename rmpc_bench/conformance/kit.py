@@ -165,12 +165,7 @@ class OwnComponent(NamedTuple):
 
 
 def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:
-    """Check the estimators and controllers that are not built in; equal ones once.
-
-    Parameters
-    ----------
-    experiment : with its designs
-    """
+    """Check the estimators and controllers that are not built in; equal ones once."""
     seen: set[tuple[Any, ...]] = set()
     for method in experiment.methods:
         for design in (method.estimator, method.controller):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
@@ -65,13 +66,7 @@ class _Process:
             self.said.put(None)
 
     def next(self) -> tuple[str, Any] | None:
-        """Return the next message; None where the process has ended.
-
-        Raises
-        ------
-        queue.Empty
-            If there is none within the time limit.
-        """
+        """Return the next message; None where the process has ended; `queue.Empty` if there is none in time."""
         return self.said.get(timeout=self.seconds)
 
     def end(self) -> None:
@@ -118,25 +113,19 @@ def check_subject(subject: Subject, *, system: System | None = None, seconds: fl
     results: dict[str, CheckResult] = {}
     known: dict[str, Any] = {"group": subject.group, "expected": {}, "warned": ""}
     for _ in range(MOST_PROCESSES):
-        process = _Process((subject, system, frozenset(results)), seconds)
-        try:
+        with closing(_Process((subject, system, frozenset(results)), seconds)) as process:
             stopped_at, reason = _followed(process, results, known)
-        finally:
-            process.close()
         if not stopped_at:
             break
         check = next((each for each in CHECKS.get(known["group"], (MADE,)) if each.id == stopped_at), MADE)
-        results[check.id] = CheckResult(check.id, check.says, "failed", reason, check.severity)
+        results[check.id] = check.result("failed", reason)
         if check.is_first:
             break
     listed = CHECKS.get(known["group"], (MADE,))
     missing = next((each.id for each in results.values() if each.status == "failed"), "")
     for check in listed:
-        results.setdefault(
-            check.id,
-            CheckResult(check.id, check.says, "not checked", f"{missing} fails" if missing else "", check.severity),
-        )
-    order = [results[check.id] for check in listed if check.id in results]
+        results.setdefault(check.id, check.result("not checked", f"{missing} fails" if missing else ""))
+    order = [results[check.id] for check in listed]
     if known["warned"]:
         order.append(CheckResult("warnings", "no call gives a warning", "failed", known["warned"], "information"))
     return Report(subject.text, known["group"], with_expected(order, known["expected"]))
@@ -194,12 +183,7 @@ class _Checking:
         self.out.flush()
 
     def all(self, job: bytes) -> None:
-        """Run the checks of every stage.
-
-        Parameters
-        ----------
-        job : subject, linear system or None, and the ids of checks that an earlier process has run
-        """
+        """Run the checks of every stage."""
         self.say("begin", MADE.id)
         try:
             subject, system, left_out = unpacked(job)
@@ -216,7 +200,7 @@ class _Checking:
                 if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
                     self.say("warned", "; ".join(texts))
         except (Exception, SystemExit) as error:  # a component under test may raise anything
-            self.say("result", CheckResult(MADE.id, MADE.says, "failed", raised(error)))
+            self.say("result", MADE.result("failed", raised(error)))
         self.say("end", None)
 
     def one(self, check: Any, component: Any, example: Any) -> None:

@@ -16,7 +16,7 @@ from rmpc_bench.types import Array, DesignError
 
 Severity: TypeAlias = Literal["error", "warning", "information"]
 """Whether a broken rule makes results wrong (error), is a likely mistake (warning), or is only worth knowing."""
-Outcome: TypeAlias = Literal["passed", "failed", "expected", "not checked"]
+Status: TypeAlias = Literal["passed", "failed", "expected", "not checked"]
 """`expected`: the component declares that the check fails, in its attribute `expected_failures`."""
 PACKAGE = str(Path(__file__).parents[1])
 
@@ -45,13 +45,17 @@ class Check(NamedTuple):
     is_first: bool = False
     """Whether the remaining checks make no sense where this one fails."""
 
+    def result(self, status: Status, reason: str = "") -> CheckResult:
+        """Return the result of this check."""
+        return CheckResult(self.id, self.says, status, reason, self.severity)
+
 
 class CheckResult(NamedTuple):
     """Outcome of one check on one component."""
 
     id: str
     says: str
-    status: Outcome
+    status: Status
     reason: str = ""
     """Why it failed or was not checked; the numbers of a check that passed, where it has some."""
     severity: Severity = "error"
@@ -67,22 +71,11 @@ class CheckResult(NamedTuple):
         return f"{self.status}  {self.id}: {self.says}{reason}"
 
 
-def run_checks(
-    checks: Iterable[Check], component: Any, example: Any, *, begin: Callable[[Check], None] = lambda check: None
-) -> tuple[CheckResult, ...]:
-    """Run every check; one that raises has failed, the others run all the same.
-
-    Parameters
-    ----------
-    checks : the rules of the component's kind
-    component : what is checked
-    example : the data that it is checked with
-    begin : called before every check
-    """
+def run_checks(checks: Iterable[Check], component: Any, example: Any) -> tuple[CheckResult, ...]:
+    """Run every check; one that raises has failed, the others run all the same."""
     results: list[CheckResult] = []
     first: CheckResult | None = None
     for check in checks:
-        begin(check)
         result = run_check(check, component, example) if first is None else not_checked(check, first.id)
         if check.is_first and result.status == "failed":
             first = result
@@ -92,27 +85,19 @@ def run_checks(
 
 def not_checked(check: Check, first: str) -> CheckResult:
     """Return the result of a check that is left out because another one has failed."""
-    return CheckResult(check.id, check.says, "not checked", f"{first} fails", check.severity)
+    return check.result("not checked", f"{first} fails")
 
 
 def run_check(check: Check, component: Any, example: Any) -> CheckResult:
-    """Run one check.
-
-    Parameters
-    ----------
-    check : the rule
-    component, example : what it takes
-    """
-    status: Outcome = "failed"
+    """Run one check."""
     try:
-        status, reason = "passed", check.run(component, example) or ""
+        return check.result("passed", check.run(component, example) or "")
     except NotApplicableError as error:
-        status, reason = "not checked", str(error)
+        return check.result("not checked", str(error))
     except AssertionError as error:
-        status, reason = "failed", str(error)
+        return check.result("failed", str(error))
     except (Exception, SystemExit) as error:  # a component under test may raise anything
-        status, reason = "failed", raised(error)
-    return CheckResult(check.id, check.says, status, reason, check.severity)
+        return check.result("failed", raised(error))
 
 
 def raised(error: BaseException) -> str:
@@ -135,13 +120,7 @@ def raised(error: BaseException) -> str:
 
 
 def with_expected(results: Iterable[CheckResult], expected: Mapping[str, str]) -> tuple[CheckResult, ...]:
-    """Replace failures that the component declares; a declared failure that passes, or does not exist, is an error.
-
-    Parameters
-    ----------
-    results : of all checks
-    expected : id of a check -> why it is expected to fail
-    """
+    """Replace failures that the component declares; a declared failure that passes, or does not exist, is an error."""
     changed = []
     for result in results:
         reason = expected.get(result.id)
@@ -159,13 +138,7 @@ def with_expected(results: Iterable[CheckResult], expected: Mapping[str, str]) -
 
 
 def require(holds: bool, otherwise: str) -> None:
-    """Fail the running check with a reason unless a condition holds.
-
-    Raises
-    ------
-    AssertionError
-        With the reason.
-    """
+    """Fail the running check with a reason unless a condition holds."""
     if not holds:
         raise AssertionError(otherwise)
 
@@ -193,13 +166,7 @@ def first_difference(found: Array, expected: Array) -> tuple[int, ...]:
 
 
 def require_frozen(component: Any) -> None:
-    """Fail the running check unless a design refuses a new attribute.
-
-    Raises
-    ------
-    AssertionError
-        If the attribute could be set.
-    """
+    """Fail the running check unless a design refuses a new attribute."""
     try:
         component.attribute_of_a_conformance_check = 1
     except AttributeError:
@@ -214,13 +181,7 @@ def copies(arrays: Iterable[Array]) -> list[Array]:
 
 
 def require_unchanged(arrays: Iterable[Array], before: Iterable[Array]) -> None:
-    """Fail the running check unless arrays that were passed to a call are what they were.
-
-    Raises
-    ------
-    AssertionError
-        With the first entry that differs.
-    """
+    """Fail the running check unless arrays that were passed to a call are what they were."""
     for number, (array, copy) in enumerate(zip(arrays, before, strict=True)):
         require_same(f"argument {number}", array, copy)
 
@@ -256,13 +217,7 @@ class Report(NamedTuple):
         return not self.failed
 
     def result(self, id: str) -> CheckResult:
-        """Return the result of one check.
-
-        Raises
-        ------
-        KeyError
-            If there is no such check.
-        """
+        """Return the result of one check."""
         for result in self.results:
             if result.id == id:
                 return result

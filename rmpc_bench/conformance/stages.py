@@ -87,14 +87,7 @@ class Setting:
 
 
 def provided(group: str, system: System, n_steps: int) -> Mapping[str, Any]:
-    """Return what a design function may ask for.
-
-    Parameters
-    ----------
-    group : group of the registry
-    system : the linear Gaussian system
-    n_steps : number of control periods
-    """
+    """Return what a design function may ask for."""
     if isinstance(system, ExperimentSystem):
         # The recipe of the component has what the experiment provides.
         return {}
@@ -219,12 +212,7 @@ def _experiment_stages(setting: Setting, system: ExperimentSystem) -> Iterator[S
 
 
 def stages(setting: Setting) -> Iterator[Stage]:
-    """Return the checks of a component with what they are run on, in their order.
-
-    Parameters
-    ----------
-    setting : the component and what the bench provides
-    """
+    """Return the checks of a component with what they are run on, in their order."""
     if isinstance(setting.system, ExperimentSystem):
         yield from _experiment_stages(setting, setting.system)
         return

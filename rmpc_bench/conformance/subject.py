@@ -49,13 +49,7 @@ class Subject:
     provided: Mapping[str, Any] = field(default_factory=dict)
 
     def loaded(self) -> Any:
-        """Import what it names: a class or a function.
-
-        Raises
-        ------
-        DesignError
-            If it cannot be imported.
-        """
+        """Import what it names: a class or a function."""
         if self.value is not None:
             return self.value
         if self.code is not None:
@@ -68,18 +62,7 @@ class Subject:
         return found
 
     def made(self, group: str, provided: Mapping[str, Any]) -> Any:
-        """Make the design.
-
-        Parameters
-        ----------
-        group : group of the registry
-        provided : what the bench provides; the design function gets what it asks for
-
-        Raises
-        ------
-        DesignError
-            If a key is missing or unknown, or the result is no component of the group.
-        """
+        """Make the design."""
         design, provided = design_function(group, self.loaded()), {**provided, **self.provided}
         parameters = inspect.signature(design).parameters
         given = {name: provided[name] for name in parameters if name in provided and wanted(parameters[name], name)}
@@ -98,13 +81,7 @@ class Subject:
         return registry.checked(group, self.text, design(**given, **keys), provided)
 
     def _validated(self, group: str, design: Any) -> dict[str, Any]:
-        """Validate the keys as those of a configuration.
-
-        Raises
-        ------
-        DesignError
-            With all errors.
-        """
+        """Validate the keys as those of a configuration."""
         # Validation needs pydantic, which a component without keys need not wait for.
         from rmpc_bench.config_file.keys import keys_of, validate
 
@@ -119,11 +96,6 @@ def packed(subject: Subject, job: Any) -> bytes:
     """Pickle a job for another process.
 
     What stands in a file is loaded there from the file, as it is now; a class of a notebook is sent by value.
-
-    Parameters
-    ----------
-    subject : decides how
-    job : what is sent; contains the subject
     """
     # What an experiment provides may contain functions of the user's files.
     by_value = subject.value is not None or bool(subject.provided)
@@ -192,12 +164,7 @@ def _place(component: Any, name: str) -> tuple[CodeReference | None, str, str]:
 
 
 def groups_of(component: Any) -> Iterator[str]:
-    """Return the groups that a component may belong to, the likeliest one first.
-
-    Parameters
-    ----------
-    component : a class or a design function
-    """
+    """Return the groups that a component may belong to, the likeliest one first."""
     if inspect.isclass(component):
         for group, base in BASES.items():
             if issubclass(component, base):
@@ -224,18 +191,7 @@ _GUESSES = ("estimators", "controllers", "plants", "references", "noises", "metr
 
 
 def group_of(subject: Subject, provided: Callable[[str], Mapping[str, Any]]) -> str:
-    """Find the group of a component.
-
-    Parameters
-    ----------
-    subject : the component
-    provided : what the bench provides, by group
-
-    Raises
-    ------
-    DesignError
-        If there is none.
-    """
+    """Find the group of a component."""
     if subject.group:
         return subject.group
     candidates = list(groups_of(subject.loaded()))

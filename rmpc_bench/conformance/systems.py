@@ -167,12 +167,7 @@ class LinearSystem:
         return u
 
     def draws(self, *, noise: bool = True) -> Draws:
-        """Return the random inputs; without noise every run starts at x0.
-
-        Parameters
-        ----------
-        noise : whether x(0) is random and there are noises
-        """
+        """Return the random inputs; without noise every run starts at x0."""
         model, rng = self.model, np.random.default_rng(self.seed + 1)
         roots = psd_sqrt(self.P0), psd_sqrt(model.Q_w), psd_sqrt(model.R_v)
         shapes = (self.n_runs, model.nx), *((self.n_runs, self.n_steps + 1, n) for n in (model.nx, model.ny))
@@ -183,25 +178,14 @@ class LinearSystem:
         return Draws(None, self.x0 + x0, w, v)
 
     def simulated(self, design: Estimator, *, noise: bool = True) -> tuple[Any, Array]:
-        """Simulate the runs with an estimator in the loop; its record and the statuses.
-
-        Parameters
-        ----------
-        design : the estimator
-        noise : as in `draws`
-        """
+        """Simulate the runs with an estimator in the loop; its record and the statuses."""
         method, r = Method("checked", design, Excitation(self.u)), np.zeros((self.n_steps + 1, self.model.ny))
         start = RunStart(SEED, tuple(range(self.n_runs)), Journal())
         with global_seed(0):
             return simulate(self.plant, method, self.draws(noise=noise), r, self.n_steps, with_P=True, start=start)
 
     def recorded(self, *, noise: bool = True) -> Recorded:
-        """Return the data of the runs, which do not depend on any estimator.
-
-        Parameters
-        ----------
-        noise : as in `draws`
-        """
+        """Return the data of the runs, which do not depend on any estimator."""
         record, _ = self.simulated(self.kalman, noise=noise)
         v = self.draws(noise=noise).v
         y = [self.plant.output(k, None, record.x[:, k], v[:, k]) for k in range(self.n_steps + 1)]

@@ -19,21 +19,7 @@ EXACT = 1e-6
 
 
 def shift_text(x_hat: Float[Array, "runs samples nx"], x: Float[Array, "runs samples nx"]) -> str:
-    """Compare the fit of x_hat(k) to x(k) with that to x(k + d), paired over the runs.
-
-    Parameters
-    ----------
-    x_hat, x : estimates and true states
-
-    Returns
-    -------
-    The numbers, where x_hat(k) fits x(k) best.
-
-    Raises
-    ------
-    AssertionError
-        If another shift fits better by more than four standard errors.
-    """
+    """Fail if x_hat(k) fits x(k + d) better than x(k), paired over the runs, by more than four standard errors."""
     samples = np.arange(FIRST, x.shape[1] - max(SHIFTS))
 
     def size(d: int) -> Array:
@@ -54,22 +40,7 @@ def shift_text(x_hat: Float[Array, "runs samples nx"], x: Float[Array, "runs sam
 
 
 def exactness(estimator: Estimator, system: LinearSystem) -> str:
-    """Filter data without noise from the true x(0).
-
-    Parameters
-    ----------
-    estimator : designed with this x(0)
-    system : the true system
-
-    Returns
-    -------
-    The largest error.
-
-    Raises
-    ------
-    AssertionError
-        If x_hat is not the state; with the likely reason.
-    """
+    """Filter data without noise from the true x(0); fail, with the likely reason, if x_hat is not the state."""
     recorded = system.recorded(noise=False)
     recorded = Recorded(*(each[:8] for each in recorded))
     data = EstimatorExample(recorded.y, recorded.u)
