@@ -24,9 +24,8 @@ from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.looks import planned_level, schedule
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.grammar import parse
+from rmpc_bench.claims.grammar import Link, parse
 from rmpc_bench.claims.spread import spread_of
-from rmpc_bench.claims.tree import Link
 from rmpc_bench.types import MetricInfo
 
 LEVEL, RELEVANT = 0.95, 0.01

@@ -1,10 +1,19 @@
-"""A claim of a configuration.  This module does not import pandas, so that `check` stays fast."""
+"""A claim of a configuration, the numbers that papers print, and where the papers are.
+
+This module does not import pandas, so that `check` stays fast.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from enum import StrEnum
+from typing import NamedTuple
+
+from rmpc_bench.analysis.rounding import STABLE
 
 CLOSE = 0.01
 """Relative difference up to which a computed number counts as close to the printed one, unless the claim gives one."""
@@ -151,3 +160,74 @@ def point_words(at: Mapping[str, str]) -> str:
     named = {"name": at["name"]} if "name" in at else {}
     rest = [f"{path}={value}" for path, value in at.items() if path not in named]
     return ", ".join([*named.values(), *rest])
+
+
+IDENTIFIERS: Mapping[str, str] = {
+    "zenere2017": "arXiv:1703.05219",
+    "zenere2018": "arXiv:1804.06746",
+    "souto2011": "ISBN 978-953-307-200-5",
+    "wkf2018": "arXiv:1809.08830",
+}
+"""Key of a paper -> DOI, arXiv number or ISBN; of papers that are not named here none is known to us."""
+_WITH_YEAR = re.compile(r".*\d{4}[a-z]?")
+
+
+def usual_parameters(paper: str | None) -> str:
+    """Say where parameters come from that are neither tuned nor described in the configuration.
+
+    Parameters
+    ----------
+    paper : of the configuration; the key of a publication ends with its year, any other names a collection
+
+    Examples
+    --------
+    >>> usual_parameters("zenere2018"), usual_parameters("examples"), usual_parameters(None)
+    ('as published', 'default', 'default')
+    """
+    return "as published" if paper is not None and _WITH_YEAR.fullmatch(paper) else "default"
+
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
+
+
+def printed_number(text: str) -> Decimal:
+    """Read a number as printed, such as ``1,869.20``; its last digit, a zero included, says how exactly.
+
+    Examples
+    --------
+    >>> printed_number("62,908"), printed_number("5.80")
+    (Decimal('62908'), Decimal('5.80'))
+    """
+    plain = re.sub(r"(?<=\d)[ ,](?=\d{3}(\D|$))", "", text.strip())
+    if not _NUMBER.fullmatch(plain):
+        raise ValueError(f"must be a number as the paper prints it, such as '58.24' (got {text!r})")
+    return Decimal(plain)
+
+
+class Closeness(NamedTuple):
+    """How close a computed number is to a printed one."""
+
+    finding: Finding
+    relative: float
+    """Difference relative to the printed number; inf beside a printed 0."""
+
+
+def closeness(value: float, stated: Stated) -> Closeness:
+    """Compare a number without Monte Carlo error with the printed one: equal if it rounds to the printed digits.
+
+    Examples
+    --------
+    >>> [closeness(v, Stated("", 5.8, None, "", "5.8")).finding.value for v in (5.84, 5.851, 6.1)]
+    ['equal', 'close', 'different']
+    """
+    printed = printed_number(stated.printed)
+    if not math.isfinite(value):
+        return Closeness(Finding.DIFFERENT, math.inf)
+    # Digits beyond `STABLE` differ between machines.
+    gap = Decimal(f"{value:.{STABLE}g}") - printed
+    exponent = printed.as_tuple().exponent
+    assert isinstance(exponent, int)
+    relative = float(gap / abs(printed)) if printed else math.copysign(math.inf, gap) if gap else 0.0
+    if 2 * abs(gap) <= Decimal(1).scaleb(exponent):
+        return Closeness(Finding.EQUAL, relative)
+    return Closeness(Finding.CLOSE if abs(relative) <= stated.close else Finding.DIFFERENT, relative)

@@ -1,4 +1,9 @@
-"""One comparison of a claim: its two numbers, the interval of their difference, and whether it holds."""
+"""One comparison of a claim on the trials: both sides, whether it holds, how certain that is, and up to which rounding.
+
+The difference of two numbers near 30 is known to about 1e-15 only: a difference of 6e-15 is 0 up to rounding, although
+6e-15 is far above the smallest float.  The magnitude of ``a - b`` is therefore ``|a| + |b|``; of a product it is the
+product, of a determinant the sum of its terms, and functions that are linear or that pick entries keep it.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +13,17 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible, without_noise
-from rmpc_bench.claims import decision, magnitudes, tree
-from rmpc_bench.claims.band import entry_by_entry
-from rmpc_bench.claims.decision import Change
+from rmpc_bench.claims import decision, grammar
+from rmpc_bench.claims.decision import Change, entry_by_entry
+from rmpc_bench.claims.estimates import CornerSpread
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.levels import CornerSpread
 from rmpc_bench.claims.spread import Spread, spread_of
-from rmpc_bench.claims.values import Value, compare
+from rmpc_bench.claims.values import EvaluationError, Value, aligned, applied, combine, compare, listed
+from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation, Percent
 from rmpc_bench.types import Array
+
+_EXACT = Value(np.array(0.0))
+_KEEPING = "abs last at since upto entry diag trace mean median min max quantile".split()
 
 
 @dataclass(frozen=True)
@@ -81,9 +89,9 @@ def _settled(value: float, scale: float, other: float) -> float:
     return without_noise(value, scale)
 
 
-def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator, confidence: float) -> ComparisonResult:
+def compared(statement: grammar.Link | grammar.Chain, evaluator: Evaluator, confidence: float) -> ComparisonResult:
     """Evaluate a link, or an ``all(...)`` as one; raises EvaluationError where the stored results have no answer."""
-    if isinstance(statement, tree.Link):
+    if isinstance(statement, grammar.Link):
         return _compared(statement, evaluator, statement.text, confidence)
     parts = [_compared(link, evaluator, statement.text, confidence) for link in statement.links]
     # The part that decides: one that fails, else one that is inconclusive.
@@ -91,10 +99,10 @@ def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator, confidence
     return min(parts, key=lambda part: order[part.holds])
 
 
-def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: float) -> ComparisonResult:
+def _compared(link: grammar.Link, evaluator: Evaluator, text: str, confidence: float) -> ComparisonResult:
     value, right_sides, tolerance = evaluator.sides(link)
     held = bool(compare(link.operator, value.array, right_sides, tolerance).all())
-    sizes = magnitudes.of_sides(link, evaluator, value)
+    sizes = _magnitudes_of_sides(link, evaluator, value)
     left, right = _without_noise((value.array, right_sides), sizes)
     alike = _alike(link, left, right) if held else np.zeros(left.shape, dtype=bool)
     place = _decisive(_violation(link.operator, left, right, tolerance), alike, sizes)
@@ -169,7 +177,7 @@ def _decisive(violation: Array, ignored: Array, sizes: tuple[Array, Array]) -> t
     return tuple(int(i) for i in np.unravel_index(candidates[np.argmax(ties)], shape))
 
 
-def _alike(link: tree.Link, left: Array, right: Array) -> Array:
+def _alike(link: grammar.Link, left: Array, right: Array) -> Array:
     """Which entries decide nothing: sides equal up to rounding, as at the start of a bound, or all entries."""
     alike = np.asarray(np.isclose(left, right, rtol=NEGLIGIBLE, atol=0.0))
     decides_nothing = link.operator in ("<=", ">=") or (link.operator in ("~", "==") and alike.all())
@@ -181,3 +189,67 @@ def _place(value: Value, index: tuple[int, ...]) -> tuple[int | None, tuple[int,
     entry = index[1:] if value.axis else index
     changes = value.axis == "k" and not value.constant
     return value.span[0] + index[0] if changes else None, entry or None
+
+
+def magnitude(node: Node, evaluator: Evaluator) -> Value:
+    """Compute the magnitude of every entry of an expression, none below its absolute value."""
+    value = evaluator.value(node)
+    size = value.of(np.abs(value.array))
+    found = _of_parts(node, evaluator)
+    return size if found is None else combine(np.fmax, found, size)
+
+
+def _magnitudes_of_sides(link: grammar.Link, evaluator: Evaluator, left: Value) -> tuple[Array, Array]:
+    """Compute the magnitudes of both sides of a comparison, in the shape of `left`; 0 for a side without terms."""
+    found = [magnitude(node, evaluator) if grammar.terms(node) else _EXACT for node in (link.left, link.right)]
+    parts = aligned(*found, left)
+    first, second = (np.broadcast_to(part.array, left.array.shape) for part in parts[:2])
+    return first, second
+
+
+def _of_parts(node: Node, evaluator: Evaluator) -> Value | None:
+    """Magnitude that comes from the parts of an expression; None where only its value is known."""
+    match node:
+        case Negation():
+            return magnitude(node.operand, evaluator)
+        case Percent():
+            return combine(np.divide, magnitude(node.operand, evaluator), Value(np.array(100.0)))
+        case grammar.Listing():
+            return listed([magnitude(item, evaluator) for item in node.items])
+        case Operation():
+            return _of_operation(node, evaluator)
+        case Call(function="mean", arguments=(grammar.Term() as term,)) if evaluator.is_signal(term):
+            return _of_mean(node, term, evaluator)
+        case Call(function="det", arguments=(matrix,)):
+            return _of_det(magnitude(matrix, evaluator))
+        case Call() if node.function in _KEEPING:
+            first, *others = node.arguments
+            return applied(node.function, [magnitude(first, evaluator), *map(evaluator.value, others)])
+    return None
+
+
+def _of_operation(node: Operation, evaluator: Evaluator) -> Value:
+    found = magnitude(node.first, evaluator)
+    for operand in node.rest:
+        if operand.operator == "/":
+            divisor = evaluator.value(operand.node)
+            found = combine(np.divide, found, divisor.of(np.abs(divisor.array)))
+        else:
+            function = np.multiply if operand.operator == "*" else np.add
+            found = combine(function, found, magnitude(operand.node, evaluator))
+    return found
+
+
+def _of_det(matrix: Value) -> Value:
+    """Magnitude of a determinant: the product of the row sums bounds all of its terms together."""
+    return matrix.of(matrix.array.sum(axis=-1).prod(axis=-1)) if matrix.entry else matrix
+
+
+def _of_mean(node: Call, term: grammar.Term, evaluator: Evaluator) -> Value | None:
+    """Magnitude of the mean of a signal: its rounding error is that of the signal, hence of its spread, too."""
+    try:
+        deviation = evaluator.value(Call("std", (term,)))
+    except EvaluationError:
+        return None
+    mean = evaluator.value(node)
+    return combine(np.add, mean.of(np.abs(mean.array)), deviation)

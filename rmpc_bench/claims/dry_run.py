@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rmpc_bench.claims import tree
+from rmpc_bench.claims import grammar
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue
 from rmpc_bench.expressions.arithmetic import Node
@@ -113,11 +113,11 @@ def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, p
     Series may be `short`er than what the claim was written for.
     """
     statements: Sequence[Node] = (node,)
-    if isinstance(node, tree.Chain) and not node.everywhere:
+    if isinstance(node, grammar.Chain) and not node.everywhere:
         statements = node.links
     found = []
     for statement in statements:
-        if any(call.function in _PLACES and tree.terms(call.arguments[1]) for call in tree.calls(statement)):
+        if any(call.function in _PLACES and grammar.terms(call.arguments[1]) for call in grammar.calls(statement)):
             # The place depends on results.
             continue
         try:
@@ -131,10 +131,10 @@ def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, p
 
 
 def _evaluate(statement: Node, evaluator: Evaluator) -> None:
-    if isinstance(statement, tree.Chain):
+    if isinstance(statement, grammar.Chain):
         for link in statement.links:
             evaluator.sides(link)
-    elif isinstance(statement, tree.Link):
+    elif isinstance(statement, grammar.Link):
         evaluator.sides(statement)
     else:
         evaluator.number(statement)

@@ -1,34 +1,112 @@
-"""Values of the expressions of a claim, from the table of trials."""
+"""Values of the expressions of a claim, from the tables of trials, one per point of a sweep."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.claims import tree
-from rmpc_bench.claims.functions import applied
-from rmpc_bench.claims.matrices import of_matrix
-from rmpc_bench.claims.sources import Table, tables_of
+from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.claims import grammar
 from rmpc_bench.claims.values import (
     EvaluationError,
     NoValue,
     Value,
     aligned,
+    applied,
     combine,
     compare,
     divided,
     listed,
     negative,
+    of_matrix,
 )
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Number, Operation, Percent
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types.sweep_points import lies_at
 
 __all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
+
+
+class Table(Protocol):
+    """What an evaluator reads of `Trials`, or of the placeholder results of a dry run, which do without pandas."""
+
+    @property
+    def methods(self) -> Sequence[str]:
+        """Names of the methods."""
+
+    @property
+    def metrics(self) -> Sequence[MetricInfo]:
+        """One record per column."""
+
+    @property
+    def point(self) -> Mapping[str, str]:
+        """Path -> value of the point of a sweep."""
+
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """Method -> what identifies its trials."""
+
+    @property
+    def confidence(self) -> float:
+        """Level of the intervals."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the experiment."""
+
+    @property
+    def runs(self) -> Array:
+        """Indices of the runs."""
+
+    @property
+    def each(self) -> Sequence[Table]:
+        """The tables of all points."""
+
+    @property
+    def is_random(self) -> bool:
+        """Whether runs differ by chance."""
+
+    def column(self, metric: str, method: str, /) -> Array:
+        """Values of a metric over the runs, NaN where a run failed."""
+
+    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
+        """Return the smallest difference of a metric that matters."""
+
+    def n_failed(self, method: str, /) -> int:
+        """Count the failed runs."""
+
+    def matrix_series(self, quantity: str, method: str, /) -> Array:
+        """Return a series, axis 0 = k."""
+
+    def n_of(self, quantity: str, method: str, /) -> int:
+        """Count the runs from which a series is computed; 0 where it is exact."""
+
+    def run_groups(self, quantity: str, method: str, /) -> RunGroups | None:
+        """Return groups of runs that can be left out of a moment."""
+
+
+def tables_of(trials: Table, term: grammar.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
+    """Points of a sweep that a term is about: one, or all that it leaves open where they are pooled."""
+    wanted = {**at, **dict(term.point)}
+    found = [table for table in trials.each if lies_at(table.point, wanted)]
+    where = ", ".join(f"{path}={value}" for path, value in wanted.items())
+    if not found:
+        raise EvaluationError(f"there is no point {where}")
+    found = [table for table in found if term.method in table.methods]
+    if not found:
+        raise EvaluationError(f"there is no method {term.method}")
+    if pooled:
+        return found
+    if len({table.keys.get(term.method, "") for table in found}) > 1:
+        raise EvaluationError(f"{term.quantity}[{term.method}] may be at any of {len(found)} points of the sweep")
+    return found[:1]
+
 
 _NOWHERE: Mapping[str, str] = {}
 _OPERATORS: Mapping[str, Callable[..., Array]] = {
@@ -48,11 +126,6 @@ class Evaluator:
     node : the tree that is about to be evaluated, or the part of it that is one statement
     at : point of a sweep for terms that name none
     pooled : whether a term may be about several points, whose runs are then taken together
-
-    Raises
-    ------
-    EvaluationError
-        when a method or point is unknown or no run is left
     """
 
     def __init__(self, trials: Table, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
@@ -61,7 +134,7 @@ class Evaluator:
         self._left_out: int | None = None
         self._by_groups = False
         metrics = {info.name for info in trials.metrics}
-        self.tables = {term: tables_of(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
+        self.tables = {term: tables_of(trials, term, at, pooled=pooled) for term in sorted(grammar.terms(node))}
         self.columns = {
             term: np.concatenate([table.column(term.quantity, term.method) for table in tables])
             for term, tables in self.tables.items()
@@ -112,15 +185,15 @@ class Evaluator:
     def is_estimated(self, node: Node) -> bool:
         """Whether a value depends on runs that are random; ``n_failed`` by itself counts the runs at hand."""
         return bool(self.sampled) or any(
-            table.is_random for term in tree.terms(node) & self.columns.keys() for table in self.tables[term]
+            table.is_random for term in grammar.terms(node) & self.columns.keys() for table in self.tables[term]
         )
 
-    def _moments_from_runs(self, node: Node) -> set[tuple[tree.Term, str]]:
+    def _moments_from_runs(self, node: Node) -> set[tuple[grammar.Term, str]]:
         """Collect the signals whose moments are not exact, each with the series of the moment."""
         found = {
-            (term, f"{tree.MOMENTS[function]}({term.quantity})")
-            for term, function in tree.uses(node)
-            if function in tree.MOMENTS and self.is_signal(term)
+            (term, f"{grammar.MOMENTS[function]}({term.quantity})")
+            for term, function in grammar.uses(node)
+            if function in grammar.MOMENTS and self.is_signal(term)
         }
         return {(term, quantity) for term, quantity in found if self.tables[term][0].n_of(quantity, term.method)}
 
@@ -141,7 +214,7 @@ class Evaluator:
         other._left_out, other._by_groups = number, True
         other.shared = self.shared & ~np.isin(self.run, list(runs)) if len(self.shared) else self.shared
         from_runs = {term for term, _ in self.sampled}
-        other.fixed = {node: value for node, value in self.fixed.items() if tree.terms(node).isdisjoint(from_runs)}
+        other.fixed = {node: value for node, value in self.fixed.items() if grammar.terms(node).isdisjoint(from_runs)}
         return other
 
     @cached_property
@@ -167,7 +240,7 @@ class Evaluator:
             return None
         return np.asarray(column[np.argsort(run, kind="stable")].reshape(len(counts), -1).mean(axis=1))
 
-    def column(self, term: tree.Term) -> Array | None:
+    def column(self, term: grammar.Term) -> Array | None:
         """Values of a metric over the shared runs; None when the term is not a metric."""
         column = self.columns.get(term)
         return None if column is None else column[self.shared]
@@ -177,7 +250,7 @@ class Evaluator:
         if node in self.fixed:
             return self.fixed[node]
         found = self._value(node)
-        if not tree.terms(node) & self.columns.keys():
+        if not grammar.terms(node) & self.columns.keys():
             # It uses no run, hence it is the same when the runs are drawn again.
             self.fixed[node] = found
         return found
@@ -186,9 +259,9 @@ class Evaluator:
         match node:
             case Number():
                 return Value(np.array(node.value))
-            case tree.Term():
+            case grammar.Term():
                 return self._term(node)
-            case tree.Listing():
+            case grammar.Listing():
                 return listed([self.value(item) for item in node.items])
             case Negation():
                 return negative(self.value(node.operand))
@@ -209,13 +282,13 @@ class Evaluator:
             raise NoValue("the expression is not one number")
         return float(value.array)
 
-    def sides(self, link: tree.Link) -> tuple[Value, Array, Array]:
+    def sides(self, link: grammar.Link) -> tuple[Value, Array, Array]:
         """Evaluate both sides of a comparison and its tolerance: of one shape, NaN-free, with the axis of the left."""
         left, right, tolerance = self.value(link.left), self.value(link.right), Value(np.array(0.0))
         if link.tolerance is not None:
             tolerance = self.value(link.tolerance)
             if (tolerance.array < 0).any():
-                kind = NoValue if tree.terms(link.tolerance) else EvaluationError
+                kind = NoValue if grammar.terms(link.tolerance) else EvaluationError
                 raise kind(f"the tolerance of {link.text} is negative")
         if link.relative:
             tolerance = combine(np.multiply, tolerance, right.of(np.abs(right.array)))
@@ -225,7 +298,12 @@ class Evaluator:
             raise NoValue(f"a side of {link.text} is not a number")
         return parts[0].of(arrays[0]), arrays[1], arrays[2]
 
-    def holds(self, links: tuple[tree.Link, ...]) -> Value:
+    def side_arrays(self, link: grammar.Link) -> tuple[Array, Array, Array]:
+        """The numbers of both sides and of the tolerance; see `sides`."""
+        left, right, tolerance = self.sides(link)
+        return left.array, right, tolerance
+
+    def holds(self, links: tuple[grammar.Link, ...]) -> Value:
         """Whether all comparisons of a chain hold, entry by entry over runs or over k; matrices as a whole."""
         found: Value | None = None
         for link in links:
@@ -241,13 +319,13 @@ class Evaluator:
         assert found is not None
         return found
 
-    def _term(self, term: tree.Term, function: str = "") -> Value:
+    def _term(self, term: grammar.Term, function: str = "") -> Value:
         """Evaluate a term that is an argument of `function` by itself."""
         column, signal = self.column(term), self.is_signal(term)
-        reason = tree.misuse(term, function, signal=signal)
+        reason = grammar.misuse(term, function, signal=signal)
         if reason:
             raise EvaluationError(reason)
-        if term.quantity in tree.COUNTS:
+        if term.quantity in grammar.COUNTS:
             return Value(np.array(float(sum(table.n_failed(term.method) for table in self.tables[term]))))
         if column is not None:
             return Value(column, "runs")
@@ -256,21 +334,21 @@ class Evaluator:
         absent = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
         return self._series(term, term.quantity, absent)
 
-    def is_signal(self, term: tree.Term) -> bool:
+    def is_signal(self, term: grammar.Term) -> bool:
         """Whether a term is a signal, of which moments over the runs exist only."""
-        return term.quantity in tree.SIGNALS and term not in self.columns
+        return term.quantity in grammar.SIGNALS and term not in self.columns
 
-    def _moment(self, term: tree.Term, function: str) -> Value:
+    def _moment(self, term: grammar.Term, function: str) -> Value:
         """Evaluate mean, var, std or cov of a signal over the runs, at every k."""
-        quantity = f"{tree.MOMENTS[function]}({term.quantity})"
-        found = self._series(term, quantity, tree.unknown_moment(term, function))
+        quantity = f"{grammar.MOMENTS[function]}({term.quantity})"
+        found = self._series(term, quantity, grammar.unknown_moment(term, function))
         if function in ("mean", "cov"):
             return found
         variance = of_matrix("diag", found)
         # Rounding may leave the variance of what does not vary below 0.
         return variance if function == "var" else variance.of(np.sqrt(np.maximum(variance.array, 0.0)))
 
-    def _series(self, term: tree.Term, quantity: str, absent: str) -> Value:
+    def _series(self, term: grammar.Term, quantity: str, absent: str) -> Value:
         """Read a series of the method and point of a term; `absent` is the reason where there is none."""
         tables = self.tables[term]
         if len({table.keys.get(term.method, "") for table in tables}) > 1:
@@ -289,16 +367,16 @@ class Evaluator:
         found = self.value(node.first)
         for operand in node.rest:
             value = self.value(operand.node)
-            if operand.operator == "/" and not tree.terms(operand.node) and not value.array.all():
+            if operand.operator == "/" and not grammar.terms(operand.node) and not value.array.all():
                 raise EvaluationError("division by 0")
             found = combine(_OPERATORS[operand.operator], found, value)
         return found
 
     def _call(self, node: Call) -> Value:
         name, first = node.function, node.arguments[0]
-        if isinstance(first, tree.Chain):
+        if isinstance(first, grammar.Chain):
             return Value(np.mean(self.holds(first.links).array, axis=0))
-        if isinstance(first, tree.Term) and (name == "cov" or (name in tree.MOMENTS and self.is_signal(first))):
+        if isinstance(first, grammar.Term) and (name == "cov" or (name in grammar.MOMENTS and self.is_signal(first))):
             return self._term(first, name)
         if name == "cov":
             raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")

@@ -17,10 +17,8 @@ import numpy as np
 from rmpc_bench.analysis.intervals import Interval, difference, quantile
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.superiority import shares_interval
-from rmpc_bench.claims import tree
-from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.jackknife import pseudo_values
-from rmpc_bench.claims.levels import (
+from rmpc_bench.claims import grammar
+from rmpc_bench.claims.estimates import (
     ORDER,
     UNBOUNDED,
     Ends,
@@ -31,9 +29,11 @@ from rmpc_bench.claims.levels import (
     hides_values,
     is_binary,
     level_spread,
+    pseudo_values,
     ratio_interval,
     unseen,
 )
+from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import NoValue, Value
 from rmpc_bench.expressions.arithmetic import Call, Node, Number
 from rmpc_bench.types import Array
@@ -55,11 +55,9 @@ class Spread(Protocol):
 
     def gap(self, shift: int = 0) -> Interval:
         """Interval of left - right + shift * tolerance."""
-        ...
 
     def ratio(self) -> Interval:
         """Interval of left / right."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +168,7 @@ UNKNOWN = BandSpread(dict.fromkeys((-1, 0, 1), UNBOUNDED))
 """No part of the runs can be left out, so that nothing is known of the error."""
 
 
-def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
+def spread_of(link: grammar.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
     """Find how uncertain both sides of a comparison of two numbers are.
 
     None where nothing is estimated: then the two numbers decide.  Fewer than two runs or groups of them decide nothing.
@@ -197,7 +195,7 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
         if means is None and _hides_in_means(link, evaluator):
             return UNKNOWN
         found = means or _resampled(link, evaluator, confidence)
-        if means and any("share" in tree.functions(side) for side in (link.left, link.right)):
+        if means and any("share" in grammar.functions(side) for side in (link.left, link.right)):
             # Differences of shares are few steps wide, of which resamples alone miss some.
             found = WiderSpread(means, _resampled(link, evaluator, confidence))
         smooth = None if means else _of_pseudo_values(link, evaluator, confidence)
@@ -210,16 +208,16 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     return found if corners is None else WiderSpread(found, corners)
 
 
-def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
+def _of_selections(link: grammar.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
     """Spread where one of several estimates, or the absolute value of one, is taken; None where none is.
 
     The estimates have simultaneous intervals, as the one that is taken is the one that chance favours.  Resamples of an
     absolute value lie beside 0 even where the estimate itself may be 0.
     """
-    calls = [call for call in tree.calls(link) if _takes_one(call, evaluator)]
+    calls = [call for call in grammar.calls(link) if _takes_one(call, evaluator)]
     if not calls:
         return None
-    whole = [node for side in tree.children(link) for node in _without(side, calls)]
+    whole = [node for side in grammar.children(link) for node in _without(side, calls)]
     items = [item for call in calls for item in _items(call)]
     parts = dict.fromkeys(node for node in (*items, *whole) if evaluator.is_estimated(node))
     # An absolute value is large on either side.
@@ -228,7 +226,7 @@ def _of_selections(link: tree.Link, evaluator: Evaluator, confidence: float) -> 
     for node in parts:
         if evaluator.value(node).array.ndim:
             return UNKNOWN
-        spread = spread_of(tree.Link(node, "<", Number(0.0), None, ""), evaluator, level)
+        spread = spread_of(grammar.Link(node, "<", Number(0.0), None, ""), evaluator, level)
         low, high = UNBOUNDED if spread is None else spread.gap()
         ends[node] = (np.array(low), np.array(high))
     # The functions grow with every item.
@@ -243,12 +241,12 @@ def _takes_one(call: Call, evaluator: Evaluator) -> bool:
     first = call.arguments[0]
     if not evaluator.is_estimated(first):
         return False
-    of_one = call.function == "abs" and not isinstance(first, tree.Listing) and not evaluator.value(first).array.ndim
-    return of_one or (call.function in ORDER and isinstance(first, tree.Listing))
+    of_one = call.function == "abs" and not isinstance(first, grammar.Listing) and not evaluator.value(first).array.ndim
+    return of_one or (call.function in ORDER and isinstance(first, grammar.Listing))
 
 
 def _items(call: Call) -> tuple[Node, ...]:
-    return (call.arguments[0],) if call.function == "abs" else tuple(tree.children(call.arguments[0]))
+    return (call.arguments[0],) if call.function == "abs" else tuple(grammar.children(call.arguments[0]))
 
 
 def _folded(one: Array, other: Array, low: Array, high: Array) -> Ends:
@@ -258,14 +256,14 @@ def _folded(one: Array, other: Array, low: Array, high: Array) -> Ends:
 
 def _without(node: Node, calls: list[Call]) -> list[Node]:
     """Collect the largest parts of a node that contain none of the calls."""
-    if node in calls or not tree.terms(node):
+    if node in calls or not grammar.terms(node):
         return []
-    if not any(each in calls for each in tree.walk(node)):
+    if not any(each in calls for each in grammar.walk(node)):
         return [node]
-    return [part for child in tree.children(node) for part in _without(child, calls)]
+    return [part for child in grammar.children(node) for part in _without(child, calls)]
 
 
-def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
+def _of_means(link: grammar.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
     sides = [column(side, evaluator) for side in (link.left, link.right)]
     left, right = sides
     if left is None or right is None or not (left.ndim or right.ndim):
@@ -277,7 +275,7 @@ def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> Stude
             tolerance = tolerance * right * np.sign(right.mean())
     if tolerance is None or not all(np.isfinite(part).all() for part in (left, right, tolerance)):
         return None
-    means = [call for call in tree.calls(link) if call.function == "mean"]
+    means = [call for call in grammar.calls(link) if call.function == "mean"]
     bounded = all(is_binary(evaluator.value(call.arguments[0]).array) for call in means)
     hidden = None if bounded or link.left == link.right else hides_values(left, right)
     apart = (left if left.ndim else 0.0) - (right if right.ndim else 0.0)
@@ -285,15 +283,15 @@ def _of_means(link: tree.Link, evaluator: Evaluator, confidence: float) -> Stude
     return StudentSpread(left, right, tolerance, confidence, evaluator.trials.seed, hidden, is_share)
 
 
-def _hides_in_means(link: tree.Link, evaluator: Evaluator) -> bool:
+def _hides_in_means(link: grammar.Link, evaluator: Evaluator) -> bool:
     """Whether a mean or spread that is drawn again is one of values that hide others."""
-    calls = [call for call in tree.calls(link) if call.function in ("mean", "std", "var")]
+    calls = [call for call in grammar.calls(link) if call.function in ("mean", "std", "var")]
     values = [evaluator.value(call.arguments[0]) for call in calls if evaluator.is_estimated(call)]
     columns = [value.array for value in values if value.axis == "runs" and value.array.ndim == 1]
     return any(hides_values(column, np.array(0.0)) for column in columns if np.isfinite(column).all())
 
 
-def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
+def _of_pseudo_values(link: grammar.Link, evaluator: Evaluator, confidence: float) -> StudentSpread | None:
     """Spread of variances and other smooth functions, which the percentiles of few resampled runs underestimate."""
     if len(evaluator.runs) < MIN_RUNS or estimates(link, evaluator):
         return None
@@ -311,7 +309,7 @@ def _of_pseudo_values(link: tree.Link, evaluator: Evaluator, confidence: float) 
     return StudentSpread(*values, confidence, evaluator.trials.seed, hides_values(*sides))
 
 
-def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
+def _resampled(link: grammar.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
     """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs.
 
     Of more than `MOST_DRAWN` runs a resample has so many (m out of n bootstrap): its deviations are scaled to all runs.
@@ -324,31 +322,25 @@ def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> Resa
     for i in range(0, n, together or 1):
         drawn = evaluator.resampled(rng, MOST_DRAWN, min(together, n - i))
         try:
-            rows[:, i : i + (together or 1)] = _numbers(link, drawn).reshape(3, -1)
+            rows[:, i : i + (together or 1)] = np.stack(drawn.side_arrays(link)).reshape(3, -1)
         except NoValue:
             # Such as a divisor that is 0 in these runs: nothing bounds the sides.
             rows = rows[:, :0]
             break
     if n_runs > MOST_DRAWN:
-        centre = _numbers(link, evaluator)[:, None]
+        centre = np.stack(evaluator.side_arrays(link))[:, None]
         # Where an event did not occur in half of the runs there is no size to scale.
         finite = np.isfinite(centre).all() and np.isfinite(rows).all()
         rows = centre + (rows - centre) * math.sqrt(MOST_DRAWN / n_runs) if finite else rows
     return ResampledSpread(rows[0], rows[1], rows[2], confidence)
 
 
-def _numbers(link: tree.Link, evaluator: Evaluator) -> Array:
-    """(3, ...) left and right side and tolerance of a comparison of two numbers, by resample if there are several."""
-    left, right, tolerance = evaluator.sides(link)
-    return np.stack([left.array, right, tolerance])
-
-
-def _is_by_columns(link: tree.Link, evaluator: Evaluator) -> bool:
+def _is_by_columns(link: grammar.Link, evaluator: Evaluator) -> bool:
     """Whether each part is computed along axis 0 of columns, so that resamples may stand side by side."""
-    if evaluator.pooled or not tree.terms(link) <= evaluator.columns.keys():
+    if evaluator.pooled or not grammar.terms(link) <= evaluator.columns.keys():
         return False
-    calls = tree.calls(link)
+    calls = grammar.calls(link)
     known = all(call.function in _ALONG_RUNS for call in calls)
     levels = [call.arguments[1] for call in calls if call.function == "quantile"]
-    is_plain = not any(isinstance(node, tree.Listing) for node in tree.walk(link))
-    return known and is_plain and not any(map(tree.terms, levels))
+    is_plain = not any(isinstance(node, grammar.Listing) for node in grammar.walk(link))
+    return known and is_plain and not any(map(grammar.terms, levels))

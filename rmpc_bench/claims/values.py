@@ -1,4 +1,4 @@
-"""Values in a claim: arrays over runs, over k or over neither, and their combination entry by entry."""
+"""Values in a claim: arrays over runs, over k or over neither, and the functions of claims applied to them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.ellipsoids import SINGULAR, Spectrum, are_finite, distances, symmetrised
+from rmpc_bench.analysis.intervals import difference, quantile
 from rmpc_bench.types import Array
 
 
@@ -126,3 +127,166 @@ def compare(operator: str, left: Array, right: Array, tolerance: Array) -> Array
         "<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal,
     }  # fmt: skip
     return np.asarray(functions[operator](left, right))
+
+
+def of_matrix(name: str, value: Value) -> Value:
+    """Evaluate diag, trace or det of a matrix, or of each of a series; of a number it is the number."""
+    if not value.entry:
+        return value
+    _check_square(name, value)
+    if name == "det":
+        return value.of(np.linalg.det(value.array))
+    diagonal = np.diagonal(value.array, axis1=-2, axis2=-1)
+    return value.of(diagonal.sum(axis=-1) if name == "trace" else diagonal)
+
+
+def excess(a: Value, b: Value) -> Value:
+    """Compute the largest generalised eigenvalue, max z'az / z'bz: above 1 where b does not cover a.
+
+    Where b is singular it is inf if a reaches outside its range, else the value on the range (0 where both are 0); NaN
+    where an entry is missing.
+    """
+    a, b = aligned(_symmetric("excess", a), _symmetric("excess", b))
+    part = _spectrum("excess", b.array)
+    finite = are_finite(a.array)
+    inner = np.where(finite[..., None, None], a.array, 0.0)
+    inner = np.swapaxes(part.directions, -2, -1) @ inner @ part.directions
+    null = ~part.kept
+    # Rounding of a, or of what b may have there, is no reach.
+    limit = SINGULAR * np.maximum(np.abs(inner).max(axis=(-2, -1)), part.largest)
+    outside = (np.abs(inner) * null[..., :, None] * null[..., None, :]).max(axis=(-2, -1)) > limit
+    inner = inner * part.scale[..., :, None] * part.scale[..., None, :]
+    # Directions that b does not have are put below all others, or their 0 would hide a negative largest eigenvalue.
+    below = null * np.linalg.norm(inner, axis=(-2, -1))[..., None]
+    largest = np.linalg.eigvalsh(inner - below[..., None] * np.eye(inner.shape[-1]))[..., -1]
+    return a.of(np.where(finite & part.finite, np.where(outside, np.inf, largest), np.nan))
+
+
+def distance(x: Value, centre: Value, P: Value) -> Value:
+    """Compute sqrt((x - centre)' P^-1 (x - centre)): at most 1 in the ellipsoid of P.
+
+    Where P is singular it is inf if x - centre reaches outside its range, else the distance in the range.
+    """
+    gap, P = combine(difference, x, centre), _symmetric("distance", P)
+    gap = gap if gap.entry else gap.of(gap.array[..., None])
+    if P.entry != gap.entry * 2:
+        raise EvaluationError(f"distance needs a vector and a matrix, got entries of shapes {gap.entry} and {P.entry}")
+    gap, P = joined(gap, P)
+    try:
+        return gap.of(distances(gap.array, P.array))
+    except ValueError as error:
+        raise NoValue(f"the last argument of distance {error}") from None
+
+
+def _spectrum(name: str, matrices: Array) -> Spectrum:
+    try:
+        return Spectrum.of(matrices)
+    except ValueError as error:
+        raise NoValue(f"the last argument of {name} {error}") from None
+
+
+def _symmetric(name: str, value: Value) -> Value:
+    """Check that matrices are symmetric up to rounding, and make them so; a number is a matrix of one entry."""
+    if value.entry:
+        _check_square(name, value)
+    array = value.array if value.entry else value.array[..., None, None]
+    try:
+        return value.of(symmetrised(array))
+    except ValueError:
+        raise NoValue(f"{name} needs symmetric matrices") from None
+
+
+def _check_square(name: str, value: Value) -> None:
+    if len(value.entry) != 2 or value.entry[0] != value.entry[1]:
+        raise EvaluationError(f"{name} needs square matrices, got entries of shape {value.entry}")
+
+
+@np.errstate(all="ignore")
+def applied(name: str, values: list[Value]) -> Value:
+    """Apply a function of the grammar, other than share and all; NaN where there is no value."""
+    first = values[0]
+    if name in _REDUCTIONS:
+        return Value(np.asarray(_REDUCTIONS[name](_sample(first))))
+    if name == "quantile":
+        q = values[1].array
+        if q.ndim or not 0 <= q <= 1:
+            raise EvaluationError("the second argument of quantile is a number from 0 to 1")
+        return Value(_quantile(_sample(first), float(q)))
+    if name in ("last", "at", "slope", "since", "upto"):
+        return _of_series(name, values)
+    if name == "abs":
+        return first.of(np.abs(first.array))
+    if name in ("diag", "trace", "det"):
+        return of_matrix(name, first)
+    return _OF_SEVERAL[name](*values)
+
+
+def _sample(value: Value) -> Array:
+    """Array that a reduction takes along axis 0: a column or series, or all numbers of a list or matrix."""
+    return value.array if value.axis else value.array.reshape(-1)
+
+
+def _spread(array: Array) -> Array:
+    return np.full(array.shape[1:], np.nan) if len(array) < 2 else np.asarray(np.var(array, axis=0, ddof=1))
+
+
+def _quantile(array: Array, q: float) -> Array:
+    return np.where(np.isnan(array).any(axis=0), np.nan, quantile(array, q))
+
+
+_REDUCTIONS: dict[str, Callable[[Array], Array]] = {
+    "mean": lambda array: np.mean(array, axis=0),
+    "median": lambda array: _quantile(array, 0.5),
+    "min": lambda array: np.min(array, axis=0),
+    "max": lambda array: np.max(array, axis=0),
+    "var": _spread,
+    "std": lambda array: np.sqrt(_spread(array)),
+}
+
+
+def _ratio(a: Value, b: Value) -> Value:
+    if not (a.axis == b.axis == "runs"):
+        return combine(divided, a, b)
+    if not ((a.array > 0) & (b.array > 0) & np.isfinite(a.array) & np.isfinite(b.array)).all():
+        raise NoValue("ratio of two columns needs positive, finite values in every run")
+    return Value(np.asarray(np.exp(np.mean(np.log(a.array) - np.log(b.array), axis=0))))
+
+
+def _entry(x: Value, i: Value) -> Value:
+    """Take an entry of a vector, or a row of a matrix."""
+    if not x.entry or i.array.ndim or not 0 <= i.array < x.entry[0] or i.array != int(i.array):
+        raise EvaluationError("entry needs a vector or a matrix, or a series of them, and a place that counts from 0")
+    return x.of(x.array.take(int(i.array), axis=x.array.ndim - len(x.entry)))
+
+
+_OF_SEVERAL: dict[str, Callable[..., Value]] = {
+    "ratio": _ratio,
+    "entry": _entry,
+    "excess": excess,
+    "distance": distance,
+}
+
+
+def _of_series(name: str, values: list[Value]) -> Value:
+    """Evaluate at, last, slope, since or upto."""
+    series = values[0]
+    if series.axis != "k":
+        raise EvaluationError(f"{name} needs a series over k")
+    if name == "last":
+        return Value(series.array[-1])
+    if name == "slope":
+        steps = np.arange(len(series.array)) - (len(series.array) - 1) / 2
+        if len(steps) < 2:
+            raise NoSample("slope needs two samples")
+        return Value(np.asarray(np.tensordot(steps, series.array, axes=1) / (steps @ steps)))
+    if series.constant:
+        return Value(series.array[0]) if name == "at" else series
+    first, last = series.span
+    k = values[1].array
+    if k.ndim or not first <= k <= last or k != int(k):
+        raise NoSample(f"{name} needs a sample from {first} to {last}")
+    if name == "at":
+        return Value(series.array[int(k) - first])
+    cut = (int(k), last) if name == "since" else (first, int(k))
+    # A whole series is returned as it is: one that does not change over k is stored once, and fits any other.
+    return series if cut == series.span else Value(series.array[cut[0] - first : cut[1] - first + 1], "k", cut)

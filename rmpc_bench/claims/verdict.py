@@ -1,21 +1,200 @@
-"""The finding of a claim: its checks evaluated on the stored trials.
+"""The finding of a claim: its checks evaluated on the stored trials, its stated numbers beside the computed ones.
 
 A finding refers to our interpretation of the statement and to the configured experiment.  It is no rating of a paper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from rmpc_bench.analysis.intervals import Interval
+from rmpc_bench.analysis.rounding import negligible, without_noise
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims import joining
-from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, point_words
+from rmpc_bench.claims import grammar
+from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, Stated, closeness, point_words
 from rmpc_bench.claims.comparison import ComparisonResult, compared
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
-from rmpc_bench.claims.grammar import ExpressionError, parse
-from rmpc_bench.claims.size import Size, size_of
+from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression
+from rmpc_bench.claims.spread import spread_of
+from rmpc_bench.expressions.arithmetic import Call, Node, Number, Operation
+
+Outcome = bool | None
+"""Whether a comparison holds; None where the runs do not decide."""
+
+
+def all_of(parts: Sequence[Outcome]) -> Outcome:
+    """Whether all parts of one case hold: not if one fails, else inconclusive if one is."""
+    if False in parts:
+        return False
+    return None if None in parts else True
+
+
+def over_list(parts: Sequence[Outcome]) -> Finding:
+    """Join the parts of a statement that says all of them.
+
+    Examples
+    --------
+    >>> [over_list(parts).value for parts in ([True, None], [True, False], [None, False])]
+    ['inconclusive', 'partially-confirmed', 'not-confirmed']
+    """
+    if False not in parts:
+        return Finding.INCONCLUSIVE if None in parts else Finding.CONFIRMED
+    return Finding.PARTIALLY_CONFIRMED if True in parts else Finding.NOT_CONFIRMED
+
+
+def needed(n_cases: int, holds_for: HoldsFor) -> int:
+    """Return the number of cases that must hold."""
+    return {HoldsFor.ANY: 1, HoldsFor.MOST: n_cases // 2 + 1}.get(holds_for, n_cases)
+
+
+def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
+    """Join the cases of a statement: ``any`` for "can", ``most`` for "usually", which is more than half of them.
+
+    Examples
+    --------
+    >>> [over_cases(cases, HoldsFor.MOST).value for cases in ([True, True, None], [True, None], [False, None])]
+    ['confirmed', 'inconclusive', 'not-confirmed']
+    """
+    least = needed(len(cases), holds_for)
+    if cases.count(True) >= least:
+        return Finding.CONFIRMED
+    possible = len(cases) - cases.count(False)
+    return Finding.INCONCLUSIVE if possible >= least else Finding.NOT_CONFIRMED
+
+
+def over_numbers(findings: Sequence[Finding]) -> Finding:
+    """Join numbers without Monte Carlo error, each equal, close or different."""
+    if len(set(findings)) == 1:
+        return findings[0]
+    return Finding.PARTIALLY_CONFIRMED if Finding.DIFFERENT in findings else Finding.CLOSE
+
+
+def over_interpretations(findings: Sequence[Finding]) -> Finding:
+    """Join the findings under all interpretations; the first is ours.
+
+    Those that are not testable count only if all are.  A statement depends on what the paper leaves open only if at
+    least one interpretation confirms it and the runs show that another one does not.
+
+    Examples
+    --------
+    >>> over_interpretations([Finding.CONFIRMED, Finding.CONFIRMED_SMALLER]).value
+    'confirmed'
+    >>> over_interpretations([Finding.INCONCLUSIVE, Finding.NOT_CONFIRMED]).value
+    'not-confirmed'
+    >>> over_interpretations([Finding.INCONCLUSIVE, Finding.PARTIALLY_CONFIRMED]).value
+    'inconclusive'
+    """
+    tested: list[Finding] = [finding for finding in findings if finding is not Finding.NOT_TESTABLE]
+    tested = tested or [*findings]
+    # Under other interpretations the size may differ: the statement holds all the same.
+    if len(set(tested)) == 1 or all(finding.is_confirmed for finding in tested):
+        return tested[0]
+    if Finding.DEPENDS_ON_ASSUMPTIONS in tested:
+        return Finding.DEPENDS_ON_ASSUMPTIONS
+    if any(finding.is_confirmed for finding in tested):
+        others = {finding for finding in tested if not finding.is_confirmed}
+        return Finding.INCONCLUSIVE if others == {Finding.INCONCLUSIVE} else Finding.DEPENDS_ON_ASSUMPTIONS
+    failed = {Finding.NOT_CONFIRMED, Finding.DIFFERENT}.intersection(tested)
+    return Finding.NOT_CONFIRMED if failed else Finding.INCONCLUSIVE
+
+
+@dataclass(frozen=True)
+class Size:
+    """A computed number in comparison with the stated one.
+
+    Parameters
+    ----------
+    stated : the number of the paper
+    value : the computed one
+    finding : equal, close or different for a number without Monte Carlo error; else as `effect`
+    effect : of a statement that holds: confirmed, or smaller or larger where the interval of the computed number lies
+        outside the tolerance, or where a number without Monte Carlo error is different
+    relative : difference relative to the stated number, for a number without Monte Carlo error
+    interval : of the computed number; None where it has none
+    """
+
+    stated: Stated
+    value: float
+    finding: Finding
+    effect: Finding
+    relative: float | None = None
+    interval: Interval | None = None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the printed digits are compared."""
+        return self.stated.tolerance is None
+
+    def rounded(self) -> Size:
+        """Return the numbers with the digits that another CPU reproduces, for what is written."""
+        scale = max(abs(self.stated.value), self.stated.tolerance or 0.0)
+        value = 0.0 if negligible(self.value, scale) else self.value
+        if self.interval is None:
+            return replace(self, value=value)
+        low, high = (without_noise(end, scale) for end in self.interval)
+        return replace(self, value=value, interval=(low, high))
+
+
+def size_of(stated: Stated, trials: Trials, at: Mapping[str, str], *, pooled: bool) -> Size:
+    """Compute a stated number; raises ExpressionError or EvaluationError where it has no value."""
+    node = parse_expression(stated.of)
+    evaluator = Evaluator(trials, node, at, pooled=pooled)
+    value = evaluator.number(node)
+    neutral = _neutral(node, evaluator)
+    if stated.tolerance is None:
+        if evaluator.is_estimated(node):
+            raise EvaluationError("is estimated from runs, and has no tolerance")
+        close = closeness(value, stated)
+        alike = Finding.CONFIRMED if close.finding is not Finding.DIFFERENT else _changed(stated, value, neutral)
+        return Size(stated, value, close.finding, alike, close.relative)
+    link = grammar.Link(node, "~", Number(stated.value), Number(stated.tolerance), stated.of)
+    spread = spread_of(link, evaluator, trials.confidence)
+    interval = None if spread is None else spread.gap()
+    if interval is not None:
+        interval = (interval[0] + stated.value, interval[1] + stated.value)
+    effect = _effect(stated, value, interval, neutral)
+    return Size(stated, value, effect, effect, interval=interval)
+
+
+def _effect(stated: Stated, value: float, interval: Interval | None, neutral: float | None) -> Finding:
+    """Compare the size of an effect with the stated one."""
+    tolerance = stated.tolerance or 0.0
+    low, high = interval if interval is not None else (value, value)
+    if math.isnan(low) or (low <= stated.value + tolerance and high >= stated.value - tolerance):
+        return Finding.CONFIRMED
+    return _changed(stated, value, neutral)
+
+
+def _changed(stated: Stated, value: float, neutral: float | None) -> Finding:
+    """Compare sizes of effects: the absolute log of a ratio, else the distance from 0 in the stated direction."""
+    if neutral is not None and min(value / neutral, stated.value / neutral) > 0:
+        effect, said = math.log(value / neutral), math.log(stated.value / neutral)
+    else:
+        effect, said = value, stated.value
+    # A reduction of -8 % is smaller than one of -10 %.
+    grows = effect * math.copysign(1, said) > abs(said) if said else effect != 0
+    return Finding.CONFIRMED_LARGER if grows else Finding.CONFIRMED_SMALLER
+
+
+def _neutral(node: Node, evaluator: Evaluator) -> float | None:
+    """Value of a ratio of equal sides, such as 100 for ``100 * mean(mse[A]) / mean(mse[B])``; None for no ratio."""
+    above, below, factor = set[str](), set[str](), 1.0
+    parts = [("*", node)]
+    if isinstance(node, Operation) and node.rest[0].operator in "*/":
+        parts = [("*", node.first), *((each.operator, each.node) for each in node.rest)]
+    for operator, part in parts:
+        names = {term.quantity for term in grammar.terms(part)}
+        if isinstance(part, Call) and part.function == "ratio":
+            sides = [{term.quantity for term in grammar.terms(side)} for side in part.arguments]
+            above, below = above | sides[operator == "/"], below | sides[operator == "*"]
+        elif names:
+            above, below = (above | names, below) if operator == "*" else (above, below | names)
+        else:
+            factor *= evaluator.number(part) ** (1 if operator == "*" else -1)
+    return factor if above and above == below and factor > 0 else None
 
 
 class Interpretation(NamedTuple):
@@ -52,7 +231,7 @@ class ClaimVerdict:
     reason: str = ""
     sizes: tuple[Size, ...] = ()
     interpretations: tuple[Interpretation, ...] = ()
-    cases: tuple[joining.Outcome, ...] = ()
+    cases: tuple[Outcome, ...] = ()
     level: float | None = None
     confidence: float = 0.95
 
@@ -61,7 +240,7 @@ class ClaimVerdict:
         """The finding over this and all other configurations with the same statement."""
         if not self.claim.elsewhere:
             return self.finding
-        return joining.over_interpretations([self.finding, *self.claim.elsewhere.values()])
+        return over_interpretations([self.finding, *self.claim.elsewhere.values()])
 
     @property
     def words(self) -> str:
@@ -96,16 +275,16 @@ class _AtPoint:
     sizes: list[Size] = field(default_factory=list)
 
     @property
-    def cases(self) -> list[joining.Outcome]:
+    def cases(self) -> list[Outcome]:
         """Whether each check holds."""
-        return [joining.all_of([each.holds for each in check]) for check in self.comparisons]
+        return [all_of([each.holds for each in check]) for check in self.comparisons]
 
     def finding(self, claim: Claim) -> Finding:
         if self.reasons:
             return Finding.INCONCLUSIVE
         if not claim.check:
-            return joining.over_numbers([size.finding for size in self.sizes if size.is_exact])
-        return self.with_sizes(joining.over_list(self.cases))
+            return over_numbers([size.finding for size in self.sizes if size.is_exact])
+        return self.with_sizes(over_list(self.cases))
 
     def with_sizes(self, finding: Finding) -> Finding:
         """Say of a statement that holds whether the effect has the stated size."""
@@ -119,16 +298,16 @@ def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
     hedged = claim.holds_for is not HoldsFor.ALL
     n_cases = len(at) * len(claim.check)
     # So many cases fail at least where "can" or "usually" is untrue: they share the error of one of them, one-sided.
-    failing = n_cases - joining.needed(n_cases, claim.holds_for) + 1
+    failing = n_cases - needed(n_cases, claim.holds_for) + 1
     level = (1 - trials.confidence) / (2 * failing) if hedged and n_cases else None
     confidence = trials.confidence if level is None else 1 - 2 * level
     points = [_evaluated(claim, trials, where, confidence) for where in at]
     reasons = dict.fromkeys(reason for point in points for reason in point.reasons)
     cases = [case for point in points for case in point.cases] if hedged else []
     findings = [point.finding(claim) for point in points] if claim.is_testable else [Finding.NOT_TESTABLE]
-    overall = joining.over_interpretations(findings)
+    overall = over_interpretations(findings)
     if hedged and claim.check:
-        overall = points[0].with_sizes(joining.over_cases(cases, claim.holds_for))
+        overall = points[0].with_sizes(over_cases(cases, claim.holds_for))
     if hedged and reasons:
         overall = Finding.INCONCLUSIVE
     several = len(claim.at) > 1 and claim.is_testable and not hedged

@@ -63,7 +63,7 @@ def _kinds() -> list[str]:
 
 
 def _functions() -> list[str]:
-    from rmpc_bench.claims.tree import FUNCTION_HELP
+    from rmpc_bench.claims.grammar import FUNCTION_HELP
 
     return [*FUNCTION_HELP.values()]
 

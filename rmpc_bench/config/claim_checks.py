@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rmpc_bench.claims.claim import MAX_INTERPRETATIONS, Claim, Finding, HoldsFor, Stated, point_words
+from rmpc_bench.claims.claim import MAX_INTERPRETATIONS, Claim, Finding, HoldsFor, Stated, point_words, printed_number
 from rmpc_bench.claims.dry_run import PlaceholderResults, dry_run, placeholder_results
-from rmpc_bench.claims.exact import printed_number
-from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
-from rmpc_bench.claims.tree import (
+from rmpc_bench.claims.grammar import (
+    COUNTS,
     MOMENTS,
     SIGNALS,
+    ExpressionError,
     Term,
     misuse,
+    parse,
+    parse_expression,
     terms,
     unknown_moment,
     uses,

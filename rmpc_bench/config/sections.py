@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from annotated_types import Ge, Gt, Le, Len, Lt
 from pydantic import Field
 
-from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
-from rmpc_bench.claims.exact import printed_number
+from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS, printed_number
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.stop_section import StopKeys

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.claims.papers import usual_parameters
+from rmpc_bench.claims.claim import usual_parameters
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import method_data

@@ -12,8 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, get_args
 
-from rmpc_bench.claims.claim import Claim
-from rmpc_bench.claims.papers import usual_parameters
+from rmpc_bench.claims.claim import Claim, usual_parameters
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials

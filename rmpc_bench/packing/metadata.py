@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 import rmpc_bench
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.claim import IDENTIFIERS
 from rmpc_bench.execution.stored_experiment import StoredExperiment
 from rmpc_bench.received.consent import VERIFIED
 

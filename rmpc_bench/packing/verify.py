@@ -16,8 +16,7 @@ from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, terms
-from rmpc_bench.claims.record import ClaimRecord
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import ClaimRecord, claims_table
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest

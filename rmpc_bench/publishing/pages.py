@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import rmpc_bench
 from rmpc_bench.claims.claim import FINDINGS
-from rmpc_bench.claims.record import ClaimsRecord, ExperimentRecord
-from rmpc_bench.claims.table import claims_record
+from rmpc_bench.claims.record import ClaimsRecord, ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config_file.tree import plain

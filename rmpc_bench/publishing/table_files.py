@@ -12,10 +12,9 @@ import pandas as pd
 
 import rmpc_bench
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import IDENTIFIERS
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.papers import IDENTIFIERS
-from rmpc_bench.claims.record import ExperimentRecord
-from rmpc_bench.claims.table import claims_record
+from rmpc_bench.claims.record import ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.execution.evaluation import judge, ranks, requirements, summarise

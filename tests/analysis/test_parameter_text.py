@@ -12,7 +12,7 @@ from rmpc_bench.analysis.parameter_text import (
     parameter_text,
     untuned_text,
 )
-from rmpc_bench.claims.papers import usual_parameters
+from rmpc_bench.claims.claim import usual_parameters
 
 TUNED = "tuned (budget 16, 40 runs)"
 

@@ -10,8 +10,8 @@ from scipy import stats
 
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.traces import Traces
-from rmpc_bench.claims.band import band
 from rmpc_bench.claims.claim import Claim
+from rmpc_bench.claims.decision import band
 from rmpc_bench.claims.verdict import judge
 
 N_RUNS, N = 60, 40

@@ -7,7 +7,7 @@ import pytest
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import claims_table
 from rmpc_bench.claims.verdict import judge
 
 VAR = np.array([[0.1, 0.1], [3.62498, 10], [5, 20]])

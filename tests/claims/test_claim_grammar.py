@@ -11,8 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.grammar import parse, parse_expression, terms
-from rmpc_bench.claims.tree import FUNCTION_HELP, FUNCTIONS, Chain, Link, Term, uses
+from rmpc_bench.claims.grammar import FUNCTION_HELP, FUNCTIONS, Chain, Link, Term, parse, parse_expression, terms, uses
 from rmpc_bench.expressions.arithmetic import Call, Number, Operand, Operation, Percent
 from rmpc_bench.expressions.tokens import ExpressionError
 

@@ -11,8 +11,7 @@ from scipy import linalg, stats
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse_expression
-from rmpc_bench.claims.matrices import distance, excess
-from rmpc_bench.claims.values import Value
+from rmpc_bench.claims.values import Value, distance, excess
 from rmpc_bench.claims.verdict import judge
 
 RNG = np.random.default_rng(4)

@@ -10,8 +10,7 @@ from small_experiment import cli, write
 
 import rmpc_bench
 from rmpc_bench.claims import record
-from rmpc_bench.claims.claim import FINDINGS
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.claim import FINDINGS, IDENTIFIERS
 
 SCHEMA = Path(record.__file__).with_name("claims.schema.json")
 MEAN = "mean(mse[R-MPC])"

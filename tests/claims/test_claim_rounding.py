@@ -7,7 +7,7 @@ import pytest
 
 from rmpc_bench.claims.claim import Claim, Finding, Stated
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import claims_table
 from rmpc_bench.claims.verdict import judge
 
 RNG = np.random.default_rng(3)

@@ -10,7 +10,7 @@ from scipy import stats
 
 from rmpc_bench.claims.claim import Claim, Finding, Stated
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import claims_table
 from rmpc_bench.claims.verdict import judge
 
 INF = math.inf

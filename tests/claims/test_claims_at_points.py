@@ -11,7 +11,7 @@ from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import claims_table
 from rmpc_bench.claims.verdict import judge
 
 LOW, HIGH = [1.0, 1.1, 1.2, 1.1], [3.0, 3.2, 3.1, 3.3]

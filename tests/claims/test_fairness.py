@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rmpc_bench.analysis.intervals import fieller, student
-from rmpc_bench.claims import joining
-from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, Stated
-from rmpc_bench.claims.exact import closeness, printed_number
+from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, Stated, closeness, printed_number
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
-from rmpc_bench.claims.verdict import judge
+from rmpc_bench.claims.record import claims_table
+from rmpc_bench.claims.verdict import judge, over_interpretations
 
 RNG = np.random.default_rng(4)
 N = 60
@@ -381,7 +379,7 @@ def test_exact_numbers_are_written_with_their_difference(trials):
 )
 def test_findings_over_interpretations(findings, joined):
     """All alike: that one; it depends only where one interpretation confirms and another one does not."""
-    assert joining.over_interpretations([Finding(finding) for finding in findings]) == joined
+    assert over_interpretations([Finding(finding) for finding in findings]) == joined
 
 
 def test_one_statement_has_one_finding(trials):

@@ -337,7 +337,7 @@ def test_describe_a_configuration_with_a_picture(configs, monkeypatch):
 
 def test_list_of_the_functions_of_claims():
     """Oracle: the grammar's own table."""
-    from rmpc_bench.claims.tree import FUNCTIONS
+    from rmpc_bench.claims.grammar import FUNCTIONS
 
     lines = cli("list", "functions").stdout.splitlines()
     assert [line.split("(")[0].strip() for line in lines if line[1] != " "] == [*FUNCTIONS]

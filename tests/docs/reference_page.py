@@ -13,7 +13,7 @@ from docs.result_files import FILES
 
 from docs import components_page
 from rmpc_bench import registry
-from rmpc_bench.claims.tree import FUNCTION_HELP
+from rmpc_bench.claims.grammar import FUNCTION_HELP
 from rmpc_bench.cli import exits, main
 from rmpc_bench.config.sections import SECTIONS
 from rmpc_bench.schema.json_schema import MODEL_KEYS, PLANT_KEYS, PLANT_OF, json_schema

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from docs.markdown import DOCS, ROOT, anchor, code, heading, kept_figures, page, table, text
 
-from rmpc_bench.claims.claim import Finding
-from rmpc_bench.claims.evidence import number_text
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.claim import IDENTIFIERS, Finding
+from rmpc_bench.claims.markdown import number_text
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 

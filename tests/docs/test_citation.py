@@ -6,7 +6,7 @@ import yaml
 from docs.reproductions_page import PAPERS
 
 from rmpc_bench import __version__
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.claim import IDENTIFIERS
 
 CITATION = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text("utf-8"))
 

@@ -10,7 +10,7 @@ from small_experiment import cli, write
 import rmpc_bench
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.tails import tails
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.record import claims_table
 from rmpc_bench.execution.evaluation import drivers, requirements
 from rmpc_bench.received.store import MissingError
 from rmpc_bench.report.csv_file import trials_csv

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import usual_parameters
 from rmpc_bench.claims.markdown import INFORMATIONAL
-from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer
 from rmpc_bench.report.notes import note_of

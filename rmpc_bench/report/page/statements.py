@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rmpc_bench.claims.claim import Finding
-from rmpc_bench.claims.evidence import evidence
-from rmpc_bench.claims.markdown import cases_text, limits
-from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.claim import IDENTIFIERS, Finding
+from rmpc_bench.claims.markdown import cases_text, evidence, limits
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.run_notes import counted

@@ -3,6 +3,9 @@
 A quantile lies between two order statistics, whose ranks are binomial.  Where the runs do not suffice for a rank, as
 for every extreme, that end is infinite.  A share has the wider of the interval of Wilson, which is too narrow for rare
 events, and the exact one of Clopper and Pearson.
+
+What is computed from moments over the runs has pseudo-values: a value theta of U groups of runs has
+``U theta - (U - 1) theta without a group``; their mean and its standard error give Student intervals.
 """
 
 from __future__ import annotations
@@ -11,14 +14,16 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from rmpc_bench.analysis.bootstrap import mean_interval
 from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
+from rmpc_bench.analysis.run_groups import MAX_GROUPS
 from rmpc_bench.analysis.verdict import FEW
-from rmpc_bench.claims import tree
+from rmpc_bench.claims import grammar
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoValue, Value
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operand, Operation, Percent
@@ -54,7 +59,9 @@ class CornerSpread:
         return float(ratios.min()), float(ratios.max())
 
 
-def level_spread(link: tree.Link, evaluator: Evaluator, confidence: float, times: float = 1.0) -> CornerSpread | None:
+def level_spread(
+    link: grammar.Link, evaluator: Evaluator, confidence: float, times: float = 1.0
+) -> CornerSpread | None:
     """Spread of sides made of one estimate and numbers, with `times` as many runs; None for any other comparison."""
     found = estimates(link, evaluator)
     if len(found) != 1 or not _is_arithmetic(link, evaluator):
@@ -62,7 +69,7 @@ def level_spread(link: tree.Link, evaluator: Evaluator, confidence: float, times
     return at_ends(link, evaluator, {found[0]: _ends(found[0], evaluator, confidence, times)})
 
 
-def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Node, Ends]:
+def unseen(link: grammar.Link, evaluator: Evaluator, confidence: float) -> dict[Node, Ends]:
     """Ends of the estimates that no resample of the runs can show: beyond the largest run, or of a rare event.
 
     The difference of two shares has an interval that knows rare events, unless they did not occur.
@@ -83,7 +90,7 @@ def unseen(link: tree.Link, evaluator: Evaluator, confidence: float) -> dict[Nod
     return found
 
 
-def at_ends(link: tree.Link, evaluator: Evaluator, ends: Mapping[Node, Ends]) -> CornerSpread | None:
+def at_ends(link: grammar.Link, evaluator: Evaluator, ends: Mapping[Node, Ends]) -> CornerSpread | None:
     """Evaluate a comparison at every combination of ends; None where a divisor reaches 0, or of too many."""
     rows: list[Sequence[Array]] = []
     divisors: dict[Node, list[Array]] = {}
@@ -107,16 +114,16 @@ def estimates(node: Node, evaluator: Evaluator) -> list[Call | Operation]:
     """Collect what estimates a share, quantile, extreme or average ratio over the runs: the outermost such parts."""
     if isinstance(node, Call | Operation) and _is_estimate(node, evaluator):
         return [node]
-    return [found for child in tree.children(node) for found in estimates(child, evaluator)]
+    return [found for child in grammar.children(node) for found in estimates(child, evaluator)]
 
 
 def _is_estimate(node: Call | Operation, evaluator: Evaluator) -> bool:
-    if tree.terms(node).isdisjoint(evaluator.columns):
+    if grammar.terms(node).isdisjoint(evaluator.columns):
         return False
     if isinstance(node, Operation):
         return _quotient(node, evaluator) is not None
     first = node.arguments[0]
-    if isinstance(first, tree.Chain):
+    if isinstance(first, grammar.Chain):
         return evaluator.holds(first.links).axis == "runs"
     try:
         values = [evaluator.value(argument) for argument in node.arguments]
@@ -141,7 +148,7 @@ def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Arra
     if isinstance(node, Call):
         above, below = node.arguments
     else:
-        of_runs = [each for each in node.rest if not tree.terms(each.node).isdisjoint(evaluator.columns)]
+        of_runs = [each for each in node.rest if not grammar.terms(each.node).isdisjoint(evaluator.columns)]
         divisors = [each for each in of_runs if each.operator == "/"]
         others = tuple(each for each in node.rest if each not in divisors)
         if len(divisors) != 1:
@@ -155,24 +162,24 @@ def _quotient(node: Call | Operation, evaluator: Evaluator) -> tuple[Array, Arra
 
 def _is_arithmetic(node: Node, evaluator: Evaluator) -> bool:
     """Whether columns enter by estimates of whole columns and the four operations only, so that ends give ends."""
-    if tree.terms(node).isdisjoint(evaluator.columns):
+    if grammar.terms(node).isdisjoint(evaluator.columns):
         return True
     if isinstance(node, Call | Operation) and _is_estimate(node, evaluator):
         if not isinstance(node, Call) or (node.function == "ratio" and _quotient(node, evaluator)):
             return True
-        inner = [call for argument in node.arguments for call in tree.calls(argument)]
-        of_runs = [call for call in inner if not tree.terms(call).isdisjoint(evaluator.columns)]
+        inner = [call for argument in node.arguments for call in grammar.calls(argument)]
+        of_runs = [call for call in inner if not grammar.terms(call).isdisjoint(evaluator.columns)]
         return all(evaluator.value(call).axis == "runs" for call in of_runs)
-    known = isinstance(node, tree.Link | Operation | Operand | Negation | Percent)
+    known = isinstance(node, grammar.Link | Operation | Operand | Negation | Percent)
     known = known or (isinstance(node, Call) and node.function == "ratio")
-    return known and all(_is_arithmetic(child, evaluator) for child in tree.children(node))
+    return known and all(_is_arithmetic(child, evaluator) for child in grammar.children(node))
 
 
-def _divisors(link: tree.Link, evaluator: Evaluator) -> list[Node]:
+def _divisors(link: grammar.Link, evaluator: Evaluator) -> list[Node]:
     """Collect the divisors that depend on the runs, outside of columns."""
-    found = [each.node for each in tree.walk(link) if isinstance(each, Operand) and each.operator == "/"]
-    found += [call.arguments[1] for call in tree.calls(link) if call.function == "ratio"]
-    found = [node for node in found if not tree.terms(node).isdisjoint(evaluator.columns)]
+    found = [each.node for each in grammar.walk(link) if isinstance(each, Operand) and each.operator == "/"]
+    found += [call.arguments[1] for call in grammar.calls(link) if call.function == "ratio"]
+    found = [node for node in found if not grammar.terms(node).isdisjoint(evaluator.columns)]
     return [node for node in found if not evaluator.value(node).array.ndim]
 
 
@@ -272,13 +279,13 @@ def average_interval(
 
 def column(node: Node, evaluator: Evaluator) -> Array | None:
     """Array over the runs whose mean is the value of a node, or the number that it is; None where there is none."""
-    if tree.terms(node).isdisjoint(evaluator.columns):
+    if grammar.terms(node).isdisjoint(evaluator.columns):
         value = evaluator.value(node)
         return None if value.array.ndim else value.array
     if isinstance(node, Call) and node.function == "mean":
         value = evaluator.value(node.arguments[0])
         return evaluator.by_run(value.array) if value.axis == "runs" and value.array.ndim == 1 else None
-    if isinstance(node, Call) and node.function == "share" and isinstance(node.arguments[0], tree.Chain):
+    if isinstance(node, Call) and node.function == "share" and isinstance(node.arguments[0], grammar.Chain):
         value = evaluator.holds(node.arguments[0].links)
         return evaluator.by_run(value.array.astype(float)) if value.axis == "runs" else None
     if isinstance(node, Negation):
@@ -303,3 +310,26 @@ def _combined(node: Operation, evaluator: Evaluator) -> Array | None:
             with np.errstate(all="ignore"):
                 found = found * other if operand.operator == "*" else found / other
     return found
+
+
+class PseudoValues(NamedTuple):
+    """Both sides of a comparison and its tolerance, axis 0 = group."""
+
+    left: Array
+    right: Array
+    tolerance: Array
+
+
+def pseudo_values(link: grammar.Link, evaluator: Evaluator) -> PseudoValues | None:
+    """Compute both sides without every group of runs; None for fewer than two groups that can be left out."""
+    groups = evaluator.groups
+    if not evaluator.sampled:
+        groups = np.array_split(evaluator.runs, min(len(evaluator.runs), MAX_GROUPS) or 1)
+    if groups is None or len(groups) < 2:
+        return None
+    whole = evaluator.without(None, ()).side_arrays(link)
+    parts = [evaluator.without(number, runs).side_arrays(link) for number, runs in enumerate(groups)]
+    n = len(groups)
+    stacked = [np.stack(column) for column in zip(*parts, strict=True)]
+    with np.errstate(invalid="ignore"):  # A mean may be infinite.
+        return PseudoValues(*(n * a - (n - 1) * without for a, without in zip(whole, stacked, strict=True)))
