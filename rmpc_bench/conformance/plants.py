@@ -22,9 +22,8 @@ from rmpc_bench.conformance.outcome import (
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
 from rmpc_bench.conformance.systems import Excitation
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart
-from rmpc_bench.simulation.scenario import Scenario
+from rmpc_bench.simulation.scenario import Scenario, own_draws
 from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, PlantInfo, Reference, Status, as_motion
 
 
