@@ -16,8 +16,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.component import read_component
 from rmpc_bench.config_file.keys import model_of, shown
-from rmpc_bench.config_file.known_files import file_beside, is_file_name
-from rmpc_bench.config_file.source import GivenConfig, read_extended, with_methods
+from rmpc_bench.config_file.source import GivenConfig, read_named, with_methods
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, merge, split, with_kind
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.types import ConfigError, Problem
@@ -110,10 +109,12 @@ class _FileReader:
         if not isinstance(text, str):
             return text
         try:
-            file = file_beside(mark.directory(self.path), text)
-            tree = _plant_file(text, mark, file, self.including)
+            file, tree = read_named(PATH, text, mark, mark.directory(self.path), self.including)
+            if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
+                raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
             before = len(self.problems)
-            tree = _FileReader(file, self.including, self.problems).read_all(tree)
+            without_sweep = tree.like({key: tree[key] for key in tree if key != "sweep"})
+            tree = _FileReader(file, self.including, self.problems).read_all(without_sweep)
             if len(self.problems) > before:
                 return text
             tree = lay_over_source(tree)
@@ -125,22 +126,6 @@ class _FileReader:
             if key in tree:
                 sections.take(tree, key)
         return sections
-
-
-def _plant_file(text: str, mark: Mark, file: Path, including: tuple[Path, ...]) -> Map:
-    """Read a configuration that has a plant, without its sweep; ConfigError at the place of its name."""
-    if not is_file_name(text):
-        raise ConfigError([Problem(*mark, PATH, f"must be the name of a configuration (got {shown(text)})")])
-    if file.resolve() in including:
-        raise ConfigError([Problem(*mark, PATH, f"{text}: includes itself")])
-    try:
-        tree = read_extended(file)
-    except ConfigError as error:
-        at_the_name = [Problem(*mark, PATH, f"{each.file}: {each.message}") for each in error.problems]
-        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
-    if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
-        raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
-    return tree.like({key: tree[key] for key in tree if key != "sweep"})
 
 
 def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:

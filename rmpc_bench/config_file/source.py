@@ -112,19 +112,27 @@ def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
 def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
     """Read the configuration that a tree extends, and return it as an own copy."""
     text, mark = tree[EXTENDS], locate(tree, [EXTENDS])
-    if not is_file_name(text):
-        raise ConfigError([Problem(*mark, EXTENDS, f"must be the name of a configuration (got {shown(text)})")])
-    file = file_beside(path.parent, text)
-    if file.resolve() in extended:
-        raise ConfigError([Problem(*mark, EXTENDS, f"{text}: extends itself")])
-    try:
-        base = read_extended(file, extended)
-    except ConfigError as error:
-        at_the_name = [Problem(*mark, EXTENDS, f"{each.file}: {each.message}") for each in error.problems]
-        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
+    _, base = read_named(EXTENDS, text, mark, path.parent, extended)
     if not isinstance(base, Map):
         raise ConfigError([Problem(*mark, EXTENDS, f"{text}: must be a mapping (got {shown(base)})")])
     return base.copy()
+
+
+def read_named(key: str, text: Any, mark: Mark, directory: Path, leading: tuple[Path, ...]) -> tuple[Path, Any]:
+    """Return the file that a key names and its content; a ConfigError at the name where it cannot be used.
+
+    `leading` has the resolved files that lead to it.
+    """
+    if not is_file_name(text):
+        raise ConfigError([Problem(*mark, key, f"must be the name of a configuration (got {shown(text)})")])
+    file, extends = file_beside(directory, text), key == EXTENDS
+    if file.resolve() in leading:
+        raise ConfigError([Problem(*mark, key, f"{text}: {'extends' if extends else 'includes'} itself")])
+    try:
+        return file, read_extended(file, leading if extends else ())
+    except ConfigError as error:
+        at_the_name = [Problem(*mark, key, f"{each.file}: {each.message}") for each in error.problems]
+        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
 
 
 class _Merger:

@@ -272,6 +272,13 @@ def test_forms_that_are_none(tmp_path, estimator, message):
     assert message in found
 
 
+def test_a_wrong_key_beside_a_second_kind(tmp_path):
+    """Both are reported."""
+    found = problems(write(tmp_path, methods=METHODS % "{kind: kalman, file: own.py:Own, wrong: 1}"))
+    assert len(found) == 2
+    assert "file: stands for `kind`" in found[0] and "wrong: 'wrong' is not a known key" in found[1]
+
+
 def test_points_of_a_sweep_read_a_file_once(tmp_path, monkeypatch):
     """The same component at many points costs one look at its file, not one per point."""
     from rmpc_bench.components import consent

@@ -333,6 +333,17 @@ def test_a_model_of_a_plant_that_is_no_model(here):
     assert any(f"model.from: there is no model of kind 'env'; give one of {known}" in line for line in lines)
 
 
+def test_every_model_that_comes_from_nowhere_is_reported(here):
+    """One error per method, at its place."""
+    methods = (
+        "{A: {model: {from: sun}, estimator: {kind: kalman}}, B: {model: {from: moon}, estimator: {kind: kalman}}}"
+    )
+    lines = problems(write_estimation(here, methods=methods))
+    assert [line.partition(": ")[2] for line in lines] == [
+        f"model.from: must be 'plant' (got {name!r})" for name in ("sun", "moon")
+    ]
+
+
 def test_what_a_file_takes_shows_in_check(here):
     """Plant beside design model, with the numbers of the file."""
     shown = " ".join(cli("check", write_taking(here, f"{{from: {BENCH}}}", methods=METHODS), "--full").stdout.split())
