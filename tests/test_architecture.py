@@ -84,6 +84,7 @@ MAY_IMPORT = {
         "config",
         "simulation",
         "execution",
+        "results",
         "rmpc_bench",
     },
     # A user's file is named before its code runs, for programs and notebooks too.
@@ -132,7 +133,25 @@ MAY_IMPORT = {
         "simulation",
         "types",
     },
+    # What a directory of results holds.  A claim is judged and a figure drawn from it.
+    "results": {
+        "store",
+        "engines",  # the estimate of the time, in blocks
+        "config",
+        "config_file",
+        "components",
+        "simulation",
+        "analysis",
+        "claims",
+        "figures",
+        "report",
+        "replaced_file",
+        "received",
+        "types",
+        "rmpc_bench",  # for the version
+    },
     "execution": {
+        "results",
         "store",
         "engines",
         "child_process",
@@ -160,6 +179,7 @@ MAY_IMPORT = {
         "store",
         "engines",
         "execution",
+        "results",
         "analysis",
         "claims",
         "figures",
@@ -175,6 +195,7 @@ MAY_IMPORT = {
         "config_file",
         "store",
         "execution",
+        "results",
         "publishing",
         "analysis",
         "claims",

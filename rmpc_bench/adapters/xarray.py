@@ -13,7 +13,7 @@ from rmpc_bench.extras import library
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
-    from rmpc_bench.execution.results import Results
+    from rmpc_bench.results.results import Results
 
 
 def dataset(trials: Trials | Results | str | Path) -> Any:
@@ -81,7 +81,7 @@ def traces(trials: Trials | Results | str | Path) -> Any:
 
 
 def _table(trials: Trials | Results | str | Path) -> Trials:
-    from rmpc_bench.execution.results import load_trials
+    from rmpc_bench.results.results import load_trials
 
     return load_trials(trials) if isinstance(trials, str | Path) else table_of(trials)
 

@@ -35,8 +35,8 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
     if method is not None and tol is not None:
         raise click.UsageError("--tol compares all trials, and --of one method: give one of them")
     from rmpc_bench.analysis.shown_numbers import plain
-    from rmpc_bench.execution.results import load_results
-    from rmpc_bench.execution.two_results import compare_improvements, compare_results
+    from rmpc_bench.results.compare import compare_improvements, compare_results
+    from rmpc_bench.results.results import load_results
     from rmpc_bench.types import DesignError
     from rmpc_bench.types.texts import folded
 

@@ -14,7 +14,7 @@ from rmpc_bench.cli.tuning import tuning_line
 from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config_file.keys import model_of
 from rmpc_bench.config_file.tree import kind_of, plain
-from rmpc_bench.execution.cost import megabytes, seconds
+from rmpc_bench.results.manifest import megabytes, seconds
 from rmpc_bench.types.texts import cut, in_columns, width_of, wrapped
 
 if TYPE_CHECKING:

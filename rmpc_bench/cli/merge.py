@@ -21,8 +21,8 @@ def merge(directory: Path, partial: bool) -> int:
     stay as they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes them.
     """
     from rmpc_bench.execution.merge import merge as join
-    from rmpc_bench.execution.results import load_results
     from rmpc_bench.publishing.publish import publish
+    from rmpc_bench.results.results import load_results
 
     merged = join(directory, partial=partial, say=lambda text: click.echo(text, err=True))
     click.echo(f"joined: {', '.join(shard.name for shard in merged.shards)}", err=True)

@@ -52,9 +52,9 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     The options replace the section `report` of the configuration.  With --to nothing in DIR changes; several
     directories are then written to --to/PAPER/NAME, with an index of their pages in --to/index.html.
     """
-    from rmpc_bench.execution.results import load_results
     from rmpc_bench.publishing.publish import choose, publish
     from rmpc_bench.replaced_file import inside
+    from rmpc_bench.results.results import load_results
 
     several = to is not None and len(directories) > 1
     kept = _kept_claims(directories) if several else {}
@@ -94,8 +94,8 @@ def _places(
     directories: Sequence[Path], to: Path | None, choices: dict[str, Any], *, several: bool
 ) -> list[Path | None]:
     """Return where to write the files of every directory; refuse what is wrong before anything is written."""
-    from rmpc_bench.execution.results import load_experiment
     from rmpc_bench.publishing.publish import wrong_choices
+    from rmpc_bench.results.results import load_experiment
 
     experiments = [load_experiment(directory) for directory in directories]
     wrong = dict.fromkeys(pair for experiment in experiments for pair in wrong_choices(experiment, **choices))

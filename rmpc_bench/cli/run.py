@@ -21,8 +21,8 @@ from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.stored_stop import StoredStop
     from rmpc_bench.publishing.published import Shown
+    from rmpc_bench.results.record import StoredStop
 
 
 @click.command()
@@ -144,7 +144,7 @@ def _run_all(
         return _show_again(request, shown, time.monotonic() - started)
     with held():
         from rmpc_bench.execution.progress import choose
-        from rmpc_bench.execution.results import run as run_experiment
+        from rmpc_bench.execution.run import run as run_experiment
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
@@ -240,8 +240,8 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
 
 def _stored_methods(directory: Path, config: ExperimentConfig) -> dict[str, str]:
     """Return methods that were added to the results of this experiment and that its configuration does not have."""
-    from rmpc_bench.execution.stored_experiment import added_methods
     from rmpc_bench.received.store import FILE, MissingError
+    from rmpc_bench.results.record import added_methods
     from rmpc_bench.store.store import Store
 
     if not (directory / FILE).exists():
@@ -282,10 +282,10 @@ def _directory(request: Request, config: ExperimentConfig) -> Path:
 
 
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
-    from rmpc_bench.execution.other_code import rows_of_other_code
     from rmpc_bench.execution.runner import pending
-    from rmpc_bench.execution.stored_stop import stop_of
     from rmpc_bench.received.store import FILE
+    from rmpc_bench.results.other_code import rows_of_other_code
+    from rmpc_bench.results.record import stop_of
     from rmpc_bench.store.store import Store
 
     names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
@@ -322,9 +322,9 @@ def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Re
 
 def _set_aside(directory: Path, experiment: str) -> None:
     """Rename a directory; nothing is ever deleted, and the looks at the experiment go into the new store."""
-    from rmpc_bench.execution.manifest import keep_looks, remaining_looks
     from rmpc_bench.received.plain_files import StoreError
     from rmpc_bench.received.store import FILE, is_in_use, is_there
+    from rmpc_bench.results.manifest import keep_looks, remaining_looks
     from rmpc_bench.store.store import Store
 
     if is_there(directory):  # without a store, whole or damaged, the directory counts as new

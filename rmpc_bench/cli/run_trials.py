@@ -13,8 +13,8 @@ from rmpc_bench.cli import exits
 from rmpc_bench.cli.tuning import tuned_config
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import choose
-from rmpc_bench.execution.results import load_experiment
 from rmpc_bench.execution.runner import compute
+from rmpc_bench.results.results import load_experiment
 
 if TYPE_CHECKING:
     from rmpc_bench.cli.run_request import Request

@@ -14,14 +14,14 @@ from rmpc_bench.config.identity import set_keys
 from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.execution.stored_experiment import (
+from rmpc_bench.results.record import (
     PointMethod,
     StoredExperiment,
     StoredPoint,
     added_methods,
+    stop_of,
     write_experiment,
 )
-from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import design_series, kept
 from rmpc_bench.simulation.scenario import Experiment, random_besides

@@ -14,18 +14,18 @@ from jaxtyping import Bool, Int
 
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.relocation import check_copies
-from rmpc_bench.execution import manifest
 from rmpc_bench.execution.progress_file import Column, Extent, ProgressFile
-from rmpc_bench.execution.shards import FOLDER, LIBRARIES, Shard, join_libraries, readable_shards, shards_in
-from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, read_experiment, write_experiment
+from rmpc_bench.execution.shards import LIBRARIES, Shard, join_libraries, readable_shards, shards_in
 from rmpc_bench.received.plain_files import DamagedError, StoreError
 from rmpc_bench.received.store import FILE, MissingError, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replaced
+from rmpc_bench.results import manifest
+from rmpc_bench.results.record import PointMethod, StoredExperiment, read_experiment, write_experiment
 from rmpc_bench.store.columns import said_runs
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
-from rmpc_bench.types.result_files import COPIES
+from rmpc_bench.types.result_files import COPIES, SHARDS
 
 KEPT = ("config.yaml", "config.resolved.yaml", "tuning.json")
 """Files of the configuration, and the record of its tuning, which a shard writes to the directory too."""
@@ -167,7 +167,7 @@ def _check(directory: Path, parts: Sequence[_ShardRecord]) -> None:
                 lines.append(f"{part.shard.name}: {text}")
     lines += _other_libraries(parts)
     if lines:
-        lines = [f"  {FOLDER}/{line}" for line in dict.fromkeys(lines)]
+        lines = [f"  {SHARDS}/{line}" for line in dict.fromkeys(lines)]
         way_out = (
             "compute the shards again with one configuration and one version: "
             f"`rmpc-bench run CONFIG --shard I/N --fresh -o {quote(str(directory))}`"

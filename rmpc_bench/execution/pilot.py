@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.results import Results
+    from rmpc_bench.results.results import Results
 
 
 FIRST = 2
@@ -147,7 +147,7 @@ def _measured(config: ExperimentConfig) -> Pilot:
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
     """Compute more and more runs; return the time of the first call and of a run [s], their number, and results."""
-    from rmpc_bench.execution.results import run
+    from rmpc_bench.execution.run import run
 
     def computed(n: int) -> tuple[float, Results]:
         before = _cpu()

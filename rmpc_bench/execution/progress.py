@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from rmpc_bench.execution.running_comparison import RunningComparison
+    from rmpc_bench.results.running import RunningComparison
 
 SECONDS = 1.0
 """Time between two looks of a bar at the comparison so far [s]."""

@@ -25,10 +25,10 @@ from jaxtyping import Int8
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.engines.tasks import Done
-from rmpc_bench.execution.running_mean import RunningMean, mean_of
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.received.plain_files import PROGRESS, DamagedError, json_of
 from rmpc_bench.replaced_file import replace_text
+from rmpc_bench.results.running import RunningMean, mean_of
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Status
 

@@ -22,18 +22,17 @@ from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue
 from rmpc_bench.engines.choice import Engine, choose_engine
 from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
-from rmpc_bench.execution.libraries import check_versions, note_versions
-from rmpc_bench.execution.manifest import Session
-from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
-from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
 from rmpc_bench.execution.shards import Shard, stored_in, take_shards
-from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
+from rmpc_bench.results.manifest import Session
+from rmpc_bench.results.other_code import check_versions, note_versions, rows_of_other_code, stored_methods
+from rmpc_bench.results.record import added_methods
+from rmpc_bench.results.running import add_done, add_stored, running_comparison
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.store.columns import ranges
 from rmpc_bench.store.store import Store

@@ -23,9 +23,8 @@ from rmpc_bench.simulation.ensemble import SIZE
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
+from rmpc_bench.types.result_files import SHARDS
 
-FOLDER = "shards"
-"""Directory of the shards in a results directory."""
 MOST_SHIFT = 0.1
 """How far the end of a shard may move to the end of a group of runs, as a share of the runs of a shard."""
 _TEXT = re.compile(r"(\d{1,5})/(\d{1,5})")
@@ -52,7 +51,7 @@ class Shard(NamedTuple):
 
     def directory(self, results: Path) -> Path:
         """Return the directory of this shard in a results directory."""
-        return results / FOLDER / self.name
+        return results / SHARDS / self.name
 
 
 def _end(number: int, count: int, n_runs: int) -> int:
@@ -78,11 +77,11 @@ def shards_in(results: Path, file: str) -> dict[Shard, Path]:
 
     A DamagedError says that one is a symbolic link: opening a store completes its last write, also outside.
     """
-    if not (results / FOLDER).is_dir():
+    if not (results / SHARDS).is_dir():
         return {}
-    names = ((_NAME.fullmatch(path.name), path) for path in (results / FOLDER).iterdir())
+    names = ((_NAME.fullmatch(path.name), path) for path in (results / SHARDS).iterdir())
     found = {Shard(int(name[1]), int(name[2])): path for name, path in names if name and (path / file).exists()}
-    for path in (results / FOLDER, *found.values()):
+    for path in (results / SHARDS, *found.values()):
         if path.is_symlink():
             raise DamagedError(f"{path}: is a symbolic link; replace it by a directory")
     return {shard: found[shard] for shard in sorted(found, key=lambda shard: (shard.total, shard.number))}
@@ -136,12 +135,12 @@ def readable_shards(
             if also_running:
                 text = f"{place} is being computed; wait for its end, or end its process"
                 raise StoreError(f"{text} (rmpc-bench status {quote(str(directory))})") from None
-            say(f"left out: {FOLDER}/{shard.name}, which is being computed")
+            say(f"left out: {SHARDS}/{shard.name}, which is being computed")
             continue
         except (StoreError, MissingError) as error:
             if also_damaged:
                 raise
-            say(f"left out: {FOLDER}/{shard.name}, which cannot be read ({error})")
+            say(f"left out: {SHARDS}/{shard.name}, which cannot be read ({error})")
             continue
         with store:
             yield shard, store

@@ -18,9 +18,9 @@ from typing import Any
 
 from rmpc_bench.analysis.shown_numbers import plain, short
 from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, read
-from rmpc_bench.execution.running_mean import RunningMean
 from rmpc_bench.execution.shards import Shard, shards_in
 from rmpc_bench.received.store import MissingError
+from rmpc_bench.results.running import RunningMean
 
 KILLED, STALE, INCOMPLETE, ABSENT = "killed", "stale", "incomplete", "absent"
 """States that follow from more than the file: its process has ended without a last file; the file is old; the process

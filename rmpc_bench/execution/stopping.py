@@ -17,9 +17,8 @@ from rmpc_bench.claims.verdict import judge
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.stop_section import EVERY
 from rmpc_bench.engines.tasks import Task
-from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
-from rmpc_bench.execution.stored_stop import note_looks, planned_looks, stop_of
-from rmpc_bench.execution.stored_trials import stored_trials
+from rmpc_bench.results.record import StoredExperiment, note_looks, planned_looks, read_experiment, stop_of
+from rmpc_bench.results.tables import stored_trials
 from rmpc_bench.store.store import Store
 
 Missing = Callable[[int, Collection[str]], list[Task]]

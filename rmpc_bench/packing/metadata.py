@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import rmpc_bench
 from rmpc_bench.claims.claim import IDENTIFIERS
-from rmpc_bench.execution.stored_experiment import StoredExperiment
 from rmpc_bench.received.consent import VERIFIED
+from rmpc_bench.results.record import StoredExperiment
 
 CITATION = "CITATION.cff"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"

@@ -23,14 +23,14 @@ from rmpc_bench.config.load import load_config
 from rmpc_bench.config.relocation import renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
-from rmpc_bench.execution import manifest
-from rmpc_bench.execution.results import Results, load_results
-from rmpc_bench.execution.tuning.record import FOLDER
-from rmpc_bench.execution.tuning.record import SECONDS as TIMES
 from rmpc_bench.packing.metadata import CITATION, Contents, citation, crate
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.report.csv_file import trials_csv
+from rmpc_bench.results import manifest
+from rmpc_bench.results.results import Results, load_results
+from rmpc_bench.results.tuning import FOLDER
+from rmpc_bench.results.tuning import SECONDS as TIMES
 from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
 
 DATA = "data"

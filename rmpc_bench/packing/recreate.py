@@ -20,11 +20,7 @@ from rmpc_bench.config.load import load_config
 from rmpc_bench.config.relocation import in_directory, renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
-from rmpc_bench.execution import manifest
-from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.runner import added_in
-from rmpc_bench.execution.step_times import with_timings
-from rmpc_bench.execution.tuning.record import FILE as TUNING
 from rmpc_bench.packing.comparison import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text, read_rows
 from rmpc_bench.packing.metadata import CITATION, citation, crate, stated_by
 from rmpc_bench.packing.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
@@ -33,6 +29,10 @@ from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.received.plain_files import checked
+from rmpc_bench.results import manifest
+from rmpc_bench.results.results import Results
+from rmpc_bench.results.tables import with_timings
+from rmpc_bench.results.tuning import FILE as TUNING
 from rmpc_bench.types import ConfigError, DesignError
 from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
 

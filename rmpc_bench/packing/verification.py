@@ -14,9 +14,9 @@ from typing import Any
 
 import rmpc_bench
 from rmpc_bench.analysis.trial_differences import TrialDifferences
-from rmpc_bench.execution import manifest
-from rmpc_bench.execution.libraries import OF_THE_BENCH
 from rmpc_bench.packing.comparison import BYTES, NUMBERS, FileOutcome
+from rmpc_bench.results import manifest
+from rmpc_bench.results.other_code import OF_THE_BENCH
 
 MOST_LINES = 10
 """Differences of one kind that are named; the rest is counted."""

@@ -19,10 +19,7 @@ from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, 
 from rmpc_bench.claims.record import ClaimRecord, claims_table
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution import manifest
-from rmpc_bench.execution.evaluation import judge
-from rmpc_bench.execution.results import Results, run
-from rmpc_bench.execution.stored_stop import stop_of
+from rmpc_bench.execution.run import run
 from rmpc_bench.packing.comparison import (
     DIFFERENT,
     HASHED,
@@ -40,6 +37,10 @@ from rmpc_bench.packing.verification import Verification, environment, other_ver
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
+from rmpc_bench.results import manifest
+from rmpc_bench.results.evaluate import judge
+from rmpc_bench.results.record import stop_of
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_files import RESOLVED

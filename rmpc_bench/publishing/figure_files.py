@@ -12,12 +12,12 @@ from rmpc_bench.components.designs import is_built_in, replacement_of
 from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config_file.tree import FILE
-from rmpc_bench.execution.evaluation import figure_component, figure_of
-from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import page_svg, save, thin_lines
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.publishing.table_files import write_caption
+from rmpc_bench.results.evaluate import figure_component, figure_of
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError, Figure
 
 PRINTED = ("pdf", "pgf")

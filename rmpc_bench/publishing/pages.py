@@ -16,8 +16,6 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
-from rmpc_bench.execution.manifest import read, relative_to_cwd
-from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
@@ -36,6 +34,8 @@ from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.screen import WIDTH, Screen
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.results.manifest import read, relative_to_cwd
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import Tuning
 

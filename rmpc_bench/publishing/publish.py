@@ -9,10 +9,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 from rmpc_bench.config.report_section import ReportKeys
-from rmpc_bench.execution.evaluation import drivers, judge, ranks, requirements, summarise
-from rmpc_bench.execution.manifest import note_look, note_report, read
-from rmpc_bench.execution.results import Results
-from rmpc_bench.execution.stored_experiment import StoredExperiment
 from rmpc_bench.figures.files import NO_LATEX, latex_program
 from rmpc_bench.figures.style import Rendering, remark_on
 from rmpc_bench.publishing.figure_files import write_figures
@@ -30,6 +26,10 @@ from rmpc_bench.publishing.table_files import (
 from rmpc_bench.replaced_file import folder, inside
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.results.evaluate import drivers, judge, ranks, requirements, summarise
+from rmpc_bench.results.manifest import note_look, note_report, read
+from rmpc_bench.results.record import StoredExperiment
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import Column, Font, Format, Style

@@ -17,9 +17,6 @@ from rmpc_bench.claims.markdown import claims_markdown
 from rmpc_bench.claims.record import ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.report_section import ReportKeys
-from rmpc_bench.execution.evaluation import judge, ranks, requirements, summarise
-from rmpc_bench.execution.manifest import read
-from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.style import own_words
 from rmpc_bench.replaced_file import folder, replace_text, replaced
 from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
@@ -31,6 +28,9 @@ from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, lost_table
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.results.evaluate import judge, ranks, requirements, summarise
+from rmpc_bench.results.manifest import read
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import Array
 
 POINTS = 72.27

@@ -7,9 +7,9 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution.results import load_results
 from rmpc_bench.figures.style import Rendering
 from rmpc_bench.publishing.publish import choose, publish
+from rmpc_bench.results.results import load_results
 from rmpc_bench.types import ConfigError, DesignError
 
 

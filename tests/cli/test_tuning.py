@@ -16,8 +16,8 @@ from tuned_experiment import record, run, write
 
 from rmpc_bench import load_config, load_results
 from rmpc_bench.execution.status import read_status
-from rmpc_bench.execution.tuning.record import read_record
 from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.results.tuning import read_record
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 RKF = "RKF: {estimator: {kind: robust-kalman, c: 0.1}, tune: {estimator.c: [0.001, 1]}}"

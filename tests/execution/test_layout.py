@@ -166,7 +166,7 @@ def test_a_report_imports_no_design(own, tmp_path):
     code = (
         "import sys\n"
         "from rmpc_bench.publishing.publish import publish\n"
-        "from rmpc_bench.execution.results import load_results\n"
+        "from rmpc_bench.results.results import load_results\n"
         f"publish(load_results({str(there)!r}))\n"
         "print(*sys.modules)\n"
     )

@@ -6,7 +6,6 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import extras, load_config
-from rmpc_bench.execution import libraries
 
 THROUGH_THE_BENCH = """
 from rmpc_bench import single_run

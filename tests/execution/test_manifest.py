@@ -7,10 +7,10 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import __version__, load_config
-from rmpc_bench.execution import manifest
-from rmpc_bench.execution.manifest import Session
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.plain_files import DamagedError
+from rmpc_bench.results import manifest
+from rmpc_bench.results.manifest import Session
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from small_experiment import cli
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.config_file.yaml import load
-from rmpc_bench.execution import libraries
+from rmpc_bench.results import other_code
 from rmpc_bench.types import ConfigError
 
 TANK = """
@@ -188,11 +188,11 @@ def test_a_neighbour_outside_the_directory_needs_consent(tmp_path):
 def test_another_version_of_a_library(copied, monkeypatch):
     """A patch is said; major or minor is refused with both versions and the way out, until it is accepted."""
     path, out = copied
-    here = libraries.distribution_of("filterpy")[1]
+    here = other_code.distribution_of("filterpy")[1]
     assert json.loads((out / "manifest.json").read_text())["libraries"]["filterpy"] == here
 
     def pretend(version):
-        known = libraries.distribution_of
+        known = other_code.distribution_of
         found = lambda module: ("filterpy", version) if module == "filterpy" else known(module)  # noqa: E731
         monkeypatch.setattr(libraries, "distribution_of", found)
 

@@ -9,7 +9,7 @@ import pytest
 
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.execution.progress import Bar, JsonLines, Plain, Silent, choose, said_if_slow
-from rmpc_bench.execution.running_comparison import RunningComparison
+from rmpc_bench.results.running import RunningComparison
 from rmpc_bench.types import MetricInfo
 
 

@@ -15,8 +15,8 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench.execution import progress_file
-from rmpc_bench.execution.running_mean import RunningMean, mean_of
 from rmpc_bench.execution.status import read_status, time_text
+from rmpc_bench.results.running import RunningMean, mean_of
 
 SLOW = """
 import time

@@ -8,9 +8,9 @@ from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_results, load_trials, run
 from rmpc_bench.analysis.traces import Traces
-from rmpc_bench.execution.traces import with_estimates
 from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.received.store import MissingError
+from rmpc_bench.results.tables import with_estimates
 
 
 class Arm(NamedTuple):

@@ -12,7 +12,7 @@ from rmpc_bench.analysis.comparison import compared, levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution.progress import Silent
-from rmpc_bench.execution.running_comparison import RunningComparison
+from rmpc_bench.results.running import RunningComparison
 from rmpc_bench.types import MetricInfo, Status
 
 METHODS = ("A", "B", "C")

@@ -12,8 +12,8 @@ from rmpc_bench import load_config, load_results, run
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.resolution import half_widths
-from rmpc_bench.execution.results import load_experiment
-from rmpc_bench.execution.stored_stop import Looks, StoredStop, read_looks
+from rmpc_bench.results.record import Looks, StoredStop, read_looks
+from rmpc_bench.results.results import load_experiment
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Status
 

@@ -111,7 +111,8 @@ def store_reads():
     import numpy as np
 
     from rmpc_bench.config.load import load_config
-    from rmpc_bench.execution.results import load_results, run
+    from rmpc_bench.execution.run import run
+    from rmpc_bench.results.results import load_results
 
     place = run(load_config(FIG7, runs=RUNS), directory=tempfile.mkdtemp(), jobs=1).directory
     return lambda: np.sort(load_results(place).trials.frame["mse"])[:20], RUNS * len(METHODS)
@@ -125,7 +126,7 @@ def plain_reads():
     import pandas as pd
 
     from rmpc_bench.config.load import load_config
-    from rmpc_bench.execution.results import run
+    from rmpc_bench.execution.run import run
 
     frame = run(load_config(FIG7, runs=RUNS), directory=tempfile.mkdtemp(), jobs=1).trials.frame
     store = sqlite3.connect(Path(tempfile.mkdtemp()) / "plain.sqlite")

@@ -88,7 +88,7 @@ def runs_of_fig7(n_runs):
     import tempfile
 
     from rmpc_bench.config.load import load_config
-    from rmpc_bench.execution.results import run
+    from rmpc_bench.execution.run import run
 
     config = load_config(FIG7, runs=n_runs)
 

@@ -8,9 +8,9 @@ from small_experiment import cli, write
 from tuned_searches import constant, search, tuning
 
 from rmpc_bench import load_results, publish
-from rmpc_bench.execution.stored_trials import stored_trials
 from rmpc_bench.publishing.pages import _as_computed
 from rmpc_bench.publishing.publish import tuning as tuning_report
+from rmpc_bench.results.tables import stored_trials
 
 N_RUNS = 3
 

@@ -17,15 +17,14 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import choose_engine
-from rmpc_bench.execution.libraries import check_versions, note_versions
-from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import RUNNING, Following
 from rmpc_bench.execution.runner import pending, store_block
-from rmpc_bench.execution.running_comparison import RunningComparison
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.tuning.record import FOLDER
+from rmpc_bench.results.other_code import check_versions, note_versions, stored_methods
+from rmpc_bench.results.running import RunningComparison
+from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Status
 

@@ -16,11 +16,11 @@ from rmpc_bench.config.tuning_round import Trial
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.tuning.record import Found, add_seconds, read_record, write_record
 from rmpc_bench.execution.tuning.rounds import Means, Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.received.store import WriteError
+from rmpc_bench.results.tuning import Found, add_seconds, read_record, write_record
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
 from rmpc_bench.types.tuning import TuningProtocol

@@ -14,9 +14,9 @@ from rmpc_bench.config.tuning_plan import tuning_seed
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning import tune
-from rmpc_bench.execution.tuning.record import read_record, read_seconds
 from rmpc_bench.execution.tuning.rounds import Rounds, rounded
 from rmpc_bench.execution.tuning.search import Candidate
+from rmpc_bench.results.tuning import read_record, read_seconds
 from rmpc_bench.types.tuning import TuningProtocol
 
 KFR = "{estimator: {kind: kalman}, tune: {model.P_v: [0.01, 1000]}}"

@@ -18,15 +18,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.execution.shards import FOLDER as SHARDS
 from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import TUNING, DamagedError, json_of, text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.types import Array
-from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, TuningSearch
+from rmpc_bench.types.result_files import SHARDS
+from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol, TuningSearch
 
 if TYPE_CHECKING:
     from rmpc_bench.config.tuning_plan import WantedSearch
+    from rmpc_bench.results.record import StoredExperiment
+
 
 FILE = "tuning.json"
 FOLDER = "tuning"
@@ -190,3 +192,17 @@ def add_seconds(directory: Path, seconds: Mapping[str, float]) -> None:
     noted = read_seconds(directory)
     noted |= {key: round(noted.get(key, 0.0) + value, 3) for key, value in seconds.items()}
     replace_text(directory / FOLDER / SECONDS, json.dumps(noted, indent=1) + "\n")
+
+
+def tuning_of(experiment: StoredExperiment, directory: Path) -> Tuning | None:
+    """Return the searches that tuning.json has, None where nothing is tuned; a StoreError for a damaged file."""
+    stored = experiment.tuning
+    if stored is None:
+        return None
+    found, seconds = read_record(directory), read_seconds(directory)
+    searches = [
+        found[key].search(point, method, key, stored.protocol, seconds.get(key, 0.0))
+        for point, method, key in stored.searches
+        if key in found
+    ]
+    return Tuning(stored.protocol, tuple(searches), experiment.origins)

@@ -12,13 +12,13 @@ from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.tree import Map, Mark
-from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import FigureResult, thin_lines
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
+from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError, Figure, Problem
 
 

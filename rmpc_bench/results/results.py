@@ -1,12 +1,12 @@
-"""The results of an experiment as one record, and the functions that return it: `run` and `load_results`."""
+"""The results of an experiment as one record, read from its directory."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
@@ -15,18 +15,15 @@ from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.relocation import check_copies
-from rmpc_bench.execution.step_times import timings
-from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
-from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
-from rmpc_bench.execution.tuning.stored import tuning_of
 from rmpc_bench.received.store import FILE, MissingError, decoded
+from rmpc_bench.results.record import StoredExperiment, read_experiment
+from rmpc_bench.results.tables import n_complete, other_code, stored_trials, timings, uncertainty
+from rmpc_bench.results.tuning import tuning_of
 from rmpc_bench.store.store import Store
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.config_file.component import Component
-    from rmpc_bench.execution.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,97 +104,6 @@ class Results:
         return not (self.overrides or self.incomplete)
 
 
-def default_directory(config: ExperimentConfig) -> Path:
-    """Return ``results/<paper>/<name>``, or ``results/<name>`` without a paper."""
-    return Path("results") / (config.paper or "") / config.name
-
-
-def run(
-    config: ExperimentConfig,
-    *,
-    directory: str | Path | None = None,
-    jobs: int | None = None,
-    only: Collection[str] | None = None,
-    progress: Progress | None = None,
-    accept_versions: bool = False,
-    engine: Literal["joblib", "serial", "dask"] | None = None,
-    scheduler: str | None = None,
-    shard: str | None = None,
-    missing: bool = False,
-) -> Results:
-    """Compute the runs that are missing in a directory; the same call continues an interrupted one.
-
-    Parameters that are to be tuned are chosen first, on runs of their own.
-
-    Parameters
-    ----------
-    config : from `load_config`
-    directory : where trials.sqlite lies or will lie; ``results/<paper>/<name>`` unless given
-    jobs : worker processes; the configuration's `execution.workers` unless given
-    only : names of the methods to compute; all unless given
-    progress : display; silent unless given
-    accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
-        file of the user imports
-    engine : ``joblib`` for worker processes, ``serial`` for none: a component that ends its process then ends this one;
-        unless given, one worker is this process where no component comes from a file or an installed package; ``dask``
-        for the workers of a dask cluster
-    scheduler : address of the scheduler of a dask cluster, such as ``tcp://node7:8786``
-    shard : the part ``I/N`` of the runs, stored in ``shards/I-of-N`` of the directory; all runs unless given
-    missing : whether the trials of all shards in the directory are taken before the rest is computed
-
-    Returns
-    -------
-    all that is stored for this configuration, or for the shard
-
-    Raises
-    ------
-    StoreError
-        If the directory holds another experiment, or another process writes to it.
-    WriteError
-        If a block cannot be written.
-
-    Examples
-    --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> len(results.trials.runs)
-    4
-    """
-    # Designs, joblib and numba are needed here only: results are read without them.
-    from rmpc_bench.execution.runner import compute
-    from rmpc_bench.execution.shards import parse_shard
-
-    part = None if shard is None else parse_shard(shard)
-    place = default_directory(config) if directory is None else Path(directory)
-    if config.tuning is not None:
-        from rmpc_bench.execution.tuning.rounds import Means
-        from rmpc_bench.execution.tuning.tune import tuned
-
-        means = Means(jobs, engine, scheduler, accept_versions)
-        config = tuned(config, place, shard=part, only=only, means=means, progress=progress)
-    compute(
-        config,
-        place,
-        workers=jobs,
-        only=only,
-        progress=progress,
-        modified=config.overrides,
-        accept_versions=accept_versions,
-        engine=engine,
-        scheduler=scheduler,
-        shard=part,
-        missing=missing,
-    )
-    stop = load_experiment(place).stop if config.tuning is not None and config.stop is not None else None
-    if stop is not None:
-        tuned(config, place, only=only, means=means, progress=progress, n_runs=stop.looks.wanted)
-    place = place if part is None else part.directory(place)
-    own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
-    return replace(load_results(place), components=own)
-
-
 def load_results(directory: str | Path) -> Results:
     """Load the results of a directory; nothing is simulated, no design is made and no code of a user is loaded.
 
@@ -225,9 +131,7 @@ def load_results(directory: str | Path) -> Results:
     >>> rmpc_bench.load_results(directory).trials.frame.equals(results.trials.frame)
     True
     """
-    place = Path(directory)
-    if not (place / FILE).exists():
-        raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+    place = _filled(directory)
     check_copies(place)
     with Store(place, writable=False) as store, decoded(place):
         experiment = read_experiment(store)
@@ -246,11 +150,15 @@ def load_results(directory: str | Path) -> Results:
 
 def load_experiment(directory: str | Path) -> StoredExperiment:
     """Load names and settings of a stored experiment, without its trials."""
+    with Store(_filled(directory), writable=False) as store:
+        return read_experiment(store)
+
+
+def _filled(directory: str | Path) -> Path:
     place = Path(directory)
     if not (place / FILE).exists():
         raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
-    with Store(place, writable=False) as store:
-        return read_experiment(store)
+    return place
 
 
 def load_trials(directory: str | Path) -> Trials:

@@ -1,0 +1,1 @@
+"""What a directory of results holds, read without a design: records, tables, evaluations, comparisons of two."""

@@ -1,0 +1,390 @@
+"""The stored trials of an experiment as tables: trials, series over time, recorded runs, times of the calls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.common_runs import common_runs
+from rmpc_bench.analysis.looks import number_of_look
+from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.analysis.traces import COVARIANCE, Traces
+from rmpc_bench.analysis.trials import Trials, stacked_rows, with_point
+from rmpc_bench.received.store import MissingError, decoded
+from rmpc_bench.results import manifest
+from rmpc_bench.results.other_code import rows_kept_apart
+from rmpc_bench.results.record import StoredExperiment, StoredPoint
+from rmpc_bench.simulation.block_times import BLOCK
+from rmpc_bench.simulation.ensemble import Group, joined
+from rmpc_bench.simulation.moments import Moments, signals
+from rmpc_bench.store.rows import Durations
+from rmpc_bench.store.store import WORDS, Store
+from rmpc_bench.types import Array
+from rmpc_bench.types.sweep_points import relevant_paths
+
+
+def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
+    """Read the stored trials of an experiment, without methods that have no stored run.
+
+    Raises a MissingError if there are none.
+    """
+    frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in experiment.points]
+    common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in frames]
+    series = SeriesReader(experiment, store, common)
+    quantities: dict[str, pd.DataFrame] = {}
+    tables = [
+        _table(experiment, number, store, found, series, common[number], quantities)
+        for number, found in enumerate(frames)
+    ]
+    filled = [table for table in tables if len(table.methods)]
+    if not filled:
+        apart = other_code(experiment, store)
+        stored = f"{apart}; no trial" if apart else "no trial of this configuration"
+        raise MissingError(f"{store.directory}: {stored} is stored; continue with `rmpc-bench run`")
+    n_runs = max(len(table.common.runs) for table in filled)
+    if experiment.has_runs and not n_runs:
+        text = "no run is stored of every method yet; continue with `rmpc-bench run`"
+        raise MissingError(f"{store.directory}: {text}")
+    look = number_of_look(manifest.looks_of_store(store), n_runs)
+    filled = [replace(table, look=look) for table in filled]
+    return _joined(experiment, filled, series) if experiment.paths else filled[0]
+
+
+def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: SeriesReader) -> Trials:
+    """Put the tables of all points of a sweep into one."""
+    whole = replace(
+        tables[0],
+        methods=experiment.methods,
+        baseline=experiment.baseline,
+        traces={},
+        paths=experiment.paths,
+        alike=experiment.alike,
+        point={},
+        title="",
+        keys={},
+    ).with_points(tables)
+    return replace(whole, series=series.of_sweep(whole.methods))
+
+
+def _table(
+    experiment: StoredExperiment,
+    number: int,
+    store: Store,
+    frames: Mapping[str, pd.DataFrame],
+    series: SeriesReader,
+    common: Array | None,
+    quantities: dict[str, pd.DataFrame],
+) -> Trials:
+    """Read the table of one point; `quantities` keeps what points share."""
+    point = experiment.points[number]
+    methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
+    notes = {name: _notes(experiment, point, store, name) for name in methods}
+    traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
+    return Trials(
+        name=experiment.name,
+        methods=methods,
+        labels=experiment.labels,
+        metrics=point.metrics,
+        frame=stacked_rows([*frames.values()]),
+        series=series.at_point(number, methods),
+        baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
+        confidence=experiment.level,
+        planned=None if experiment.stop is None else experiment.stop.planned,
+        relevant=experiment.relevant,
+        margins=experiment.margins,
+        primary=experiment.primary,
+        average=experiment.average,
+        headline=experiment.headline,
+        lost=experiment.lost,
+        ranked=experiment.axes if experiment.ranks else None,
+        seed=point.seed,
+        Ts=point.Ts,
+        units=with_estimates(point, point.units, traces.values()),
+        names=with_estimates(point, point.names, traces.values()),
+        traces=traces,
+        point=point.coordinates,
+        title=point.title,
+        keys={name: method.key for name, method in point.methods.items()},
+        oracles=frozenset(name for name, method in point.methods.items() if method.is_oracle),
+        groups={
+            name: groups for name in methods if (groups := _groups(experiment, point, store, name, common)) is not None
+        },
+        with_verdicts=not experiment.is_smoke,
+        expected_failures=experiment.expected_failures,
+        notes=with_step_times(notes, experiment, point, store),
+        declared=tuple(experiment.methods),
+        uncertainty=_quantities(experiment, point, store, quantities),
+        random_besides=point.random_besides,
+        limitations=point.limitations,
+        requirements=experiment.requirements,
+        parameters=experiment.origins,
+        limits={name: method.limits for name, method in point.methods.items()},
+    )
+
+
+def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunNotes:
+    """Read what happened in the runs of a method besides their numbers."""
+    method, n_runs = point.methods[name], experiment.n_runs
+    failures = tuple(store.failures(method.key, n_runs))
+    held, warnings = store.held(method.key, n_runs), store.warnings(method.key, n_runs)
+    failed = store.failed_steps(method.key, n_runs)
+    return RunNotes(point.n_steps, method.holds, failures, held, warnings, None, method.optimises, failed)
+
+
+def _groups(
+    experiment: StoredExperiment, point: StoredPoint, store: Store, name: str, common: Array | None
+) -> RunGroups | None:
+    """Read the moments over the runs, group by group; None where none are stored, or fewer than two groups."""
+    if not point.has_ensemble:
+        return None
+    stored = groups_within(store.ensemble(point.methods[name].key, experiment.n_runs), common)
+    parts = [part for part in stored if part.n]
+    whole = [part for part in parts if not part.is_single] or parts
+    if len(whole) < 2:
+        return None
+    runs = tuple(np.arange(part.first, part.stop) for part in whole)
+    zero = np.zeros((whole[0].mean.shape[0], *whole[0].mean.shape[1:], whole[0].mean.shape[1]))
+    second = np.array([zero if part.is_single else part.second for part in whole])
+    n, mean = np.array([part.n for part in whole]), np.array([part.mean for part in whole])
+    return RunGroups(runs, n, mean, second, point.nx)
+
+
+def _frame(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> pd.DataFrame:
+    key = point.methods[name].key
+    runs, status = store.statuses(key, experiment.n_runs)
+    columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
+    return pd.DataFrame({"method": name, "run": runs, "status": WORDS[status], **columns})
+
+
+def other_code(experiment: StoredExperiment, store: Store) -> str:
+    """Describe the stored rows of other code that are missing in the tables; empty where there are none."""
+    return str(rows_kept_apart(experiment.stored_methods, store, experiment.n_runs))
+
+
+def n_complete(experiment: StoredExperiment, store: Store) -> dict[str, int]:
+    """Count the runs of every method that are stored with all metrics and traces, at the point where fewest are."""
+    counts: dict[str, int] = {}
+    for point in experiment.points:
+        for name, method in point.methods.items():
+            done = store.finished(method.key, point.metric_keys.values(), point.recording(name), experiment.n_runs)
+            counts[name] = min(counts.get(name, experiment.n_runs), len(done))
+    return counts
+
+
+def uncertainty(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+    """Read every sampled value of the named uncertain quantities: sweep columns, ``run`` and one per quantity."""
+    tables: list[pd.DataFrame] = []
+    cached: dict[str, pd.DataFrame] = {}
+    for point in experiment.points:
+        table = _quantities(experiment, point, store, cached)
+        tables.append(with_point(table, point.coordinates) if point.coordinates else table)
+    return stacked_rows(tables)
+
+
+def _quantities(
+    experiment: StoredExperiment, point: StoredPoint, store: Store, cached: dict[str, pd.DataFrame]
+) -> pd.DataFrame:
+    """Read the sampled values at one point: ``run`` and one column per quantity."""
+    if point.uncertainty_key not in cached:
+        runs, columns = store.uncertainty(point.uncertainty_key, experiment.n_runs)
+        names = [*point.uncertainty, *(name for name in columns if name not in point.uncertainty)]
+        missing = np.full(len(runs), np.nan)
+        table = pd.DataFrame({"run": runs, **{name: columns.get(name, missing) for name in names}})
+        cached[point.uncertainty_key] = table
+    return cached[point.uncertainty_key]
+
+
+COLUMNS = ["method", "quantity", "component", "k", "n", "value"]
+
+
+class SeriesReader:
+    """Reads the series of an experiment; points of a sweep that share a series get the same table.
+
+    An ensemble has the common runs of its point: in the order of the points, None where these are all runs.
+    """
+
+    def __init__(self, experiment: StoredExperiment, store: Store, common: Sequence[Array | None]) -> None:
+        self._experiment, self._store, self._common = experiment, store, common
+        self._cache: dict[tuple[tuple[str, str, bytes], ...], pd.DataFrame] = {}
+
+    def at_point(self, number: int, methods: Sequence[str]) -> pd.DataFrame:
+        """Series of some methods at one point of the sweep, with the columns `COLUMNS`."""
+        point, runs = self._experiment.points[number], self._common[number]
+        chosen = runs.tobytes() if runs is not None and point.has_ensemble else b""
+        key = tuple((name, point.methods[name].series_key, chosen) for name in methods)
+        if key not in self._cache and len(methods) > 1:
+            self._cache[key] = stacked_rows([self.at_point(number, [name]) for name in methods])
+        elif key not in self._cache:
+            parts = (
+                [*self._of_design(point, methods[0]), *self._of_ensemble(point, methods[0], runs)] if methods else []
+            )
+            self._cache[key] = stacked_rows(parts or [pd.DataFrame(columns=COLUMNS)])
+        return self._cache[key]
+
+    def of_sweep(self, methods: Sequence[str]) -> pd.DataFrame:
+        """Series of some methods at all points, each once: columns of paths it does not depend on are empty."""
+        points, parts = self._experiment.points, []
+        for name in methods:
+            rows = [(point.coordinates, point.methods[name].series_key) for point in points]
+            paths = relevant_paths(rows, self._experiment.axes)
+            seen: set[tuple[str, ...]] = set()
+            for number, point in enumerate(points):
+                where = {path: point.coordinates[path] if path in paths else "" for path in self._experiment.paths}
+                if tuple(where.values()) not in seen:
+                    seen.add(tuple(where.values()))
+                    parts.append(with_point(self.at_point(number, [name]), where))
+        return stacked_rows(parts)
+
+    def _of_design(self, point: StoredPoint, method: str) -> list[pd.DataFrame]:
+        """Gains, covariances, multipliers of a design over k."""
+        series = point.methods[method].series
+        return [_long(method, quantity, self._store.array(name)) for quantity, name in series.items()]
+
+    def _of_ensemble(self, point: StoredPoint, method: str, runs: Array | None) -> list[pd.DataFrame]:
+        """Mean and covariance of state, estimate and error over the runs: exact where they can be, and from groups."""
+        parts, exact = [], point.methods[method].moments
+        if exact is not None:
+            moments = Moments(*(self._store.array(name) for name in exact))
+            # The error of an unstable estimator may grow until it overflows.
+            with np.errstate(over="ignore", invalid="ignore"):
+                parts += [_long(method, name, values) for name, values in signals(moments, point.nx).items()]
+        groups = []
+        if point.has_ensemble:
+            groups = groups_within(self._store.ensemble(point.methods[method].key, self._experiment.n_runs), runs)
+        if groups:
+            n, mean, cov = joined(groups)
+            sampled = signals(Moments(mean, cov), point.nx) if n > 1 else {}
+            parts += [_long(method, name, values, n) for name, values in sampled.items()]
+        return parts
+
+
+def groups_within(groups: Sequence[Group], runs: Array | None) -> list[Group]:
+    """Return the groups of which all runs are among some; None for all runs."""
+    return [each for each in groups if runs is None or np.isin(np.arange(each.first, each.stop), runs).all()]
+
+
+def _long(method: str, quantity: str, values: Array, n: int = 0) -> pd.DataFrame:
+    """Spread an array with axis 0 = k over rows, one per k and component; n = 0 means exact."""
+    n_samples, inner = len(values), values.shape[1:]
+    components = [",".join(map(str, index)) for index in np.ndindex(*inner)]
+    flat = values.reshape(n_samples, -1)
+    return pd.DataFrame(
+        {
+            "method": method,
+            "quantity": quantity,
+            "component": np.repeat(np.array(components, dtype=object), n_samples),
+            "k": np.tile(np.arange(n_samples), len(components)),
+            "n": n,
+            "value": flat.T.ravel(),
+        }
+    )
+
+
+def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
+    """Read the recorded runs of a method; None where there are none."""
+    method, n_runs = point.methods[name], point.n_recorded
+    if point.reference is None or not method.signals:
+        return None
+    found = {signal: store.traces(method.key, signal, n_runs) for signal in method.signals}
+    runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
+    signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
+    r = store.array(point.reference)
+    shapes = dict(method.shapes)
+    with decoded(store.directory):
+        _check(point, signals if runs else {}, r, shapes)
+    if COVARIANCE in signals and COVARIANCE not in shapes:
+        n = math.isqrt(signals[COVARIANCE].shape[2])
+        shapes[COVARIANCE] = (n, n)
+    return Traces(np.array(runs, dtype=np.int64), signals, r, shapes) if runs else None
+
+
+def _check(point: StoredPoint, signals: Mapping[str, Array], r: Array, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse recorded runs that do not have the samples and the components of their experiment."""
+    if r.ndim != 2 or len(r) <= point.n_steps:
+        raise ValueError(f"the reference has the shape {r.shape} with {point.n_steps} steps")
+    for name, values in signals.items():
+        n_samples, width = values.shape[1:]
+        if n_samples not in (point.n_steps, point.n_steps + 1) or width != math.prod(shapes.get(name, (width,))):
+            raise ValueError(f"traces.data of {name} has {n_samples} samples of {width} components")
+    if COVARIANCE in signals and math.isqrt(signals[COVARIANCE].shape[2]) ** 2 != signals[COVARIANCE].shape[2]:
+        raise ValueError(f"traces.width of {COVARIANCE} is no square")
+
+
+def with_estimates(point: StoredPoint, texts: Mapping[str, str], traces: Iterable[Traces]) -> dict[str, str]:
+    """Return units or names of components; an estimate of the plant's states has those of the states."""
+    found = dict(texts)
+    widths = {trace.signals["x_hat"].shape[2] for trace in traces if "x_hat" in trace.signals}
+    if widths == {point.nx}:
+        found |= {f"x_hat.{i}": found[f"x.{i}"] for i in range(point.nx) if f"x.{i}" in found}
+    return found
+
+
+def with_step_times(
+    notes: Mapping[str, RunNotes], experiment: StoredExperiment, point: StoredPoint, store: Store
+) -> dict[str, RunNotes]:
+    """Add the times per step, where a component of some method has been called run by run, or methods are ranked."""
+    stored = {name: store.durations(point.methods[name].key, experiment.n_runs) for name in notes}
+    if not (experiment.ranks or any(map(_is_own, stored.values()))):
+        return dict(notes)
+    medians = {
+        name: {phase: _printed(each.quantile(0.5)) for phase, each in found.items()} for name, found in stored.items()
+    }
+    return {name: replace(each, seconds_per_step=_step_time(medians[name])) for name, each in notes.items()}
+
+
+def with_timings(trials: Trials, timings: pd.DataFrame) -> Trials:
+    """Return trials with the times per step that follow from a table of `timings`, such as that of an archive."""
+    if trials.points:
+        return replace(trials, points=tuple(with_timings(table, timings) for table in trials.points))
+    for path, value in trials.point.items():
+        timings = timings[timings[path].astype(str) == value]
+    medians: dict[str, dict[str, float]] = {name: {} for name in trials.notes}
+    for row in timings.to_dict("records"):
+        phase = "" if row["phase"] == "step" else f", {row['phase']}"
+        medians.setdefault(row["method"], {})[f"{row['component']}{phase}"] = row["median_s"]
+    notes = {name: replace(each, seconds_per_step=_step_time(medians[name])) for name, each in trials.notes.items()}
+    return replace(trials, notes=notes)
+
+
+def _printed(seconds: float) -> float:
+    return float(f"{seconds:.4g}")
+
+
+def _is_own(durations: Mapping[str, Durations]) -> bool:
+    """Whether calls for single runs have been timed."""
+    return any(not phase.endswith(f", {BLOCK}") for phase in durations)
+
+
+def _step_time(medians: Mapping[str, float]) -> float | None:
+    """Return the median time of a step of estimator and controller together [s]; None where one is not known."""
+    found = [medians.get(role, medians.get(f"{role}, {BLOCK}")) for role in ("estimator", "controller")]
+    known = [each for each in found if each is not None]
+    return sum(known) if len(known) == len(found) else None
+
+
+def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+    """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
+
+    The phase is ``step``, ``first step`` (which may compile) or ``start``; ``block`` is the time per run and step of a
+    component that computes all runs of a block at once, with every run as a call.  The quantiles have the relative
+    error of a histogram (`Durations`), 1 %.  They differ from computation to computation.  Without components that are
+    called run by run, and without ranks, there are none.
+    """
+    rows, has_own = [], False
+    for point in experiment.points:
+        for name, method in point.methods.items():
+            stored = store.durations(method.key, experiment.n_runs)
+            has_own = has_own or _is_own(stored)
+            for component, durations in stored.items():
+                part, _, phase = component.partition(", ")
+                seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
+                share = seconds[1] / point.Ts if point.Ts else math.nan
+                numbers = [_printed(value) for value in (*seconds, share)]
+                rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
+    names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
+    return pd.DataFrame(rows if has_own or experiment.ranks else [], columns=[*experiment.paths, *names])
