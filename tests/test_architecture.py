@@ -136,7 +136,7 @@ MAY_IMPORT = {
     # What a directory of results holds.  A claim is judged and a figure drawn from it.
     "results": {
         "store",
-        "engines",  # the estimate of the time, in blocks
+        "engines",  # the type of a finished task
         "config",
         "config_file",
         "components",

@@ -14,7 +14,7 @@ from rmpc_bench.cli.tuning import tuning_line
 from rmpc_bench.config.method_differences import method_differences, short_value
 from rmpc_bench.config_file.keys import model_of
 from rmpc_bench.config_file.tree import kind_of, plain
-from rmpc_bench.results.manifest import megabytes, seconds
+from rmpc_bench.engines.blocks import megabytes_of, seconds_of
 from rmpc_bench.types.texts import cut, in_columns, width_of, wrapped
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def short_lines(path: Path, config: ExperimentConfig, *, full: bool = False, mea
     full : whether all remarks are shown, and no hint to the option
     measured : whether the time is measured, which needs no hint
     """
-    about = f", about {seconds(config):.0f} s" if "runs" in config.evaluate else ""
+    about = f", about {seconds_of(config):.0f} s" if "runs" in config.evaluate else ""
     lines = [f"{path} is valid: {_size(config)}{about}", "", *_method_lines(config), ""]
     plant, model = config.first_point["plant"], next(iter(config.methods.values()))["model"]
     parts = {
@@ -88,7 +88,7 @@ def full_lines(config: ExperimentConfig) -> list[str]:
     if config.paths and "runs" in config.evaluate:
         lines += ["", f" {config.n_trials():,} trials; those that points share count once"]
     if "runs" in config.evaluate:
-        lines += ["", f" memory   {megabytes(config):.0f} MB per process for the trajectories of a block"]
+        lines += ["", f" memory   {megabytes_of(config):.0f} MB per process for the trajectories of a block"]
     return lines
 
 
