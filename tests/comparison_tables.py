@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.common_runs import Extent, PointExtent
+from rmpc_bench.analysis.runs import Extent, PointExtent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 

@@ -21,7 +21,7 @@ from populations import Population, populations
 
 from rmpc_bench.analysis import comparison
 from rmpc_bench.analysis.intervals import student
-from rmpc_bench.analysis.looks import planned_level, schedule
+from rmpc_bench.analysis.levels import planned_level, schedule
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.grammar import Link, parse

@@ -16,17 +16,20 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.failures import FACTOR, largest_share
-from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p, student
-from rmpc_bench.analysis.looks import unplanned_level
+from rmpc_bench.analysis.intervals import FEW, NONE, holm, mean_interval, signed_rank_p, student
+from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
 from rmpc_bench.analysis.rounding import without_noise
-from rmpc_bench.analysis.runs_needed import runs_for_count, runs_for_direction, runs_for_equivalence
-from rmpc_bench.analysis.simultaneous import held_level
-from rmpc_bench.analysis.superiority import shares_interval, superiority, superiority_interval
+from rmpc_bench.analysis.superiority import (
+    runs_for_count,
+    runs_for_direction,
+    runs_for_equivalence,
+    shares_interval,
+    superiority,
+    superiority_interval,
+)
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
+from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, largest_share, verdict
 from rmpc_bench.types import Array, MetricInfo
 
 

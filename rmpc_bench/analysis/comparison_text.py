@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.analysis.failures import BOUND, FACTOR
 from rmpc_bench.analysis.pairs import is_signed
 from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
-from rmpc_bench.analysis.verdict import Verdict
+from rmpc_bench.analysis.verdict import BOUND, FACTOR, Verdict
 from rmpc_bench.types import MetricInfo
 
 if TYPE_CHECKING:

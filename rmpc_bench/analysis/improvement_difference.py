@@ -19,16 +19,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.intervals import NONE, Interval, student, welch, wilson
-from rmpc_bench.analysis.looks import unplanned_level
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, mean_interval, student, welch, wilson
+from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, worst_finished
-from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
 from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.analysis.simultaneous import held_level
-from rmpc_bench.analysis.superiority import shares_interval
+from rmpc_bench.analysis.superiority import runs_for_direction, runs_for_equivalence, shares_interval
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
+from rmpc_bench.analysis.verdict import Evidence, Failures, Verdict, verdict
 from rmpc_bench.types import Array, MetricInfo
 
 NO_ESTIMATE = Estimate()

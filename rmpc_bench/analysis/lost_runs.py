@@ -16,9 +16,9 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.failures import far_worse
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import far_worse
 
 
 @dataclass(frozen=True, kw_only=True)

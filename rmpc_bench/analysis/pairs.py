@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.analysis.failures import FACTOR, far_worse, worst_of
-from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.intervals import FEW, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
-from rmpc_bench.analysis.verdict import FEW
+from rmpc_bench.analysis.verdict import FACTOR, far_worse, worst_of
 from rmpc_bench.types import Array, MetricInfo
 
 if TYPE_CHECKING:

@@ -1,11 +1,11 @@
-"""Ranks of methods over all points of a sweep, as intervals that hold simultaneously.
+"""Ranks of methods and ratios to the baseline, over all points of a sweep and in parts, with simultaneous intervals.
 
 Score   The mean over the points of the logarithm of the primary metric; the difference of two methods is the logarithm
         of the geometric mean of their ratios.  The unit is the run: a run has the same random numbers for all methods
         and, where the points have one seed, at all points, so the points of a run are averaged first.
 Rank    The interval of the rank of a method begins at 1 + the number of better methods, and ends at the number of all
         methods minus that of the worse ones.  Intervals of all pairs of methods decide which is better.  They hold
-        simultaneously (`rmpc_bench.analysis.simultaneous`).  All ranks then lie in their intervals simultaneously with
+        simultaneously (`rmpc_bench.analysis.levels`).  All ranks then lie in their intervals simultaneously with
         at least the level of the experiment.
 Failed  Failed runs come first.  A method that fails more often than another is worse, whatever its accuracy, where the
         interval of the difference of the shares excludes 0.  Otherwise accuracy decides, on the runs that both
@@ -17,19 +17,22 @@ Limit   Two methods: the paired comparison.  No run failed: accuracy alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
-from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.intervals import NONE, Interval
-from rmpc_bench.analysis.loss_differences import Difference, Losses
-from rmpc_bench.analysis.rounding import without_noise
-from rmpc_bench.analysis.simultaneous import held_level
-from rmpc_bench.types import Array
+from rmpc_bench.analysis.intervals import NONE, Interval, mean_interval
+from rmpc_bench.analysis.levels import held_level
+from rmpc_bench.analysis.pairs import distance_from_best
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, without_noise
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import FACTOR
+from rmpc_bench.types import Array, MetricInfo
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,3 +136,248 @@ def _sign(interval: Interval) -> int:
     """Return the sign of an interval that excludes 0, else 0; NaN excludes nothing."""
     low, high = interval
     return 1 if low > 0 else -1 if high < 0 else 0
+
+
+class Difference(NamedTuple):
+    """The difference of the mean logarithms of two methods, distributed over the runs."""
+
+    per_run: Float[Array, " runs"]
+    """Numbers whose mean is the difference; NaN where no point is used."""
+    n_points: int
+    """Points that it rests on."""
+    n_pairs: int
+    """Runs of these points that both methods finished."""
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Logarithms of a metric at all points of a sweep, smaller ones better.
+
+    Parameters
+    ----------
+    methods : names of axis 1
+    logs : NaN where the run failed or is not there
+    failed : whether the run failed
+    """
+
+    methods: tuple[str, ...]
+    logs: Float[Array, "points methods runs"]
+    failed: Bool[Array, "points methods runs"]
+
+    def difference(
+        self, method: int, other: int, points: Sequence[int] | None = None, *, failed: str = "left out"
+    ) -> Difference:
+        """Average the differences of two methods over points with equal weights.
+
+        Every point counts by its own mean, whatever the number of runs that both methods finished there.  The deviation
+        of a run from that mean has the weight (number of runs)/(number of pairs).
+
+        Parameters
+        ----------
+        method, other : their places; the difference is the first minus the second
+        points : places of the points; all unless given
+        failed : ``left out``, or ``worst``: as the worst finished run at the point, and worse than its partner
+        """
+        chosen = slice(None) if points is None else list(points)
+        a, b = self.logs[chosen, method], self.logs[chosen, other]
+        if failed == "worst":
+            worst, step = self._worst[chosen][:, None], np.log(FACTOR)
+            of_a, of_b = np.fmax(worst, b + step), np.fmax(worst, a + step)
+            a, b = np.where(self.failed[chosen, method], of_a, a), np.where(self.failed[chosen, other], of_b, b)
+        gap = a - b
+        # Two values that differ by rounding errors only are equal.
+        gap = np.where(np.abs(gap) <= NEGLIGIBLE, 0.0, gap)
+        there = np.isfinite(gap)
+        n = there.sum(axis=1)
+        used = n > 0
+        if not used.any():
+            return Difference(np.full(gap.shape[1], np.nan), 0, 0)
+        gap, there, n = gap[used], there[used], n[used][:, None]
+        mean = np.where(there, gap, 0.0).sum(axis=1, keepdims=True) / n
+        parts = mean + np.where(there, gap - mean, 0.0) * (gap.shape[1] / n)
+        return Difference(parts.mean(axis=0), int(used.sum()), int(there.sum()))
+
+    def failures(self, method: int, other: int) -> Float[Array, " runs"]:
+        """Return the share of points at which a method fails, minus that of another one, of every run."""
+        gap = self.failed[:, method].astype(float) - self.failed[:, other]
+        return np.asarray(gap.mean(axis=0))
+
+    @property
+    def _worst(self) -> Float[Array, " points"]:
+        """The largest logarithm of all methods at every point; 0 where no run is finished."""
+        finite = np.isfinite(self.logs)
+        largest = np.where(finite, self.logs, -np.inf).max(axis=(1, 2), initial=-np.inf)
+        return np.where(finite.any(axis=(1, 2)), largest, 0.0)
+
+
+def losses(trials: Trials, info: MetricInfo) -> Losses | None:
+    """Collect the logarithms of a metric; None where a finished run has a value without one: 0, negative or inf."""
+    methods = trials.methods
+    runs = np.unique(np.concatenate([point.runs for point in trials.each]))
+    shape = (len(trials.each), len(methods), len(runs))
+    values, failed = np.full(shape, np.nan), np.zeros(shape, dtype=bool)
+    for number, point in enumerate(trials.each):
+        places = np.searchsorted(runs, point.runs)
+        for column, name in enumerate(methods):
+            values[number, column, places] = distance_from_best(point.column(info.name, name), info.direction)
+            failed[number, column, places] = point.failed(name)
+    values[failed] = np.nan
+    known = ~np.isnan(values)
+    if not (known.any() and np.isfinite(values[known]).all() and (values[known] > 0).all()):
+        return None
+    sign = -1.0 if info.direction == "higher" else 1.0
+    return Losses(methods, sign * np.log(values), failed)
+
+
+MOST_VALUES = 6
+"""Values of a swept axis that have a ratio of their own in the tables; of more the smallest and the largest one."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Geometric mean of the ratios of the metric of a method to that of the baseline.
+
+    Parameters
+    ----------
+    axis, value : the part of the sweep, such as ``noise`` and ``biased``; both empty for all points
+    method : name
+    ratio, low, high : the geometric mean with its interval; NaN without a pair
+    n_points : points that it rests on
+    n_pairs : runs of them that both methods finished
+    """
+
+    axis: str
+    value: str
+    method: str
+    ratio: float
+    low: float
+    high: float
+    n_points: int
+    n_pairs: int
+
+
+@dataclass(frozen=True)
+class RankRow:
+    """A method in the table of ranks.
+
+    Parameters
+    ----------
+    method : name
+    rank_low, rank_high : ends of the interval of its rank
+    n, n_failed : trials of all points, and how many of them failed
+    ratio : to the baseline, over all points
+    by_value : to the baseline, for every value of the axes with few values
+    smallest, largest : of the ratios to the baseline for the values of the longest axis; None without a sweep
+    better, worse : values of the longest axis whose interval lies below and above 1
+    """
+
+    method: str
+    rank_low: int
+    rank_high: int
+    n: int
+    n_failed: int
+    ratio: Ratio
+    by_value: tuple[Ratio, ...]
+    smallest: Ratio | None
+    largest: Ratio | None
+    better: int
+    worse: int
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The table of ranks.
+
+    Parameters
+    ----------
+    rows : the methods, those with the smallest ranks first
+    ratios : of all parts of the sweep, in its order
+    level : level of each interval of the ratios over all points; together they have that of the experiment
+    longest : the axis whose values are the units of `better` and `worse`; empty without a sweep
+    n_values : number of its values
+    """
+
+    rows: tuple[RankRow, ...]
+    ratios: tuple[Ratio, ...]
+    level: float
+    longest: str
+    n_values: int
+
+
+def ranking(trials: Trials) -> Ranking | None:
+    """Rank the methods of an experiment that asks for ranks.
+
+    None where it does not, there is only one method or no run, or a value of the primary metric has no logarithm.
+    """
+    info = trials.primary_info
+    if trials.ranked is None or info is None or len(trials.methods) < 2 or not len(trials.frame):
+        return None
+    found = losses(trials, info)
+    if found is None:
+        return None
+    baseline = found.methods.index(trials.baseline)
+    groups = _groups(trials)
+    ranked = ranks(found, trials.confidence, trials.seed)
+    ratios = _ratios(found, baseline, groups, trials)
+    lengths = {axis: sum(each[0] == axis for each in groups) for axis, _, _ in groups}
+    longest = max(lengths, key=lambda axis: lengths[axis], default="")
+    rows = [_row(found, ranked, baseline, number, ratios, longest) for number in range(len(found.methods))]
+    rows.sort(key=lambda row: (row.rank_low + row.rank_high, row.n_failed, _rounded(row.ratio.ratio)))
+    return Ranking(tuple(rows), tuple(ratios), ranked.level, longest, lengths.get(longest, 0))
+
+
+def _groups(trials: Trials) -> list[tuple[str, str, list[int]]]:
+    """Return axis, value and places of the points, for every value of every axis; nothing without a sweep."""
+    found = []
+    for paths in trials.ranked or ():
+        values = [point.point[paths[0]] for point in trials.points]
+        for value in dict.fromkeys(values):
+            found.append((paths[0], value, [number for number, each in enumerate(values) if each == value]))
+    return found
+
+
+def _ratios(found: Losses, baseline: int, groups: Sequence[tuple[str, str, list[int]]], trials: Trials) -> list[Ratio]:
+    parts = [points for _, _, points in groups]
+    compared = group_intervals(found, baseline, parts, trials.confidence, trials.seed) if parts else []
+    return [
+        _ratio(axis, value, method, *found_there)
+        for (axis, value, _), row in zip(groups, compared, strict=True)
+        for method, found_there in zip(found.methods, row, strict=True)
+        if method != trials.baseline
+    ]
+
+
+def _row(found: Losses, ranked: Ranks, baseline: int, number: int, ratios: Sequence[Ratio], longest: str) -> RankRow:
+    method = found.methods[number]
+    own = [each for each in ratios if each.method == method]
+    units = [each for each in own if each.axis == longest and math.isfinite(each.ratio)]
+    few = {axis for axis in {each.axis for each in own} if 1 < sum(each.axis == axis for each in own) <= MOST_VALUES}
+    failed, finished = found.failed[:, number], np.isfinite(found.logs[:, number])
+    if number == baseline:
+        total = Ratio("", "", method, 1.0, math.nan, math.nan, len(finished), int(finished.sum()))
+    else:
+        total = _ratio("", "", method, *ranked.against(number, baseline))
+    return RankRow(
+        method=method,
+        rank_low=int(ranked.low[number]),
+        rank_high=int(ranked.high[number]),
+        n=int((failed | finished).sum()),
+        n_failed=int(failed.sum()),
+        ratio=total,
+        by_value=tuple(each for each in own if each.axis in few),
+        smallest=min(units, key=lambda each: _rounded(each.ratio), default=None),
+        largest=max(units, key=lambda each: _rounded(each.ratio), default=None),
+        better=sum(each.high < 1 for each in units),
+        worse=sum(each.low > 1 for each in units),
+    )
+
+
+def _ratio(axis: str, value: str, method: str, difference: Difference, interval: Interval) -> Ratio:
+    mean = float(difference.per_run.mean())
+    ratio, low, high = (math.exp(each) for each in (mean, *interval))
+    return Ratio(axis, value, method, ratio, low, high, difference.n_points, difference.n_pairs)
+
+
+def _rounded(ratio: float) -> float:
+    """Round a ratio so that equal ones have the same order on every CPU; one that is unknown comes last."""
+    return math.inf if math.isnan(ratio) else round(ratio, 9)

@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.bootstrap import skewness, skewness_error
 from rmpc_bench.analysis.comparison import Comparison, compared, levels
-from rmpc_bench.analysis.intervals import student
+from rmpc_bench.analysis.intervals import FEW, skewness, skewness_error, student
 from rmpc_bench.analysis.pairs import Pairs
 from rmpc_bench.analysis.superiority import superiority_interval
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.types import Array
 
 _LARGEST_LOG = 700.0

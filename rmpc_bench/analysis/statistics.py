@@ -1,16 +1,25 @@
-"""Summary of every metric of every method."""
+"""Summary of every metric of every method, and how many runs meet a requirement.
+
+The share of runs that pass has its Wilson (score) interval, the paired difference of two shares the score interval of
+Tango with the exact McNemar test (`shares_interval`).  A failed run does not pass; an event that did not occur has the
+value inf, which passes no upper limit.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.intervals import NONE, quantiles, standard_error, student
+from rmpc_bench.analysis.intervals import NONE, quantiles, standard_error, student, wilson
+from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.types import MetricInfo
+from rmpc_bench.analysis.verdict import largest_share
+from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types.requirement import Requirement
 
 SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max did_not_occur".split()
 
@@ -48,3 +57,88 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "max": largest,
         "did_not_occur": int(np.isinf(values).sum()),
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassRate:
+    """Runs of one method that meet one requirement; a row of requirements.csv.
+
+    Parameters
+    ----------
+    requirement : as written
+    method, baseline : names
+    n : runs of the method, failed ones included
+    n_failed : failed runs, which do not pass
+    passed : runs that pass
+    pass_pct, pass_low, pass_high : share of runs that pass with its Wilson interval [%]
+    miss_upper : exact 95 % bound of the share of runs that do not pass [%]
+    n_pairs : runs of both methods
+    method_only, baseline_only : runs in which one of the two passes and the other does not
+    difference_pct, difference_low, difference_high : share of the method minus that of the baseline with its paired
+        score interval [percentage points]; NaN for the baseline
+    """
+
+    requirement: str
+    method: str
+    baseline: str
+    n: int
+    n_failed: int
+    passed: int
+    pass_pct: float
+    pass_low: float
+    pass_high: float
+    miss_upper: float
+    n_pairs: int
+    method_only: int
+    baseline_only: int
+    difference_pct: float = math.nan
+    difference_low: float = math.nan
+    difference_high: float = math.nan
+
+
+COLUMNS = [field.name for field in fields(PassRate)]
+
+
+def pass_rates(trials: Trials) -> pd.DataFrame:
+    """Count the runs that meet each requirement, a row per requirement and method with the fields of `PassRate`."""
+    rows = [_rate(trials, each, method) for each in trials.requirements for method in trials.methods]
+    return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
+
+
+def _rate(trials: Trials, requirement: Requirement, method: str) -> PassRate:
+    passed, there = _passed(trials, requirement, method)
+    other, there_too = _passed(trials, requirement, trials.baseline)
+    n, k = int(there.sum()), int(passed.sum())
+    both = there & there_too
+    alone = int((passed & ~other & both).sum()), int((other & ~passed & both).sum())
+    n_pairs = int(both.sum())
+    shares = [100 * share for share in wilson(k, n, trials.confidence)]
+    paired = {}
+    if method != trials.baseline and n_pairs:
+        low, high = shares_interval(*alone, n_pairs, trials.confidence)
+        value = (alone[0] - alone[1]) / n_pairs
+        names = ("difference_pct", "difference_low", "difference_high")
+        paired = {name: 100 * end for name, end in zip(names, (value, low, high), strict=True)}
+    return PassRate(
+        requirement=requirement.text,
+        method=method,
+        baseline=trials.baseline,
+        n=n,
+        n_failed=trials.n_failed(method),
+        passed=k,
+        pass_pct=100 * k / n if n else math.nan,
+        pass_low=shares[0],
+        pass_high=shares[1],
+        miss_upper=100 * largest_share(n - k, n),
+        n_pairs=n_pairs,
+        method_only=alone[0],
+        baseline_only=alone[1],
+        **paired,
+    )
+
+
+def _passed(trials: Trials, requirement: Requirement, method: str) -> tuple[Array, Array]:
+    """Return which runs pass, and which there are; both (n_runs,) in the order of `Trials.runs`."""
+    values = trials.column(requirement.metric, method)
+    there = ~np.isnan(values) | trials.failed(method)
+    return requirement.passed(values), there

@@ -1,4 +1,4 @@
-"""The table of trials as arrays over the points of a sweep, method and run."""
+"""The table of trials as arrays over the points, methods and runs, and with six digits for figures of every CPU."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Int
 
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
 
@@ -123,3 +126,36 @@ def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "metho
         for name, values in trace.signals.items():
             signals[name][table.methods.index(method), rows, : values.shape[1], : values.shape[2]] = values
     return runs, np.arange(len(r)), signals, r
+
+
+def rounded_trials(trials: Trials) -> Trials:
+    """Round all numbers to six digits; nothing becomes 0, which a logarithmic axis cannot show."""
+    metrics = [info.name for info in trials.metrics]
+    # Points of a sweep share the series of designs that do not depend on it.
+    series: dict[int, pd.DataFrame] = {}
+    return _rounded(trials, metrics, series)
+
+
+def _rounded(trials: Trials, metrics: list[str], series: dict[int, pd.DataFrame]) -> Trials:
+    # Columns that stay are shared with the other table, and one column at a time needs little memory.
+    columns = {name: rounded(trials.frame[name].to_numpy(dtype=float)) for name in metrics}
+    if id(trials.series) not in series:
+        values: Array = rounded(trials.series["value"].to_numpy(dtype=float))
+        series[id(trials.series)] = trials.series.assign(value=values)
+    return trials.with_numbers(
+        trials.frame.assign(**columns),
+        series=series[id(trials.series)],
+        uncertainty=_rounded_quantities(trials.uncertainty),
+        traces={method: _rounded_traces(traces) for method, traces in trials.traces.items()},
+        points=tuple(_rounded(point, metrics, series) for point in trials.points),
+    )
+
+
+def _rounded_quantities(table: pd.DataFrame) -> pd.DataFrame:
+    columns = {name: rounded(table[name].to_numpy(dtype=float)) for name in table.columns if name != "run"}
+    return table.assign(**columns)
+
+
+def _rounded_traces(traces: Traces) -> Traces:
+    signals = {signal: rounded(values) for signal, values in traces.signals.items()}
+    return traces._replace(signals=signals, r=rounded(traces.r))

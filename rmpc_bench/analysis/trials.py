@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.common_runs import common_runs
-from rmpc_bench.analysis.looks import PlannedLook
-from rmpc_bench.analysis.run_groups import RunGroups
-from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.analysis.traces import Traces, last_new_sample
+from rmpc_bench.analysis.levels import PlannedLook
+from rmpc_bench.analysis.runs import RunNotes, common_runs
+from rmpc_bench.analysis.traces import RunGroups, Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import Tuning

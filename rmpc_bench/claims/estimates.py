@@ -18,11 +18,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.intervals import Interval, difference, exact_share, fieller, order_ranks, student, wilson
+from rmpc_bench.analysis.intervals import (
+    FEW,
+    Interval,
+    difference,
+    exact_share,
+    fieller,
+    mean_interval,
+    order_ranks,
+    student,
+    wilson,
+)
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
-from rmpc_bench.analysis.run_groups import MAX_GROUPS
-from rmpc_bench.analysis.verdict import FEW
+from rmpc_bench.analysis.traces import MAX_GROUPS
 from rmpc_bench.claims import grammar
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoValue, Value

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.analysis.traces import RunGroups
 from rmpc_bench.claims import grammar
 from rmpc_bench.claims.values import (
     EvaluationError,

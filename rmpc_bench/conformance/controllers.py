@@ -1,4 +1,8 @@
-"""Checks of controllers: shapes, purity, and runs that do not depend on the block they share."""
+"""Checks of controllers: shapes, purity, independence of other runs, and the information that u(k) depends on.
+
+u(k) depends on x_hat and y up to k, and on the samples of r within the preview.  The plant of these checks has a given
+input, so that its states are bounded whatever the controller returns.
+"""
 
 from __future__ import annotations
 

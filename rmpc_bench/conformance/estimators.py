@@ -1,4 +1,8 @@
-"""Whether the errors of an estimator agree with its reported covariance: nees and nis inside chi-square bands."""
+"""Checks of estimators: shapes, purity, independence of other runs, and the information that x_hat(k) depends on.
+
+x_hat(k) depends on y(0)..y(k), u(0)..u(k-1) and the model, and on nothing else.  These checks need a linear Gaussian
+system, whose best estimator is the Kalman filter.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of metrics: one number per run that does not depend on the other runs."""
+"""Checks of metrics and figures: they depend on trajectories and stored results alone; with an example of these."""
 
 from __future__ import annotations
 

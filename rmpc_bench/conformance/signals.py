@@ -1,4 +1,4 @@
-"""Checks of noise laws: draws depend on the generator only and have the stated moments; measurements as altered."""
+"""Checks of noise laws and references: they depend on the generator, or on nothing, and have the stated moments."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
-from rmpc_bench.analysis.looks import next_width_look
+from rmpc_bench.analysis.levels import next_width_look
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import judge
 from rmpc_bench.config.experiment_config import ExperimentConfig

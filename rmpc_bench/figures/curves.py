@@ -10,12 +10,12 @@ import numpy as np
 from rmpc_bench.analysis.estimation_errors import (
     ErrorMoments,
     ErrorRuns,
+    chi_square_band,
     ensemble_errors,
     recorded_errors,
     recorded_innovations,
     reported_covariance,
 )
-from rmpc_bench.analysis.nees import chi_square_band
 from rmpc_bench.figures.axes import drawable
 from rmpc_bench.figures.quantities import Quantity
 from rmpc_bench.figures.recorded_runs import (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.intervals import wilson
-from rmpc_bench.analysis.rank_rows import ranking
+from rmpc_bench.analysis.ranks import ranking
 from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
 from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis, spaced

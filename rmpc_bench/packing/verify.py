@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rmpc_bench.analysis.looks import number_of_look
+from rmpc_bench.analysis.levels import number_of_look
 from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Claim

@@ -13,9 +13,9 @@ from rmpc_bench.analysis import comparison_text
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.comparison_text import margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.report.point_tables import markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import DesignError, MetricInfo

@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Sequence
 
 from rmpc_bench.analysis.comparison_text import per_cent
-from rmpc_bench.analysis.failures import FACTOR
-from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import parameter_groups
+from rmpc_bench.analysis.verdict import FACTOR
 from rmpc_bench.figures.captions import printed
 from rmpc_bench.report import latex
 from rmpc_bench.report.comparison_table import AVERAGES

@@ -10,11 +10,11 @@ from typing import Any
 
 import pandas as pd
 
-from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
-from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
+from rmpc_bench.analysis.ranks import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import parameter_cells, parameter_legend
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.point_tables import markdown_page, markdown_table
 from rmpc_bench.report.run_notes import short_time

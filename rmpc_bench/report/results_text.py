@@ -14,11 +14,11 @@ import pandas as pd
 from rmpc_bench.analysis.comparison_text import about, margin_of
 from rmpc_bench.analysis.improvement_difference import AverageDifference, ImprovementDifference
 from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, difference_texts, interval_text, plain
 from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, TrialDifferences
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.figures.captions import joined
 from rmpc_bench.report.comparison_table import AVERAGES, verb_and_size

@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.comparison_text import per_cent
-from rmpc_bench.analysis.driver_text import share_text as driver_share
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
+from rmpc_bench.analysis.drivers import share_text as driver_share
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
-from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
+from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.captions import short_title
@@ -259,7 +259,7 @@ class RequirementsTable:
     """Pass rates at every point of a sweep."""
 
     trials: Trials
-    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its pass rates, see `rmpc_bench.analysis.requirements`
+    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its pass rates, see `rmpc_bench.analysis.statistics`
 
     @property
     def frame(self) -> pd.DataFrame:

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.driver_text import LITTLE, gist
+from rmpc_bench.analysis.drivers import LITTLE, gist
 from rmpc_bench.analysis.lost_runs import lost_runs
-from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
+from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.shown_numbers import plain
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
-from rmpc_bench.analysis.rank_rows import Ranking
+from rmpc_bench.analysis.ranks import Ranking
 from rmpc_bench.analysis.result_rows import FAILS_MORE, NOT_COMPUTED, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text

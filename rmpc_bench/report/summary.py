@@ -10,8 +10,8 @@ import pandas as pd
 
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import comparisons, levels
-from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.result_rows import result_table
+from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH
 from rmpc_bench.report.notes import latex_tables, note_of

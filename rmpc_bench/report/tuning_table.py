@@ -10,10 +10,9 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.parameter_text import parameter_text
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
+from rmpc_bench.analysis.tuning import Outcome, outcome, parameter_text, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
 from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
 from rmpc_bench.report.run_notes import counted, percent

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, get_args
 
 import rmpc_bench
-from rmpc_bench.analysis.looks import PlannedLook, planned_level, schedule
+from rmpc_bench.analysis.levels import PlannedLook, planned_level, schedule
 from rmpc_bench.claims.claim import Claim, usual_parameters
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from rmpc_bench.analysis.common_runs import Extent, PointExtent
-from rmpc_bench.analysis.rounded_trials import rounded_trials
+from rmpc_bench.analysis.runs import Extent, PointExtent
 from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.trial_arrays import rounded_trials
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.relocation import check_copies
 from rmpc_bench.received.store import FILE, MissingError, decoded

@@ -9,11 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.common_runs import common_runs
-from rmpc_bench.analysis.looks import number_of_look
-from rmpc_bench.analysis.run_groups import RunGroups
-from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.analysis.traces import COVARIANCE, Traces
+from rmpc_bench.analysis.levels import number_of_look
+from rmpc_bench.analysis.runs import RunNotes, common_runs
+from rmpc_bench.analysis.traces import COVARIANCE, RunGroups, Traces
 from rmpc_bench.analysis.trials import Trials, stacked_rows, with_point
 from rmpc_bench.received.store import MissingError, decoded
 from rmpc_bench.results import manifest

@@ -11,9 +11,9 @@ from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import COLUMNS, Comparison, comparisons, levels
+from rmpc_bench.analysis.intervals import FEW
 from rmpc_bench.analysis.pairs import pairs_of, worst_finished
-from rmpc_bench.analysis.runs_needed import POWER, runs_for_count
-from rmpc_bench.analysis.verdict import FEW
+from rmpc_bench.analysis.superiority import POWER, runs_for_count
 from rmpc_bench.types import MetricInfo
 
 INF = math.inf

@@ -6,11 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rmpc_bench.analysis.driver_text import gist, share_text
-from rmpc_bench.analysis.drivers import REST, drivers, inputs
+from rmpc_bench.analysis.drivers import REST, drivers, gist, inputs, share_text
 from rmpc_bench.analysis.intervals import student, wilson
-from rmpc_bench.analysis.responses import SHARE, Response
-from rmpc_bench.analysis.worst_region import most_failures, regions, worst_means
+from rmpc_bench.analysis.responses import SHARE, Response, most_failures, regions, worst_means
 
 N = 100
 CHANCE = 0.06

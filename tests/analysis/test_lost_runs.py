@@ -10,9 +10,9 @@ from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
-from rmpc_bench.analysis.failures import largest_share
 from rmpc_bench.analysis.lost_runs import lost_runs
-from rmpc_bench.analysis.requirements import pass_rates
+from rmpc_bench.analysis.statistics import pass_rates
+from rmpc_bench.analysis.verdict import largest_share
 from rmpc_bench.types.requirement import Limit, Requirement
 
 NAN, INF = np.nan, np.inf

@@ -5,8 +5,7 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.estimation_errors import ErrorMoments
-from rmpc_bench.analysis.nees import average_of_moments, chi_square_band, normalised_squares
+from rmpc_bench.analysis.estimation_errors import ErrorMoments, average_of_moments, chi_square_band, normalised_squares
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.types import Record
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rmpc_bench.analysis.parameter_text import (
+from rmpc_bench.analysis.tuning import (
     is_tuned,
     pair_text,
     parameter_cells,

@@ -7,8 +7,7 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.loss_differences import Losses
-from rmpc_bench.analysis.ranks import group_intervals, interval_of, ranks
+from rmpc_bench.analysis.ranks import Losses, group_intervals, interval_of, ranks
 
 
 def losses(logs, failed=None):

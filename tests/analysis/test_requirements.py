@@ -7,7 +7,7 @@ import pytest
 from conftest import ROUND
 from scipy import optimize, stats
 
-from rmpc_bench.analysis.requirements import pass_rates
+from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.types.requirement import Limit, Requirement
 

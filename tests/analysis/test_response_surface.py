@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import STAT, within_stat
 
-from rmpc_bench.analysis import response_surface
-from rmpc_bench.analysis.response_surface import curve, shares, standardised, surface_for
+from rmpc_bench.analysis import responses
+from rmpc_bench.analysis.responses import curve, shares, standardised, surface_for
 
 
 def uniform(n, n_quantities, seed=0):
@@ -41,7 +41,7 @@ def adjusted(columns, y):
 @pytest.fixture
 def few_resamples(monkeypatch):
     """Make the intervals worthless and fast, for tests of many shares."""
-    monkeypatch.setattr(response_surface, "RESAMPLES", 2)
+    monkeypatch.setattr(responses, "RESAMPLES", 2)
 
 
 @pytest.mark.usefixtures("few_resamples")
@@ -116,7 +116,7 @@ def test_the_interval_of_many_runs_is_that_of_the_resamples(monkeypatch):
     z = uniform(1500, 3)
     y = response(z) + np.random.default_rng(5).standard_normal(1500)
     resampled = of(z, y)
-    monkeypatch.setattr(response_surface, "WORK", 0)
+    monkeypatch.setattr(responses, "WORK", 0)
     normal = of(z, y)
     np.testing.assert_array_equal(normal[0], resampled[0])
     width = resampled[2] - resampled[1]
@@ -173,10 +173,10 @@ def test_the_interval_of_the_rest_covers():
 
 def test_blocks_of_runs_give_the_same_shares(monkeypatch):
     """Sums over the runs by blocks, the last one shorter, beside those over all runs at once."""
-    monkeypatch.setattr(response_surface, "WORK", 0)
+    monkeypatch.setattr(responses, "WORK", 0)
     z = uniform(1000, 4)
     whole = of(z, response(z))
-    monkeypatch.setattr(response_surface, "ROWS", 300)
+    monkeypatch.setattr(responses, "ROWS", 300)
     for one, other in zip(of(z, response(z)), whole, strict=True):
         assert one == pytest.approx(other, abs=1e-9)
 

@@ -5,8 +5,8 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config, run
-from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.trial_arrays import rounded_trials
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rmpc_bench.analysis.bootstrap import bootstrap_t, mean_interval, skewness
-from rmpc_bench.analysis.intervals import student
-from rmpc_bench.analysis.simultaneous import MANY, held_level
+from rmpc_bench.analysis.intervals import bootstrap_t, mean_interval, skewness, student
+from rmpc_bench.analysis.levels import MANY, held_level
 
 
 def test_all_sign_patterns_of_few_runs():

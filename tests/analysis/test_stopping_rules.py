@@ -6,7 +6,7 @@ from coverage_study import compared, table_of
 from populations import Population
 
 from rmpc_bench.analysis.intervals import student
-from rmpc_bench.analysis.looks import next_width_look, planned_level, schedule
+from rmpc_bench.analysis.levels import next_width_look, planned_level, schedule
 from rmpc_bench.analysis.resolution import half_widths
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.verdict import judge

@@ -8,11 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from rmpc_bench.analysis.failures import mcnemar, worst_of
 from rmpc_bench.analysis.intervals import exact_share, wilson
-from rmpc_bench.analysis.looks import number_of_look, planned_level, schedule, unplanned_level
-from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
-from rmpc_bench.analysis.superiority import _score_interval, shares_interval, superiority, superiority_interval
+from rmpc_bench.analysis.levels import number_of_look, planned_level, schedule, unplanned_level
+from rmpc_bench.analysis.superiority import (
+    _score_interval,
+    runs_for_direction,
+    runs_for_equivalence,
+    shares_interval,
+    superiority,
+    superiority_interval,
+)
+from rmpc_bench.analysis.verdict import mcnemar, worst_of
 
 counts = st.integers(0, 60)
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rmpc_bench.analysis.intervals import NONE
-from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
+from rmpc_bench.analysis.intervals import FEW, NONE
+from rmpc_bench.analysis.verdict import Evidence, Failures, Verdict, verdict
 
 ends = st.floats(-0.2, 0.2)
 intervals = st.tuples(ends, ends).map(lambda pair: (min(pair), max(pair)))

@@ -8,8 +8,7 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.run_groups import RunGroups
-from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.traces import RunGroups, Traces
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.decision import band
 from rmpc_bench.claims.verdict import judge

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from rmpc_bench.analysis.intervals import exact_share, order_ranks, wilson
-from rmpc_bench.analysis.looks import planned_level, schedule
+from rmpc_bench.analysis.levels import planned_level, schedule
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import decision
 from rmpc_bench.claims.claim import Claim, Finding

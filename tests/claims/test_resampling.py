@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.intervals import mean_interval
 from rmpc_bench.claims import spread
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.verdict import judge

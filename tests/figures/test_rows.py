@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.intervals import wilson
-from rmpc_bench.analysis.rank_rows import ranking
+from rmpc_bench.analysis.ranks import ranking
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.boxplot import MOST_DOTS, Boxplot
 from rmpc_bench.figures.palette import INK, PRINT

@@ -11,8 +11,8 @@ from claim_tables import make_trials as make_trials
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.analysis.rank_rows import Ratio
-from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.analysis.ranks import Ratio
+from rmpc_bench.analysis.runs import RunNotes
 from rmpc_bench.report.page.rows import ranked_rows
 from rmpc_bench.report.ranks_table import LIMITATIONS, part_columns, ranks_table
 from rmpc_bench.report.screen_tables import rank_lines

@@ -11,7 +11,7 @@ import pytest
 from comparison_tables import extent_of
 from comparison_tables import table as trials_of
 
-from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.analysis.runs import RunNotes
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.report.ranks_table import ranks_table
 from rmpc_bench.report.run_tables import DriversTable, requirements_table

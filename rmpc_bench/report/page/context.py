@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from rmpc_bench.analysis.common_runs import Extent
 from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable, result_table
+from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import usual_parameters
 from rmpc_bench.claims.markdown import INFORMATIONAL

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.driver_text import gist as drivers_gist
-from rmpc_bench.analysis.driver_text import per_cent
-from rmpc_bench.analysis.drivers import FAILED, REST
+from rmpc_bench.analysis.drivers import FAILED, REST, per_cent
+from rmpc_bench.analysis.drivers import gist as drivers_gist
 from rmpc_bench.analysis.pairs import distance_from_best
-from rmpc_bench.analysis.parameter_text import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.analysis.result_rows import ResultTable
 from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.captions import quantity, short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of

@@ -8,7 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about
-from rmpc_bench.analysis.rank_rows import Ranking
+from rmpc_bench.analysis.ranks import Ranking
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, Form, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials

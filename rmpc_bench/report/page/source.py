@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis.common_runs import Extent
-from rmpc_bench.analysis.rank_rows import Ranking
+from rmpc_bench.analysis.ranks import Ranking
 from rmpc_bench.analysis.result_rows import ResultTable, in_one_form, result_table
+from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
