@@ -71,7 +71,7 @@ class ControllerExample(RunsExample):
     pair: tuple[Controller, Controller] | None = None
     """The law without limits of its own, and with equal ones for all inputs; None where it has no such key."""
     bounds: tuple[float, float] | None = None
-    """Bounds of the plant for every input; the controller is told the input that acts."""
+    """Bounds of the plant for every input; the controller gets the input that acts."""
     noun: ClassVar[str] = "u"
 
     @classmethod
