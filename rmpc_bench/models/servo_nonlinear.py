@@ -22,12 +22,13 @@ from jaxtyping import Float
 from rmpc_bench.models import servo
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.servo import TABLE_1, ServoNoise
-from rmpc_bench.models.servo_compiled import (
+from rmpc_bench.models.servo import (
     FRICTION,
     INDUCTANCE,
     MOST_RATE,
+    TABLE_1,
     TOLERANCE,
+    ServoNoise,
     coefficients,
     slow_enough,
 )

@@ -26,13 +26,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.servo import TABLE_1, TORQUE_UNITS, continuous, shaft_torque
-from rmpc_bench.models.servo_compiled import (
+from rmpc_bench.models.servo import (
     FRICTION,
     INDUCTANCE,
     MOST_RATE,
+    TABLE_1,
     TOLERANCE,
+    TORQUE_UNITS,
     coefficients,
+    continuous,
+    shaft_torque,
     slow_enough,
     surely_slow_enough,
     with_current,
