@@ -18,18 +18,15 @@ _VERBS: dict[str, tuple[str, str]] = {
     "suite": ("rmpc_bench.cli.suite:suite", "Compare methods on the sets of published systems in configs/suite."),
     "check": ("rmpc_bench.cli.check:check", "Validate configurations and show what they compare."),
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),
-    "describe": (
-        "rmpc_bench.cli.catalogue:describe",
-        "Show a component or a configured system, and its keys.",
-    ),
-    "status": ("rmpc_bench.cli.status:status", "Show how far an experiment and its shards are."),
-    "merge": ("rmpc_bench.cli.merge:merge", "Join the shards of a directory and write its results."),
+    "describe": ("rmpc_bench.cli.describe:describe", "Show a component or a configured system, and its keys."),
+    "status": ("rmpc_bench.cli.results:status", "Show how far an experiment and its shards are."),
+    "merge": ("rmpc_bench.cli.results:merge", "Join the shards of a directory and write its results."),
     "show": ("rmpc_bench.cli.show:show", "Replay one run bit for bit, with its full trace."),
-    "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
-    "compare": ("rmpc_bench.cli.compare:compare", "Compare the results of two directories, run by run."),
-    "pack": ("rmpc_bench.cli.pack:pack", "Pack results into one file that others can check."),
-    "verify": ("rmpc_bench.cli.verify:verify", "Compute packed results again and compare them."),
-    "schema": ("rmpc_bench.cli.schema:schema", "Print the JSON Schema of a configuration, for editors."),
+    "report": ("rmpc_bench.cli.results:report", "Write tables and figures again from stored trials."),
+    "compare": ("rmpc_bench.cli.results:compare", "Compare the results of two directories, run by run."),
+    "pack": ("rmpc_bench.cli.archive:pack", "Pack results into one file that others can check."),
+    "verify": ("rmpc_bench.cli.archive:verify", "Compute packed results again and compare them."),
+    "schema": ("rmpc_bench.cli.catalogue:schema", "Print the JSON Schema of a configuration, for editors."),
 }
 
 

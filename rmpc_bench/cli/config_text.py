@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import registry
-from rmpc_bench.cli.run_warnings import warning_texts
-from rmpc_bench.cli.tuning import tuning_line
 from rmpc_bench.config.method_differences import method_differences, short_value
+from rmpc_bench.config_file.component import build_component
 from rmpc_bench.config_file.keys import model_of
 from rmpc_bench.config_file.tree import kind_of, plain
+from rmpc_bench.diagnostics import run_warnings
 from rmpc_bench.engines.blocks import megabytes_of, seconds_of
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types.texts import cut, in_columns, width_of, wrapped
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Noise
+
 
 MOST_METHODS, FIRST_METHODS = 40, 30
 """Methods that have a line; of more the first ones."""
@@ -39,14 +41,7 @@ _FACTOR = re.compile(r"1 \+ (\w+)")
 
 
 def short_lines(path: Path, config: ExperimentConfig, *, full: bool = False, measured: bool = False) -> list[str]:
-    """Return validity, size and time, a line per method, what is simulated, and remarks; long lines are not broken.
-
-    Parameters
-    ----------
-    path, config : the configuration
-    full : whether all remarks are shown, and no hint to the option
-    measured : whether the time is measured, which needs no hint
-    """
+    """Return validity, size and time, a line per method, what is simulated, and remarks; long lines are not broken."""
     about = f", about {seconds_of(config):.0f} s" if "runs" in config.evaluate else ""
     lines = [f"{path} is valid: {_size(config)}{about}", "", *_method_lines(config), ""]
     plant, model = config.first_point["plant"], next(iter(config.methods.values()))["model"]
@@ -304,4 +299,40 @@ def _terms(label: str, laws: Any, model: str) -> list[tuple[str, str, str]]:
     ]
     return [
         (label if k == 0 else "", text.removeprefix(" = "), model if k == 0 else "") for k, text in enumerate(terms)
+    ]
+
+
+def tuning_line(config: ExperimentConfig, only: Collection[str] | None = None) -> list[str]:
+    """Return what is still to be tuned of the methods that are computed, as one line; no line where nothing is."""
+    if config.tuning is None:
+        return []
+    protocol = config.tuning.protocol
+    names = dict.fromkeys(each.method for each in config.tuning.missing if only is None or each.method in only)
+    if not names:
+        return []
+    tuning, tested = config.tuning.n_trials(list(names))
+    points = f"{len(config.points)} points x " if config.paths else ""
+    methods = f"{len(names)} method{'s' if len(names) > 1 else ''}"
+    size = f"{points}{methods} x {protocol.budget} values x {protocol.runs} runs"
+    return [f"at most {tuning:,} trials ({size})" + (f", and {tested:,} for the regret" if tested else "")]
+
+
+MAX_POINTS = 12
+"""Points of a sweep that are examined, the first ones."""
+
+
+def warning_texts(config: ExperimentConfig) -> list[str]:
+    """Return one text per warning; equal warnings of the points of a sweep share one."""
+    found: dict[str, list[str]] = {}
+    with single_thread():
+        for point in config.points[:MAX_POINTS]:
+            for text in run_warnings.run_warnings(point.experiment, point.methods, build_component):
+                found.setdefault(text, []).append(point.title)
+    n_points = len(config.points[:MAX_POINTS])
+    return [
+        *map(str, config.warnings),
+        *(
+            text + (f" (at {', '.join(titles[:2])}{' ..' * (len(titles) > 2)})" if n_points > 1 else "")
+            for text, titles in found.items()
+        ),
     ]

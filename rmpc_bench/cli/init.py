@@ -1,4 +1,4 @@
-"""rmpc-bench init."""
+"""rmpc-bench init: the files of a new experiment, with recorded runs of a cart where it has recorded data."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.cli.example_data import recorded_runs
 
 ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}
 """Choice of `--estimator` -> class in its template."""
@@ -62,13 +61,7 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
 
 
 def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str, str]:
-    """Return the files of a new experiment and their texts.
-
-    Parameters
-    ----------
-    name : of the experiment and of its module
-    plant, estimator, controller : choices of the command line
-    """
+    """Return the files of a new experiment and their texts."""
     # Recorded data need neither a plant, a noise nor a controller.
     own = [f"plant_{plant}", "noise", f"controller_{controller}"] if plant == "ode" else []
     parts = [*own, f"estimator_{estimator}"]
@@ -97,3 +90,26 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
 
 def _template(name: str) -> str:
     return (files("rmpc_bench.cli") / "templates" / f"{name}.txt").read_text(encoding="utf-8")
+
+
+N_RUNS, N_SAMPLES = 8, 101
+
+
+def recorded_runs(name: str) -> dict[str, str]:
+    """Return the files of the runs and their texts."""
+    return {f"{name}_data/run-{run}.csv": _run(run) for run in range(N_RUNS)}
+
+
+def _run(run: int) -> str:
+    # Slow to import, and only needed here.
+    import numpy as np
+
+    rng = np.random.Generator(np.random.PCG64(run))
+    lines, position, speed = ["time,force,position,true_position,true_speed"], 0.0, 0.0
+    for k in range(N_SAMPLES):
+        force = 1.0 if (k // 25 + run) % 2 else -1.0
+        measured = position + 0.02 * rng.standard_normal()
+        lines.append(f"{0.1 * k:.1f},{force:g},{measured:.6f},{position:.6f},{speed:.6f}")
+        position += 0.1 * speed + 1e-3 * rng.standard_normal()
+        speed += -0.05 * speed + 0.1 * force + 1e-2 * rng.standard_normal()
+    return "\n".join(lines) + "\n"

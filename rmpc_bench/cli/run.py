@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -12,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.child_process import held
-from rmpc_bench.cli import exits, own_code, run_options
-from rmpc_bench.cli.run_request import Request, ShardOption, check_division
+from rmpc_bench.cli import exits, shared_options
+from rmpc_bench.cli.run_request import Request, ShardOption, configured
+from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
-from rmpc_bench.cli.tuning import tuned_config, tuning_line
-from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("config", type=TypedPath())
 @click.option("-o", "--output", type=TypedPath(), help="Directory for the results.")
-@run_options.jobs
+@shared_options.jobs
 @click.option("-s", "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace one value of the file.")
-@run_options.n_runs
+@shared_options.n_runs
 @click.option("--only", multiple=True, metavar="METHOD", help="Compute this method only; may be repeated.")
-@run_options.add_method
-@run_options.smoke
+@shared_options.add_method
+@shared_options.smoke
 @click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
-@run_options.fresh
+@shared_options.fresh
 @click.option("--accept-versions", is_flag=True, help="Use rows that other versions of a library have computed.")
 @click.option("--if-installed", is_flag=True, help="Skip a configuration if a library under `requires` is missing.")
-@run_options.dry_run
+@shared_options.dry_run
 @click.option(
     "--engine",
     type=click.Choice(["joblib", "serial", "dask"]),
@@ -54,16 +54,16 @@ if TYPE_CHECKING:
 )
 @click.option("--missing", is_flag=True, help="Take the trials of all shards, and compute the runs that are missing.")
 @click.option("--no-report", is_flag=True, help="Compute trials; write no tables, figures or claims.")
-@run_options.progress
-@run_options.quiet
+@shared_options.progress
+@shared_options.quiet
 @click.option(
     "-v",
     "--verbose",
     is_flag=True,
     help="Also show how long each stage takes, and which files are written.",
 )
-@own_code.allow_code_option
-@own_code.import_option
+@shared_options.allow_code
+@shared_options.import_first
 @exits.guarded
 def run(**options: Any) -> int:
     """Run an experiment, or continue it, and write its results.
@@ -85,7 +85,7 @@ def run(**options: Any) -> int:
         import scipy.linalg  # noqa: F401
 
         import rmpc_bench.config.load  # noqa: F401
-        from rmpc_bench.cli.run_warnings import warning_texts
+        from rmpc_bench.cli.config_text import warning_texts
         from rmpc_bench.received.plain_files import StoreError
 
     with noted() as read:
@@ -99,9 +99,7 @@ def run(**options: Any) -> int:
         if request.fresh:
             _set_aside(request.place(directory), config.hash)
         if request.shard or request.no_report:
-            from rmpc_bench.cli.run_trials import run_trials
-
-            return run_trials(request, config, directory, started)
+            return _run_trials(request, config, directory, started)
         return _run_all(request, config, directory, started, read)
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
@@ -123,7 +121,7 @@ def _done_before(request: Request) -> Shown | None:
     from rmpc_bench.config_file.known_files import located
     from rmpc_bench.publishing.published import FILE, unchanged
 
-    if not request.may_be_done or own_code.imported:
+    if not request.may_be_done or shared_options.imported:
         return None
     folder = Path("results", *["smoke"] * request.smoke)
     found = (path for pattern in ("*", "*/*") for path in sorted(folder.glob(f"{pattern}/{FILE}")))
@@ -149,7 +147,7 @@ def _run_all(
 
     loaded = time.monotonic()
     _say_shards(request, directory)
-    config = tuned_config(request, config, directory)
+    config = _tuned_config(request, config, directory)
     results = run_experiment(
         config,
         directory=directory,
@@ -211,77 +209,78 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
 
 
-def configured(request: Request) -> tuple[ExperimentConfig, Path]:
-    """Load the configuration with the methods that its directory has, and say what is added or left out."""
-    config = request.load()
-    directory = request.output or _directory(request, config)
-    stored = {} if request.fresh else _stored_methods(directory, config)
-    if request.chosen_shard is not None:
-        if config.stop is not None:
-            message = f"a shard cannot decide `stop: {config.stop.text}`, which looks at all runs; --runs N gives them"
-            raise click.BadParameter(message, param_hint="--shard")
-        check_division(request.chosen_shard, directory)
-        stored |= {} if request.fresh else _stored_methods(request.place(directory), config)
-    if request.add_methods:
-        # Before those of the directory, so that an error names the text that is given now.
-        config = request.load(add_methods=request.add_methods)
-    if stored:
-        config = request.load(add_methods=[*{**stored, **config.added}.values()])
-    if config.tuning is not None and not request.fresh:
-        from rmpc_bench.execution.tuning.tune import with_known
+def _run_trials(request: Request, config: ExperimentConfig, directory: Path, started: float) -> int:
+    """Compute the trials of a shard or of all runs, and say in one line what is stored; return the exit code.
 
-        config = with_known(config, directory)
-    for line in _said(config, stored, directory):
-        request.note(line)
-    for text in config.left_out:
-        request.note(f"left out: {text}")
-    return config, directory
+    Failed runs of a shard count when the shards are joined.  `started` is a time of the monotonic clock [s].
+    """
+    with held():
+        from rmpc_bench.execution import progress_file
+        from rmpc_bench.execution.progress import choose
+        from rmpc_bench.execution.runner import compute
+        from rmpc_bench.results.results import load_experiment
 
-
-def _stored_methods(directory: Path, config: ExperimentConfig) -> dict[str, str]:
-    """Return methods that were added to the results of this experiment and that its configuration does not have."""
-    from rmpc_bench.received.store import FILE, MissingError
-    from rmpc_bench.results.record import added_methods
-    from rmpc_bench.store.store import Store
-
-    if not (directory / FILE).exists():
-        return {}
-    try:
-        with Store(directory, writable=False) as store:
-            found = added_methods(store) if store.meta("experiment") == config.hash else {}
-    except MissingError:
-        # An earlier version, which could not add methods, has written the store.
-        return {}
-    return {name: text for name, text in found.items() if name not in config.methods}
-
-
-def _said(config: ExperimentConfig, stored: Mapping[str, str], directory: Path) -> Iterator[str]:
-    """Say which methods are added, and what follows for the intervals."""
-    if not config.added:
-        return
-    for name, text in config.added.items():
-        if name not in stored:
-            yield f"added: {name}"
-        elif text == stored[name]:
-            yield f"added before and kept: {name} (a directory without it: -o DIR, or --fresh)"
-        else:
-            yield f"added: {name}, in place of another method of this name in {directory}, whose trials are kept"
-    n = len(config.methods) - 1
-    yield f"claims rest on the methods that they name; intervals of verdicts are simultaneous for {n} methods now"
+    config = _tuned_config(request, config, directory)
+    compute(
+        config,
+        directory,
+        workers=request.jobs,
+        only=request.only or None,
+        progress=choose(request.how_progress),
+        modified=config.overrides,
+        accept_versions=request.accept_versions,
+        engine=request.engine_name,
+        scheduler=request.scheduler,
+        shard=request.shard,
+        missing=request.missing,
+    )
+    stop = None if config.stop is None else load_experiment(directory).stop
+    if stop is not None:
+        _tuned_config(request, config, directory, stop.looks.wanted)
+    place = request.place(directory)
+    data = progress_file.read(place) or {}
+    failed = data.get("failed", {})
+    what = "trials" if request.shard is None else f"shard {request.shard.name}"
+    texts = [f"{config.name}   {what} done in {time.monotonic() - started:.1f} s"]
+    if data:
+        first, end = data["runs"]
+        runs = f"runs {first} to {end - 1}" if end > first else "no runs: there are more shards than runs"
+        words = "".join(f", {word} {n}" for word, n in failed.items())
+        texts.append(f"{runs}, {data['done']} of {data['total']} trials, {sum(failed.values())} failed{words}")
+    click.echo("   ".join([*texts, str(place)]))
+    if request.shard is not None:
+        request.note(f"when all shards are finished: rmpc-bench merge {shlex.quote(str(directory))}")
+    if request.shard is None and sum(failed.values()) > config.execution.max_failures:
+        return exits.TOO_MANY_FAILURES
+    return exits.STOP_UNMET if stop is not None and stop.is_unmet else 0
 
 
-def _directory(request: Request, config: ExperimentConfig) -> Path:
-    """Default directory; an override that changes the experiment gets one of its own."""
-    name = config.name
-    if request.overrides and request.load(overridden=False).full_hash != config.full_hash:
-        name = f"{name}~{config.full_hash[:6]}"
-    parent = Path("results") / ("smoke" if request.smoke else "") / (config.paper or "")
-    if name != config.name:
-        request.note(f"the overrides change the experiment: results go to {parent / name}")
-    return parent / name
+def _tuned_config(
+    request: Request, config: ExperimentConfig, directory: Path, n_runs: int | None = None
+) -> ExperimentConfig:
+    """Return a configuration with tuned values; those that are not known are found first.
+
+    `n_runs` is the number of runs that a stopping rule has made; before them the regret is left for later.
+    """
+    if config.tuning is None:
+        return config
+    from rmpc_bench.execution.progress import choose
+    from rmpc_bench.execution.tuning.rounds import Means
+    from rmpc_bench.execution.tuning.tune import tuned
+
+    return tuned(
+        config,
+        directory,
+        shard=request.shard,
+        only=request.only or None,
+        means=Means(request.jobs, request.engine_name, request.scheduler, request.accept_versions),
+        progress=choose(request.how_progress),
+        n_runs=n_runs,
+    )
 
 
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
+    from rmpc_bench.cli.config_text import tuning_line
     from rmpc_bench.execution.runner import pending
     from rmpc_bench.received.store import FILE
     from rmpc_bench.results.other_code import rows_of_other_code

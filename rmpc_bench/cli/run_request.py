@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -14,26 +14,6 @@ import click
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.execution.shards import Shard
-
-
-class Workers(click.ParamType[int]):
-    """A number of worker processes, or `auto`."""
-
-    name = "workers"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number; `auto` is the number of cores this process may use, in a batch job those of the job."""
-        if value == "auto":
-            from rmpc_bench.execution.shards import n_cores
-
-            return n_cores(os.environ)
-        try:
-            number = int(str(value))
-        except ValueError:
-            number = 0
-        if number < 1:
-            self.fail(f"{value!r} is neither a number of processes from 1 on nor 'auto'", param, ctx)
-        return number
 
 
 class ChosenShard(NamedTuple):
@@ -167,13 +147,7 @@ class Request:
         )
 
     def load(self, *, overridden: bool = True, add_methods: Sequence[str] = ()) -> ExperimentConfig:
-        """Load the configuration, with or without the overrides and the number of runs.
-
-        Parameters
-        ----------
-        overridden : whether to use the overrides and the number of runs
-        add_methods : texts of methods to add
-        """
+        """Load the configuration, with or without the overrides and the number of runs."""
         from rmpc_bench.config.load import load_config
 
         changes: dict[str, Any] = {"overrides": self.overrides, "runs": self.runs} if overridden else {}
@@ -192,3 +166,73 @@ def check_division(chosen: ChosenShard, directory: Path) -> None:
         text = f"this array has {count} tasks, and {directory} has shards of {', '.join(map(str, others))}"
         way_out = "give --shard I/N, or --missing in place of --shard to compute the runs that are missing"
         raise click.BadParameter(f"{text}; {way_out}", param_hint="--shard")
+
+
+def configured(request: Request) -> tuple[ExperimentConfig, Path]:
+    """Load the configuration with the methods that its directory has, and say what is added or left out."""
+    config = request.load()
+    directory = request.output or _directory(request, config)
+    stored = {} if request.fresh else _stored_methods(directory, config)
+    if request.chosen_shard is not None:
+        if config.stop is not None:
+            message = f"a shard cannot decide `stop: {config.stop.text}`, which looks at all runs; --runs N gives them"
+            raise click.BadParameter(message, param_hint="--shard")
+        check_division(request.chosen_shard, directory)
+        stored |= {} if request.fresh else _stored_methods(request.place(directory), config)
+    if request.add_methods:
+        # Before those of the directory, so that an error names the text that is given now.
+        config = request.load(add_methods=request.add_methods)
+    if stored:
+        config = request.load(add_methods=[*{**stored, **config.added}.values()])
+    if config.tuning is not None and not request.fresh:
+        from rmpc_bench.execution.tuning.tune import with_known
+
+        config = with_known(config, directory)
+    for line in _said(config, stored, directory):
+        request.note(line)
+    for text in config.left_out:
+        request.note(f"left out: {text}")
+    return config, directory
+
+
+def _stored_methods(directory: Path, config: ExperimentConfig) -> dict[str, str]:
+    """Return methods that were added to the results of this experiment and that its configuration does not have."""
+    from rmpc_bench.received.store import FILE, MissingError
+    from rmpc_bench.results.record import added_methods
+    from rmpc_bench.store.store import Store
+
+    if not (directory / FILE).exists():
+        return {}
+    try:
+        with Store(directory, writable=False) as store:
+            found = added_methods(store) if store.meta("experiment") == config.hash else {}
+    except MissingError:
+        # An earlier version, which could not add methods, has written the store.
+        return {}
+    return {name: text for name, text in found.items() if name not in config.methods}
+
+
+def _said(config: ExperimentConfig, stored: Mapping[str, str], directory: Path) -> Iterator[str]:
+    """Say which methods are added, and what follows for the intervals."""
+    if not config.added:
+        return
+    for name, text in config.added.items():
+        if name not in stored:
+            yield f"added: {name}"
+        elif text == stored[name]:
+            yield f"added before and kept: {name} (a directory without it: -o DIR, or --fresh)"
+        else:
+            yield f"added: {name}, in place of another method of this name in {directory}, whose trials are kept"
+    n = len(config.methods) - 1
+    yield f"claims rest on the methods that they name; intervals of verdicts are simultaneous for {n} methods now"
+
+
+def _directory(request: Request, config: ExperimentConfig) -> Path:
+    """Default directory; an override that changes the experiment gets one of its own."""
+    name = config.name
+    if request.overrides and request.load(overridden=False).full_hash != config.full_hash:
+        name = f"{name}~{config.full_hash[:6]}"
+    parent = Path("results") / ("smoke" if request.smoke else "") / (config.paper or "")
+    if name != config.name:
+        request.note(f"the overrides change the experiment: results go to {parent / name}")
+    return parent / name

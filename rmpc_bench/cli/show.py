@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.cli.typed_files import TypedPath
+from rmpc_bench.cli.shared_options import TypedPath
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from rmpc_bench.cli import exits, own_code, run_options
+from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.cli.run import run
-from rmpc_bench.cli.typed_files import TypedPath, from_here
+from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.config_file.known_files import known_configs, located, short_names
 
-FOLDER = "configs/suite/"
+SETS = "configs/suite/"
 """Where the sets of the suite are."""
 
 
@@ -25,16 +27,16 @@ FOLDER = "configs/suite/"
     type=TypedPath(),
     help="Directory for the results; with several sets, the directory above theirs.",
 )
-@run_options.jobs
-@run_options.n_runs
-@run_options.add_method
-@run_options.smoke
-@run_options.fresh
-@run_options.dry_run
-@run_options.progress
-@run_options.quiet
-@own_code.allow_code_option
-@own_code.import_option
+@shared_options.jobs
+@shared_options.n_runs
+@shared_options.add_method
+@shared_options.smoke
+@shared_options.fresh
+@shared_options.dry_run
+@shared_options.progress
+@shared_options.quiet
+@shared_options.allow_code
+@shared_options.import_first
 @click.pass_context
 def suite(
     context: click.Context,
@@ -51,10 +53,10 @@ def suite(
     All sets are run unless some are named.  Every set is run by `rmpc-bench run`, which has further options.  The file
     of an added method is relative to the current directory.
     """
-    places = [place for place in known_configs() if place.startswith(FOLDER)]
+    places = [place for place in known_configs() if place.startswith(SETS)]
     chosen = [_place(name, places) for name in names] or places
     if not chosen:
-        raise click.UsageError(f"there is no set in {FOLDER}")
+        raise click.UsageError(f"there is no set in {SETS}")
     codes = []
     for place in chosen:
         directory = output if output is None or len(chosen) == 1 else output / short_names(place)[1]
@@ -86,3 +88,40 @@ def _code(context: click.Context, **options: Any) -> int:
             raise
         return code
     return 0
+
+
+def from_here(texts: Sequence[str], config: Path) -> tuple[list[str], list[Path]]:
+    """Name the files of typed methods relative to the directory of a configuration, and return those that are there.
+
+    Who types the name of a file allows its code.  A text that cannot be read and the name of a file that is not there
+    stay as they are.
+    """
+    from rmpc_bench.config_file.tree import plain
+    from rmpc_bench.config_file.yaml import one_line, parse
+    from rmpc_bench.types import ConfigError
+
+    found, files = [], list[Path]()
+    for text in texts:
+        try:
+            tree = plain(parse(text, "--add-method"))
+        except ConfigError:
+            tree = None
+        before = len(files)
+        if isinstance(tree, dict):
+            for method in tree.values():
+                for component in method.values() if isinstance(method, dict) else ():
+                    _rename(component, config, files)
+        found.append(
+            ", ".join(f"{name}: {one_line(method)}" for name, method in tree.items()) if len(files) > before else text
+        )
+    return found, files
+
+
+def _rename(component: Any, config: Path, files: list[Path]) -> None:
+    """Change the key `file` of a component whose file is in the current directory."""
+    if not isinstance(component, dict) or not isinstance(component.get("file"), str):
+        return
+    file, colon, name = component["file"].partition(":")
+    if file and not os.path.isabs(file) and os.path.isfile(file):
+        files.append(Path(file))
+        component["file"] = Path(os.path.relpath(file, config.absolute().parent)).as_posix() + colon + name

@@ -197,7 +197,7 @@ def test_only_deep_imports_what_it_needs(tmp_path):
         "print(*sys.modules, file=sys.stderr)"
     )
     own = {
-        "rmpc_bench.cli.mismatch",
+        "rmpc_bench.cli.deep_check",
         "rmpc_bench.diagnostics.mismatch",
         "rmpc_bench.diagnostics.tolerance",
     }

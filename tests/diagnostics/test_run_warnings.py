@@ -6,7 +6,7 @@ from loaded_configs import loaded
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
-from rmpc_bench.cli.run_warnings import warning_texts
+from rmpc_bench.cli.config_text import warning_texts
 from rmpc_bench.numerics.stability import hinf_norm
 
 SYSTEM = "B: 1, C: 1, Bw: 1, Dv: 1"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.cli import mismatch
+from rmpc_bench.cli import deep_check
 from rmpc_bench.diagnostics.mismatch import GainConvergence, MeanDivergence, MethodMismatch, Mismatch, NoiseScale
 
 DIVERGENCE = MeanDivergence(np.array([0.1, 0.3]), np.array([4.0, 8.0]), np.array([0.5, 0.5]))
@@ -17,7 +17,7 @@ def finding(n_plants=2, confounded=None, **methods):
 
 def test_divergence():
     """One line per method: c, both parts with their range, and the second one at the scale of the noise."""
-    assert mismatch.divergence_lines(finding(A=USUAL, BB=USUAL._replace(c=None))) == [
+    assert deep_check.divergence_lines(finding(A=USUAL, BB=USUAL._replace(c=None))) == [
         "  divergence of the plant from the design model, a guide for the tolerance c",
         "  (10) of zenere2018 averaged over k = 0..39, mean [range] of the first 2 plants; s of the measurement noise",
         "        c    covariance part  mean part             mean part at s = 0.02",
@@ -28,7 +28,7 @@ def test_divergence():
 
 def test_models_of_different_noise():
     """Each method has its scale."""
-    shown = mismatch.divergence_lines(finding(A=USUAL, B=USUAL._replace(noise=NoiseScale(0.2, "process"))))
+    shown = deep_check.divergence_lines(finding(A=USUAL, B=USUAL._replace(noise=NoiseScale(0.2, "process"))))
     assert shown[1].endswith("; s of the measurement noise or s of the process noise")
     assert shown[2].endswith("  mean part at s")
     assert shown[3].endswith("  1.5e+04 [1e+04, 2e+04] (s = 0.02)") and shown[4].endswith("  150 [100, 200] (s = 0.2)")
@@ -36,7 +36,7 @@ def test_models_of_different_noise():
 
 def test_without_noise():
     """There is no number for the mean part."""
-    shown = mismatch.divergence_lines(finding(A=USUAL._replace(noise=NoiseScale(None, "none"))))
+    shown = deep_check.divergence_lines(finding(A=USUAL._replace(noise=NoiseScale(None, "none"))))
     assert shown[1].endswith("; no noise, so s = 0") and shown[3].endswith(" / s^2 + 0.5")
 
 
@@ -45,10 +45,12 @@ def test_what_is_not_available():
     nothing = MethodMismatch(
         None, NoiseScale(None, "none"), "no law", None, np.empty(0), GainConvergence(missing="no law")
     )
-    shown = mismatch.divergence_lines(finding(A=USUAL, B=nothing))
+    shown = deep_check.divergence_lines(finding(A=USUAL, B=nothing))
     assert shown[2].endswith("mean part at s = 0.02") and shown[4] == "    B  -    not available: no law"
-    assert mismatch.divergence_lines(finding(0, A=USUAL))[0].endswith("the tolerance c: not available for plant servo")
-    assert mismatch.loop_lines(finding(A=nothing))[2].split("  ")[-3:] == ["not available"] * 2 + [
+    assert deep_check.divergence_lines(finding(0, A=USUAL))[0].endswith(
+        "the tolerance c: not available for plant servo"
+    )
+    assert deep_check.loop_lines(finding(A=nothing))[2].split("  ")[-3:] == ["not available"] * 2 + [
         "not available: no law"
     ]
 
@@ -74,14 +76,16 @@ def test_what_is_not_available():
 def test_gains(gain, text, warning):
     """When they are steady, and a warning where the experiment ends before."""
     found = finding(A=USUAL._replace(gain=gain))
-    assert mismatch.loop_lines(found)[2] == f"    A  0.9           0.85 [0.8, 0.9]  {text}"
-    assert mismatch.warnings(found, "A") == ([warning] if warning else [])
+    assert deep_check.loop_lines(found)[2] == f"    A  0.9           0.85 [0.8, 0.9]  {text}"
+    assert deep_check.warnings(found, "A") == ([warning] if warning else [])
 
 
 def test_warnings():
     """Unstable loops, and comparisons of more than estimators."""
     unstable = USUAL._replace(model_radius=1.0, plant_radii=np.array([0.9, 1.25]))
-    assert mismatch.warnings(finding(A=USUAL, B=unstable, confounded={"B": ["controller.R", "controller.Q"]}), "A") == [
+    assert deep_check.warnings(
+        finding(A=USUAL, B=unstable, confounded={"B": ["controller.R", "controller.Q"]}), "A"
+    ) == [
         "B: the loop with the design model is not stable (spectral radius 1)",
         "B: the loop with the plants is not stable (spectral radius 1.25, 1 of 2)",
         "B differs from A in the estimator and in controller.R, controller.Q: "

@@ -1,7 +1,8 @@
-"""rmpc-bench report."""
+"""rmpc-bench status, merge, report and compare: what the directories of results have."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,14 +10,57 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.cli.typed_files import TypedPath
+from rmpc_bench.cli.shared_options import TypedPath
+from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.types.result_layout import DEFAULT_FORMATS
 
 if TYPE_CHECKING:
     from rmpc_bench.publishing.pages import KeptClaims, Publication
 
+DIRECTORY = TypedPath(exists=True, file_okay=False)
 OPTIONS = {"metrics": "--metric"}
 """Key of the section `report` -> its option, where that is not the key itself."""
+
+
+@click.command()
+@click.argument("directory", type=DIRECTORY)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@exits.guarded
+def status(directory: Path, as_json: bool) -> None:
+    """Show how far the computation of an experiment and its shards is.
+
+    Shows finished and failed trials, the rate, the time that is left, and the means of the primary metric so far with
+    their standard errors.  It reads progress.json only, so it works on every machine that sees the directory.
+    """
+    from rmpc_bench.execution.status import read_status
+    from rmpc_bench.types.texts import folded
+
+    found = read_status(directory)
+    text = "\n".join(folded(str(found).split("\n"), screen_width()))
+    click.echo(json.dumps(found.to_json(), indent=2) if as_json else text)
+
+
+@click.command()
+@click.argument("directory", type=DIRECTORY)
+@click.option("--partial", is_flag=True, help="Join the runs that are there, also while other shards are computed.")
+@exits.guarded
+def merge(directory: Path, partial: bool) -> int:
+    """Join the shards of a directory and write its tables, figures and claims.
+
+    The shards of `rmpc-bench run --shard I/N` must belong to one experiment and be computed by the same code.  They
+    stay as they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes them.
+    """
+    from rmpc_bench.execution.merge import merge as join
+    from rmpc_bench.publishing.publish import publish
+    from rmpc_bench.results.results import load_results
+
+    merged = join(directory, partial=partial, say=lambda text: click.echo(text, err=True))
+    click.echo(f"joined: {', '.join(shard.name for shard in merged.shards)}", err=True)
+    if merged.missing:
+        click.echo("\n".join(["incomplete:", *merged.missing]), err=True)
+    written = publish(load_results(directory))
+    exits.show(written)
+    return exits.code_of(written, strict=False)
 
 
 class Names(click.ParamType[list[str]]):
@@ -30,7 +74,7 @@ class Names(click.ParamType[list[str]]):
 
 
 @click.command()
-@click.argument("directories", nargs=-1, required=True, type=TypedPath(exists=True, file_okay=False))
+@click.argument("directories", nargs=-1, required=True, type=DIRECTORY)
 @click.option("--to", type=TypedPath(file_okay=False), help="Directory to write to.  [default: DIR]")
 @click.option("--width", metavar="LENGTH", help="Width of all figures: 252pt, 88mm, 8.8cm, 3.5in (72.27 pt = 1 in).")
 @click.option(
@@ -111,3 +155,43 @@ def _places(
         if places.count(place) > 1:
             raise click.UsageError(f"--to: several directories belong to {place}; write them one by one")
     return list(places)
+
+
+@click.command()
+@click.argument("a", type=DIRECTORY)
+@click.argument("b", type=DIRECTORY)
+@click.option("--tol", type=click.FloatRange(min=0), help="Largest relative difference of equal values.  [default: 0]")
+@click.option("--values", is_flag=True, help="List the values, statuses and settings that differ.")
+@click.option("--of", "method", metavar="METHOD", help="Compare the improvement of this method on its baseline.")
+@click.option("--metric", metavar="METRIC", help="With --of: the metric.  [default: the primary one of A]")
+@exits.guarded
+def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | None, metric: str | None) -> int:
+    """Compare the results of two directories, paired by point of the sweep, method and run.
+
+    Prints the verdicts side by side with the difference of the changes, and the settings that differ; with --values
+    also what only one of them has, and the statuses, metrics and findings that differ.  The exit code is 1 when trials
+    or findings differ by more than --tol, and 0 when they are equal.
+
+    With --of METHOD: the difference of the improvements of a method on its baseline, A minus B.
+    """
+    if method is None and metric is not None:
+        raise click.UsageError("--metric needs --of METHOD")
+    if method is not None and tol is not None:
+        raise click.UsageError("--tol compares all trials, and --of one method: give one of them")
+    from rmpc_bench.analysis.shown_numbers import plain
+    from rmpc_bench.results.compare import compare_improvements, compare_results
+    from rmpc_bench.results.results import load_results
+    from rmpc_bench.types import DesignError
+    from rmpc_bench.types.texts import folded
+
+    first, second = load_results(a), load_results(b)
+    if method is None:
+        found = compare_results(first, second, tolerance=tol or 0.0)
+        click.echo(found.text(screen_width(), values=values))
+        return 0 if found.equal else exits.FINDING_DIFFERS
+    try:
+        text = str(compare_improvements(first, second, method, metric=metric))
+        click.echo("\n".join(folded(plain(text).split("\n"), screen_width())))
+    except DesignError as error:
+        raise click.UsageError(str(error)) from None
+    return 0

@@ -1,15 +1,21 @@
-"""Output of `check --deep`: tables and warnings of every point, then the meaning of the tables."""
+"""What `check --deep` and `--shards` compute: mismatch of plant and design model, own components, time and memory."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rmpc_bench.cli.shared_options import imported
+from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config_file.component import build_component
 from rmpc_bench.config_file.tree import kind_of
 from rmpc_bench.diagnostics.mismatch import STEADY, GainConvergence, MethodMismatch, Mismatch, model_mismatch
+from rmpc_bench.execution.pilot import PilotError, measure, runs_of_shard
 from rmpc_bench.simulation.threads import single_thread
 
 if TYPE_CHECKING:
@@ -32,6 +38,12 @@ NOISE = {
     "none": "no noise, so s = 0",
     "unknown": "s is not known for this noise law",
 }
+WIDTH = 110
+"""Characters of a line on own components."""
+TITLE = "  own components, checked on the linear system of their design model (all checks: check --component)"
+RESERVE = 1.5
+"""Ratio of the time limit of a shard to its estimated time, before a minute is added."""
+MINUTE = 60.0
 
 
 def mismatch_lines(config: ExperimentConfig) -> list[str]:
@@ -59,12 +71,7 @@ def mismatch_lines(config: ExperimentConfig) -> list[str]:
 
 
 def divergence_lines(found: Mismatch) -> list[str]:
-    """Return the table of the divergence of the plants, with the configured tolerance c.
-
-    Parameters
-    ----------
-    found : the mismatch at a point
-    """
+    """Return the table of the divergence of the plants, with the configured tolerance c."""
     if not found.n_plants:
         return [f"{DIVERGENCE}: not available for plant {found.plant}"]
     counted = f"mean [range] of the first {found.n_plants} plants" if found.n_plants > 1 else "one plant"
@@ -94,12 +101,7 @@ def _parts(each: MethodMismatch, *, show_scale: bool) -> tuple[str, str, str]:
 
 
 def loop_lines(found: Mismatch) -> list[str]:
-    """Return the table of the spectral radii and of the convergence of the gains.
-
-    Parameters
-    ----------
-    found : the mismatch at a point
-    """
+    """Return the table of the spectral radii and of the convergence of the gains."""
     rows: list[tuple[str, ...]] = [("", "design model", "plants", "estimator gain")]
     for name, each in found.methods.items():
         model = "not available" if each.model_radius is None else f"{each.model_radius:.4g}"
@@ -109,13 +111,7 @@ def loop_lines(found: Mismatch) -> list[str]:
 
 
 def gain_text(gain: GainConvergence, end: float) -> str:
-    """Return the text of the convergence of a gain.
-
-    Parameters
-    ----------
-    gain : its convergence
-    end : end of the experiment [s]
-    """
+    """Return the text of the convergence of a gain; `end` is the end of the experiment [s]."""
     if gain.missing:
         return f"not available: {gain.missing}"
     if gain.after is None:
@@ -129,13 +125,7 @@ def gain_text(gain: GainConvergence, end: float) -> str:
 
 
 def warnings(found: Mismatch, baseline: str) -> list[str]:
-    """Return warnings: gains that have not converged, unstable loops, comparisons of more than estimators.
-
-    Parameters
-    ----------
-    found : the mismatch at a point
-    baseline : name of the method that the others are compared with
-    """
+    """Return warnings: gains that have not converged, unstable loops, comparisons of more than estimators."""
     texts = []
     for name, each in found.methods.items():
         if each.gain.after is None:
@@ -166,3 +156,67 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     return [
         "    " + "".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
     ]
+
+
+def own_component_lines(config: ExperimentConfig) -> tuple[list[str], bool]:
+    """Check the own components of the first point; return lines, and whether a check of class `error` has failed."""
+    from rmpc_bench.conformance.kit import check_own_components
+
+    lines: list[str] = []
+    failed = False
+    for each in check_own_components(config.experiment):
+        if each.report is None:
+            lines.append(f"    {each.method}: {each.text}: not checked: {each.reason}")
+            continue
+        failed |= not each.report.passed
+        where = f" ({each.reason})" if each.reason else ""
+        lines.append(f"    {each.method}: {each.text}: {each.report.summary()}{where}")
+        for result in each.report.results:
+            if result.status in ("failed", "expected"):
+                word = result.severity if result.status == "failed" else "expected"
+                lines += [f"      {line}" for line in wrap(f"{word} {result.id}: {result.reason}", WIDTH)]
+    return (["", TITLE, *lines] if lines else []), failed
+
+
+def measured_lines(path: Path, config: ExperimentConfig, allow_code: Sequence[Path], shards: int | None) -> list[str]:
+    """Measure an experiment and return the lines on time, memory and shards."""
+    try:
+        found = measure(path, allow_code, imported)
+    except PilotError as error:
+        return [f"  measured      nothing: the first runs could not be computed ({error})"]
+    workers = config.execution.workers
+    parts = f"{found.start:.1f} s start, {found.n_runs * found.per_run:.1f} s runs, {found.report:.1f} s report"
+    lines = [
+        f"  measured      about {_duration(found.total)} of CPU time, from {found.n_pilot} runs: {parts}",
+        f"                about {_duration(found.elapsed(workers))} on {workers} processes with a core each",
+        f"                about {found.megabytes:.0f} MB of memory in the process that writes the report",
+    ]
+    if shards is not None:
+        each = found.of_shard(shards)
+        limit = MINUTE * math.ceil((RESERVE * each + MINUTE) / MINUTE)
+        lines += [
+            f"  shards        {shards}, each of at most {runs_of_shard(found.n_runs, shards)} runs: "
+            f"about {_duration(each)} of CPU time on one process",
+            f"                time limit for a batch script: {clock(limit)} ({RESERVE:g} times this, and a minute)",
+        ]
+    return lines
+
+
+def _duration(seconds: float) -> str:
+    """Write a time with two digits."""
+    if seconds < 2 * MINUTE:
+        return f"{seconds:.2g} s" if seconds < 100 else f"{seconds:.0f} s"
+    minutes = seconds / MINUTE
+    return f"{minutes:.0f} min" if minutes < 2 * MINUTE else f"{minutes / MINUTE:.1f} h"
+
+
+def clock(seconds: float) -> str:
+    """Write a time as a batch scheduler takes it.
+
+    Examples
+    --------
+    >>> clock(5400), clock(360_000)
+    ('01:30:00', '100:00:00')
+    """
+    minutes = round(seconds / MINUTE)
+    return f"{minutes // 60:02d}:{minutes % 60:02d}:00"
