@@ -98,7 +98,7 @@ def _wrapped(line: str, indent: int) -> list[str]:
 
 def _text(group: str, kind: str) -> str:
     """What a component is; of an installed one its package and version, and why it cannot be loaded."""
-    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.reference import CodeError
 
     if registry.package_of(group, kind):
         from rmpc_bench.components.designs import registered_design
@@ -122,7 +122,7 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
     state and the methods.
     """
-    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.reference import CodeError
 
     own = own_code.named_component(name)
     if own is not None:

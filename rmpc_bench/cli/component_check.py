@@ -25,7 +25,7 @@ def check_component(component: str, keys: str | None, model: str | None, group: 
     group : singular name of the group; found from the component unless given
     seconds : time limit of one check
     """
-    from rmpc_bench.components.code import split_reference
+    from rmpc_bench.components.reference import split_reference
     from rmpc_bench.config_file.tree import Map
     from rmpc_bench.config_file.yaml import parse
     from rmpc_bench.conformance.subject import subject_of

@@ -10,15 +10,15 @@ from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
-    from rmpc_bench.components.code import CodeReference
+    from rmpc_bench.components.reference import CodeReference
     from rmpc_bench.schema.manual import KeyEntry
 
 
 def show_own(group: str, reference: CodeReference) -> None:
     """Show a component from a file of the user."""
-    from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.designs import loaded_design
     from rmpc_bench.components.loading import user_code
+    from rmpc_bench.components.reference import CodeError
 
     try:
         with user_code(reference.path):

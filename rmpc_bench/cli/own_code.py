@@ -14,8 +14,8 @@ from rmpc_bench import registry
 from rmpc_bench.cli.typed_files import TypedPath
 
 if TYPE_CHECKING:
-    from rmpc_bench.components.code import CodeReference
     from rmpc_bench.components.consent import CodeAccess
+    from rmpc_bench.components.reference import CodeReference
 
 imported: list[str] = []
 """Modules that `--import` has imported, which a process of its own imports too."""
@@ -63,7 +63,7 @@ def _import(context: click.Context, parameter: click.Parameter, names: tuple[str
 
 def split_name(name: str) -> tuple[str, str] | None:
     """Return the group (or nothing) and the reference of an argument ``[GROUP/]PATH.py:NAME``; None for any other."""
-    from rmpc_bench.components.code import split_reference
+    from rmpc_bench.components.reference import split_reference
 
     parts = split_reference(name)
     if parts is None:
@@ -86,8 +86,8 @@ def named_component(name: str) -> tuple[str, CodeReference] | None:
     parts = split_name(name)
     if parts is None:
         return None
-    from rmpc_bench.components.code import CodeError
-    from rmpc_bench.components.groups import group_of
+    from rmpc_bench.components.designs import group_of
+    from rmpc_bench.components.reference import CodeError
 
     group, text = parts
     access = _access(text.rpartition(":")[0])
@@ -111,10 +111,10 @@ def entries(file: str) -> list[str]:
     click.BadParameter
         If the file cannot be loaded.
     """
-    from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.consent import name_files
-    from rmpc_bench.components.groups import components_in
+    from rmpc_bench.components.designs import components_in
     from rmpc_bench.components.loading import module_of
+    from rmpc_bench.components.reference import CodeError
 
     access = _access(file)
     try:

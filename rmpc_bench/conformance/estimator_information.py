@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.by_kind import estimator as made_estimator
+from rmpc_bench.components.designs import estimator as made_estimator
 from rmpc_bench.conformance.consistency import consistency_text
 from rmpc_bench.conformance.filtering import EstimatorExample
 from rmpc_bench.conformance.linear_system import LinearSystem, Recorded

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from rmpc_bench.components.recipes import Recipe, recipe_of
+from rmpc_bench.components.transport import Recipe, recipe_of
 from rmpc_bench.conformance.experiment_example import ExperimentSystem
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.by_kind import estimator
+from rmpc_bench.components.designs import estimator
 from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import mv, psd_sqrt

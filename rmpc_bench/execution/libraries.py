@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable
 
-from rmpc_bench.components.installed import distribution_of
+from rmpc_bench.components.reference import distribution_of
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.received.plain_files import StoreError
