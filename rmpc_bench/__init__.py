@@ -50,10 +50,10 @@ _PUBLIC: dict[str, str] = {
     "Metric": "rmpc_bench.types",
     "Figure": "rmpc_bench.types",
     "register": "rmpc_bench.registry",
-    "plant": "rmpc_bench.components.by_kind",
-    "model": "rmpc_bench.components.by_kind",
-    "estimator": "rmpc_bench.components.by_kind",
-    "controller": "rmpc_bench.components.by_kind",
+    "plant": "rmpc_bench.components.designs",
+    "model": "rmpc_bench.components.designs",
+    "estimator": "rmpc_bench.components.designs",
+    "controller": "rmpc_bench.components.designs",
 }
 
 

@@ -172,7 +172,7 @@ def test_a_function_that_imports_it_during_a_run(tmp_path):
 
 def test_the_version_of_an_extra_is_known():
     """A version that is not found would never be refused."""
-    from rmpc_bench.components.installed import distribution_of
+    from rmpc_bench.components.reference import distribution_of
 
     present = [module for extra, module in extras.EXTRAS.items() if extras.is_installed(extra)]
     for module in present:

@@ -13,7 +13,7 @@ from rmpc_bench.adapters.do_mpc_mhe import MheEstimator
 from rmpc_bench.adapters.do_mpc_model import do_mpc_model
 from rmpc_bench.adapters.do_mpc_mpc import MpcController
 from rmpc_bench.adapters.do_mpc_setup import quiet
-from rmpc_bench.components.from_function import class_around
+from rmpc_bench.components.designs import class_around
 
 __all__ = ["do_mpc_controller", "do_mpc_estimator", "do_mpc_model"]
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.components.from_function import class_around
+from rmpc_bench.components.designs import class_around
 from rmpc_bench.types import Array, Count, SolverError
 
 OUTSIDE = 1e-8

@@ -15,8 +15,8 @@ from warnings import warn
 
 import numpy as np
 
-from rmpc_bench.components.from_function import class_around
-from rmpc_bench.components.global_generator import drawing_from
+from rmpc_bench.components.designs import class_around
+from rmpc_bench.components.user_runs import drawing_from
 from rmpc_bench.extras import library
 
 SET_MATRICES = "set F = model.A and B = model.B, or derive a class whose predict_x(u) sets F and x"

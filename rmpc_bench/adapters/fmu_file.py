@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from rmpc_bench.components.process_directory import process_directory
+from rmpc_bench.components.transport import process_directory
 from rmpc_bench.extras import library
 from rmpc_bench.received.consent import refused
 from rmpc_bench.types import DesignError, Signals

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.adapters.fmu_file import Unit
-from rmpc_bench.components.object_plant import ObjectPlant
+from rmpc_bench.components.single_plant import ObjectPlant
 from rmpc_bench.types import Array, OutOfRange, Parameters, Signals
 
 

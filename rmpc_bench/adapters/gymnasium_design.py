@@ -22,7 +22,7 @@ from rmpc_bench.adapters.gymnasium_trials import (
     trial,
     without_effect,
 )
-from rmpc_bench.components.environment_run import Access, EnvironmentRun
+from rmpc_bench.components.single_plant import Access, EnvironmentRun
 from rmpc_bench.models.ode_functions import Names, check_output, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
 from rmpc_bench.received.consent import reason_against_module

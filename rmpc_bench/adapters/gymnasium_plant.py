@@ -9,9 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.adapters.gymnasium_access import nearest
-from rmpc_bench.components.environment_run import Access, EnvironmentRun
-from rmpc_bench.components.object_plant import ObjectPlant
-from rmpc_bench.components.single_plant import RunPlants
+from rmpc_bench.components.single_plant import Access, EnvironmentRun, ObjectPlant, RunPlants
 from rmpc_bench.types import Array, Motion, RunInfo, Signals
 
 

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rmpc_bench.components.environment_run import Access, EnvironmentRun
-from rmpc_bench.components.private_modules import is_source
-from rmpc_bench.components.trace import last_user_frame, one_line
+from rmpc_bench.components.loading import is_source
+from rmpc_bench.components.single_plant import Access, EnvironmentRun
+from rmpc_bench.components.user_code import last_user_frame, one_line
 from rmpc_bench.extras import MissingLibraryError
 from rmpc_bench.types import Array, DesignError, OutOfRange, Parameters
 

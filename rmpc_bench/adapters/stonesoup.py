@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.components.from_function import class_around
-from rmpc_bench.components.global_generator import drawing_from
+from rmpc_bench.components.designs import class_around
+from rmpc_bench.components.user_runs import drawing_from
 from rmpc_bench.extras import library
 
 EPOCH = datetime(2000, 1, 1)

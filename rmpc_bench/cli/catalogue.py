@@ -87,7 +87,7 @@ def _wrapped(line: str, indent: int) -> list[str]:
 
 def _text(group: str, kind: str) -> str:
     """What a component is; of an installed one its package and version, and why it cannot be loaded."""
-    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.reference import CodeError
 
     if registry.package_of(group, kind):
         from rmpc_bench.components.designs import registered_design
@@ -101,10 +101,10 @@ def _text(group: str, kind: str) -> str:
 
 def _components_of(file: str) -> list[str]:
     """Return the components that a Python file defines, each with its group."""
-    from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.consent import CodeAccess, name_files
-    from rmpc_bench.components.groups import components_in
+    from rmpc_bench.components.designs import components_in
     from rmpc_bench.components.loading import module_of
+    from rmpc_bench.components.reference import CodeError
 
     # The user has named this file on the command line, and nothing else.
     access = CodeAccess(Path.cwd(), (Path(file).resolve(),))

@@ -97,7 +97,7 @@ def check(
 
 def _check_component(component: str, keys: str | None, model: str | None, group: str | None, seconds: float) -> int:
     """Check a component and print the table; the exit code is 1 where a check of the class `error` fails."""
-    from rmpc_bench.components.code import split_reference
+    from rmpc_bench.components.reference import split_reference
     from rmpc_bench.config_file.tree import Map
     from rmpc_bench.config_file.yaml import parse
     from rmpc_bench.conformance.process import check_subject

@@ -18,7 +18,7 @@ from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, 
 from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
-    from rmpc_bench.components.code import CodeReference
+    from rmpc_bench.components.reference import CodeReference
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.schema.manual import KeyEntry
 
@@ -41,7 +41,7 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
     state and the methods.
     """
-    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.reference import CodeError
 
     own = _named_component(name)
     if own is not None:
@@ -191,7 +191,7 @@ def _unknown(name: str) -> str:
 
 def _split_name(name: str) -> tuple[str, str] | None:
     """Return the group (or nothing) and the reference of an argument ``[GROUP/]PATH.py:NAME``; None for any other."""
-    from rmpc_bench.components.code import split_reference
+    from rmpc_bench.components.reference import split_reference
 
     parts = split_reference(name)
     if parts is None:
@@ -208,9 +208,9 @@ def _named_component(name: str) -> tuple[str, CodeReference] | None:
     parts = _split_name(name)
     if parts is None:
         return None
-    from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.consent import CodeAccess
-    from rmpc_bench.components.groups import group_of
+    from rmpc_bench.components.designs import group_of
+    from rmpc_bench.components.reference import CodeError
 
     group, text = parts
     # The user has named this file on the command line, and nothing else.
@@ -229,9 +229,9 @@ def _named_component(name: str) -> tuple[str, CodeReference] | None:
 
 def _show_own(group: str, reference: CodeReference) -> None:
     """Show a component from a file of the user."""
-    from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.designs import loaded_design
     from rmpc_bench.components.loading import user_code
+    from rmpc_bench.components.reference import CodeError
 
     try:
         with user_code(reference.path):

@@ -113,7 +113,7 @@ def _post_mortem(error: BaseException) -> bool:
     import pdb
     from bdb import BdbQuit
 
-    from rmpc_bench.components.trace import user_entry
+    from rmpc_bench.components.user_code import user_entry
 
     if isinstance(error, BdbQuit):
         return False

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench import notices
-from rmpc_bench.components.code import CodeError, CodeReference, DataReference, split_reference
 from rmpc_bench.components.designs import DesignFunction, loaded_design
 from rmpc_bench.components.loading import import_file, load
+from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, split_reference
 from rmpc_bench.components.source import read_source
 from rmpc_bench.received.consent import accepted, is_code, reason_against
 from rmpc_bench.types.errors import nearest

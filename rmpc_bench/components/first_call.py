@@ -15,10 +15,16 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rmpc_bench.components.signals import TooLong, limited, noted_signals
 from rmpc_bench.components.single_design import SingleDesign, run_info
-from rmpc_bench.components.trace import last_user_frame, one_line, place_in
-from rmpc_bench.components.untouched import untouched
+from rmpc_bench.components.user_code import (
+    TooLong,
+    last_user_frame,
+    limited,
+    noted_signals,
+    one_line,
+    place_in,
+    untouched,
+)
 from rmpc_bench.types import (
     Array,
     Command,

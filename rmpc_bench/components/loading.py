@@ -2,20 +2,265 @@
 
 from __future__ import annotations
 
+import builtins
 import faulthandler
+import importlib
+import re
+import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec, SourceFileLoader
+from importlib.util import spec_from_file_location
+from itertools import count
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
-from rmpc_bench.components.code import CodeError, CodeReference, Place
-from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
-from rmpc_bench.components.signals import TooLong, limited, noted_signals
+from rmpc_bench.components.reference import CodeError, CodeReference, Place
+from rmpc_bench.components.user_code import TooLong, limited, noted_signals, replaced, untouched
 from rmpc_bench.extras import missing, missing_extra
 from rmpc_bench.types.errors import ConfigError, DesignError, unknown
+
+PREFIX = "_rmpc_bench_code_"
+_PRIVATE = re.compile(rf"{PREFIX}\d+\.")
+_ENCODED = "file_"
+_numbers = count(1)
+
+
+@dataclass
+class Package:
+    """A directory whose files are modules of a private package, so that equal names in two directories do not mix.
+
+    A file imports the files beside it by their plain names, as a script does, or with a leading dot.  Its import
+    statement looks into the directory first; that of other modules is not changed.
+
+    A text is read once.  A worker process receives the texts, so that an edit during an experiment reaches no worker.
+    No compiled files are written: their time stamps cannot tell two edits in one second.
+
+    Parameters
+    ----------
+    name : name of the package
+    directory : absolute
+    sources : file -> its text, for all files that were imported
+    fixed : whether the texts come from another process, so that files on disk do not count
+    """
+
+    name: str
+    directory: Path
+    sources: dict[str, bytes] = field(default_factory=dict)
+    fixed: bool = False
+
+    def is_current(self) -> bool:
+        """Whether no imported file has changed."""
+        return self.fixed or all(_text(Path(file)) == text for file, text in self.sources.items())
+
+
+_packages: dict[str, Package] = {}
+"""Packages by name; one with old texts stays, since designs made from it are still in use."""
+_newest: dict[Path, Package] = {}
+"""Directory -> its package with the newest texts."""
+
+
+def package_of(directory: Path) -> Package:
+    """Return the package of a directory; a new one where a file has changed since it was imported."""
+    package = _newest.get(directory)
+    if package is None or not package.is_current():
+        # A worker process has packages of the process that started it, too.
+        name = next(name for number in _numbers if (name := f"{PREFIX}{number}") not in _packages)
+        package = add(Package(name, directory))
+    return package
+
+
+def add(package: Package) -> Package:
+    """Make a package importable in this process."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        # First, because the finder of Python would find the files as well and load them in its own way.
+        sys.meta_path.insert(0, _Finder())
+    known = _packages.setdefault(package.name, package)
+    _newest[known.directory] = known
+    return known
+
+
+def packages() -> tuple[Package, ...]:
+    """Return all packages of this process."""
+    return tuple(_packages.values())
+
+
+def is_private(module: str | None) -> bool:
+    """Whether a module belongs to a user's directory."""
+    return module is not None and module.partition(".")[0] in _packages
+
+
+def file_of(module: str) -> Path:
+    """Return the file of a private module."""
+    return Path(str(sys.modules[module].__file__))
+
+
+def plain_names(text: str) -> str:
+    """Return a message of Python with the names of modules as the user writes them."""
+    return _PRIVATE.sub("", text)
+
+
+def is_source(file: str) -> bool:
+    """Whether a file was imported as a private module."""
+    return any(file in package.sources for package in _packages.values())
+
+
+def module_name(stem: str) -> str:
+    """Return the name of the module for a file without its ending; it may have blanks, points and hyphens.
+
+    Examples
+    --------
+    >>> module_name("tanks"), module_name("tanks-2")
+    ('tanks', 'file_74616e6b732d32')
+    """
+    return stem if stem.isidentifier() else f"{_ENCODED}{stem.encode().hex()}"
+
+
+def _stem(name: str) -> str:
+    """Return the name of a file for the name of its module; the inverse of `module_name`."""
+    try:
+        return bytes.fromhex(name.removeprefix(_ENCODED)).decode() if name.startswith(_ENCODED) else name
+    except ValueError:
+        return name
+
+
+class _Finder(MetaPathFinder):
+    """Finds the modules of private packages."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return where a module of a private package comes from; None for every other module."""
+        package = _packages.get(fullname.partition(".")[0])
+        if package is None:
+            return None
+        if "." not in fullname:
+            return _directory_spec(fullname, package.directory)
+        for directory in path or ():
+            found = _spec(package, fullname, Path(directory))
+            if found is not None:
+                return found
+        return None
+
+
+def _spec(package: Package, fullname: str, directory: Path) -> ModuleSpec | None:
+    """Return the spec of a module in a directory."""
+    stem = directory / _stem(fullname.rpartition(".")[2])
+    file, inside = stem / "__init__.py", [str(stem)]
+    if not _exists(package, file):
+        # In the order of Python, which is also that of the hash: a compiled module comes before its source.
+        for suffix in EXTENSION_SUFFIXES:
+            compiled = stem.with_name(f"{stem.name}{suffix}")
+            if compiled.is_file():
+                return spec_from_file_location(fullname, compiled, loader=ExtensionFileLoader(fullname, str(compiled)))
+        file, inside = stem.with_name(f"{stem.name}.py"), []
+    if _exists(package, file):
+        loader = _Loader(fullname, str(file), package)
+        return spec_from_file_location(fullname, file, loader=loader, submodule_search_locations=inside or None)
+    return _directory_spec(fullname, stem) if stem.is_dir() else None
+
+
+def _directory_spec(fullname: str, directory: Path) -> ModuleSpec:
+    """Return the spec of a package without `__init__.py`."""
+    spec = ModuleSpec(fullname, None, is_package=True)
+    spec.submodule_search_locations = [str(directory)]
+    return spec
+
+
+def _exists(package: Package, file: Path) -> bool:
+    return str(file) in package.sources or file.is_file()
+
+
+def _text(file: Path) -> bytes | None:
+    try:
+        return file.read_bytes()
+    except OSError:
+        return None
+
+
+class _Loader(SourceFileLoader):
+    """Loads a file from the text that its package keeps, with an import statement that finds the files beside it."""
+
+    def __init__(self, fullname: str, path: str, package: Package) -> None:
+        super().__init__(fullname, path)
+        self._package = package
+
+    def get_data(self, path: str) -> bytes:
+        """Read a file once."""
+        if path not in self._package.sources:
+            self._package.sources[path] = super().get_data(path)
+        return self._package.sources[path]
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the text."""
+        code: CodeType = compile(self.get_data(self.path), self.path, "exec", dont_inherit=True)
+        return code
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the module."""
+        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": _Import(self._package.name, module)}
+        replaced.pop(self.path, None)
+        with untouched(self.path):
+            super().exec_module(module)
+
+
+class _Import:
+    """The import statement of a module of a private package."""
+
+    def __init__(self, package: str, module: ModuleType) -> None:
+        self.package, self.module = package, module
+        self._elsewhere = set[str]()
+        """First parts of names that no file of the directory has.  A function may import at every sample."""
+
+    def __call__(
+        self,
+        name: str,
+        globals: Mapping[str, Any] | None = None,
+        locals: Mapping[str, Any] | None = None,
+        fromlist: Sequence[str] | None = (),
+        level: int = 0,
+    ) -> ModuleType:
+        """Import a file of the directory, or else what is installed."""
+        first = name.partition(".")[0]
+        private = self._beside(name, files_only=True) if level == 0 and first not in self._elsewhere else None
+        if private is not None:
+            return self._imported(private, name, fromlist)
+        try:
+            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            if level == 0:
+                self._elsewhere.add(first)
+            return found
+        except ModuleNotFoundError as error:
+            # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
+            directory = self._beside(name) if level == 0 and error.name == first else None
+            if directory is None:
+                raise
+        return self._imported(directory, name, fromlist)
+
+    def _beside(self, name: str, *, files_only: bool = False) -> str | None:
+        """Private package in which the first part of a name lies; None where there is no such file."""
+        first = name.partition(".")[0]
+        own = self.module.__name__ if self.module.__spec__ and self.module.__spec__.submodule_search_locations else ""
+        for parent in dict.fromkeys((self.package, own or self.module.__name__.rpartition(".")[0])):
+            # A file with the name of the library that it imports means the library.
+            if f"{parent}.{first}" == self.module.__name__:
+                continue
+            found = importlib.util.find_spec(f"{parent}.{first}")
+            if found is not None and not (files_only and found.loader is None):
+                return parent
+        return None
+
+    def _imported(self, parent: str, name: str, fromlist: Sequence[str] | None) -> ModuleType:
+        full = f"{parent}.{name}"
+        if fromlist:
+            return builtins.__import__(full, None, None, fromlist, 0)
+        importlib.import_module(full)
+        return sys.modules[f"{parent}.{name.partition('.')[0]}"]
 
 
 def load(reference: CodeReference) -> Any:

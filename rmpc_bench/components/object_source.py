@@ -14,8 +14,7 @@ import numpy as np
 
 from rmpc_bench import registry
 from rmpc_bench.components.imports import Import
-from rmpc_bench.components.installed import is_standard, local_directory
-from rmpc_bench.components.module_files import module_files
+from rmpc_bench.components.reference import is_standard, local_directory, module_files
 from rmpc_bench.components.source import Source, read_source
 
 

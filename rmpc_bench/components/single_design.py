@@ -1,4 +1,4 @@
-"""What the designs of single-run components have in common."""
+"""What the designs of single-run components have in common, also in deviations from an operating point."""
 
 from __future__ import annotations
 
@@ -8,11 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.components.deviation import in_deviation
 from rmpc_bench.components.user_class import HELD, UserClass
 from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ctrl_c
-from rmpc_bench.types import RunInfo
+from rmpc_bench.types import OperatingPoint, RunInfo
 from rmpc_bench.types.run_info import Journal
+
+
+def in_deviation(user: UserClass, given: Mapping[str, Any]) -> tuple[Mapping[str, Any], OperatingPoint | None]:
+    """Return what a design is made from, and the operating point to move its signals by where the class asks for it.
+
+    A class with ``deviation = True`` gets `model.deviation` as its model, without constant parts in a steady state.
+    Its signals are deviations: y - y_op, u(k-1) - u_op, r - y_op, x_hat - x_op, limits of u - u_op.  What it returns is
+    moved back.
+    """
+    model = given.get("model")
+    point = getattr(model, "operating_point", None)
+    if model is None or point is None or not user.constant("deviation", False):
+        return given, None
+    moved = {**given, "model": model.deviation}
+    if "x0" in given:
+        moved["x0"] = np.asarray(given["x0"], dtype=float) - point.x
+    if given.get("plant_info") is not None:
+        info = given["plant_info"]
+        low, high = info.limits.u
+        moved["plant_info"] = info._replace(limits=info.limits._replace(u=(low - point.u, high - point.u)))
+    return moved, point
+
 
 TYPICAL_COST = 3e-5
 """Time of a step with a few small NumPy operations [s]."""
@@ -71,14 +92,7 @@ class SingleDesign:
         return int(np.floor(self.max_held * self.given["n_steps"] + 1e-9))
 
     def user_runs(self, n_runs: int, runs: RunInfo | None, signals: Mapping[str, Any]) -> UserRuns:
-        """Make the objects of a block.
-
-        Parameters
-        ----------
-        n_runs : number of runs
-        runs : the runs; runs 0, 1, .. of seed 0 where it is None
-        signals : name -> one entry per run, for `start`
-        """
+        """Make the objects of a block."""
         runs = run_info(n_runs) if runs is None else runs
         fixed = dict(self.given)
         if "model" in fixed:

@@ -22,9 +22,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
-from rmpc_bench.components.metric_class import metric_design
-from rmpc_bench.components.user_class import METHODS, UserClass, user_class
-from rmpc_bench.components.words import a_component
+from rmpc_bench.components.user_class import METHODS, UserClass, a_component, metric_design, user_class
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.contract import BASES
 
@@ -65,22 +63,7 @@ def is_single_run(component: Any) -> bool:
 
 
 def design_function(group: str, component: Any) -> Callable[..., Any]:
-    """Return the design function of a component, whose signature gives the keys of the configuration.
-
-    Parameters
-    ----------
-    group : of the registry, such as ``estimators``
-    component : a design function, a class derived from the base class of the group, or one marked with `single_run`
-
-    Returns
-    -------
-    What is called with the keys and with what the bench provides.
-
-    Raises
-    ------
-    DesignError
-        If it is none of the three, or a method has an unknown argument.
-    """
+    """Return the design function of a component, whose signature gives the keys of the configuration."""
     if is_single_run(component):
         return _single_run_design(group, component)
     if isinstance(component, type):
@@ -155,7 +138,7 @@ def _made(user: UserClass, given: Mapping[str, Any]) -> Any:
         from rmpc_bench.components.single_plant import SingleRunPlant
 
         return SingleRunPlant(user, given)
-    from rmpc_bench.components.single_metric import SingleRunMetric
+    from rmpc_bench.components.single_controller import SingleRunMetric
 
     keys = {name: value for name, value in given.items() if name in user.keys}
     return SingleRunMetric(name=given["name"], user=user, keys=keys)

@@ -1,8 +1,4 @@
-"""The identity of a Python file: a hash of the file and of every local module that it imports.
-
-Modules are found from the text alone; nothing is imported.  A local module lies beside the file, or on the path of
-Python without being installed.  A path is never part of the hash, except that of a module relative to the file.
-"""
+"""The identity of a Python file: a hash of it and of every local module that it imports, found from the text alone."""
 
 from __future__ import annotations
 
@@ -13,14 +9,193 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rmpc_bench.components.imports import Import, Place, References, references
-from rmpc_bench.components.installed import is_standard, local_directory
-from rmpc_bench.components.module_files import module_files
-from rmpc_bench.components.syntax import syntax_hash
+from rmpc_bench.components.reference import is_standard, local_directory, module_files
 from rmpc_bench.extras import EXTRAS
 from rmpc_bench.types import Problem
+
+_WITH_DOCSTRING = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+_NO_MEANING = frozenset({"kind", "type_comment", "type_ignores"})
+"""Fields that change nothing: the prefix of ``u"text"`` and comments with types."""
+
+
+def syntax_hash(tree: ast.AST) -> str:
+    """Return the SHA-256 of a syntax tree without `pass`, and without docstrings unless the file reads ``__doc__``.
+
+    It is the same in all versions of Python that can read the file, unlike the text of `ast.dump`: empty and missing
+    fields are left out, since later versions add fields, and text is in ASCII, since `repr` follows the Unicode tables.
+
+    Examples
+    --------
+    >>> syntax_hash(ast.parse("x = (1)  # one")) == syntax_hash(ast.parse("x=1"))
+    True
+    """
+    with_docstrings = any(_reads_docstrings(node) for node in ast.walk(tree))
+    hasher = hashlib.sha256()
+    # A stack, since a long sum is a deep tree.
+    stack: list[Any] = [tree]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, ast.AST):
+            fields = _fields(item, with_docstrings)
+            hasher.update(f"{type(item).__name__} {len(fields)}\n".encode())
+            for name, value in reversed(fields):
+                stack += [value, _Name(name)]
+        elif isinstance(item, list):
+            hasher.update(f"[{len(item)}\n".encode())
+            stack += reversed(item)
+        else:
+            hasher.update(f"{_text(item)}\n".encode())
+    return hasher.hexdigest()
+
+
+class _Name(str):
+    """Name of a field."""
+
+
+def _reads_docstrings(node: ast.AST) -> bool:
+    return (isinstance(node, ast.Name) and node.id == "__doc__") or (
+        isinstance(node, ast.Attribute) and node.attr in ("__doc__", "getdoc")
+    )
+
+
+def _fields(node: ast.AST, with_docstrings: bool) -> list[tuple[str, Any]]:
+    """Return the fields that have a value, sorted by name, since later versions of Python may insert some."""
+    found = []
+    for name in sorted(set(node._fields) - _NO_MEANING):
+        value = getattr(node, name, None)
+        if name == "value" and isinstance(node, ast.Constant):
+            # None is a value here.
+            found.append((name, value))
+            continue
+        if isinstance(value, list):
+            value = _entries(node, name, value, with_docstrings)
+        elif name == "format_spec" and isinstance(value, ast.JoinedStr):
+            # An empty format and no format are one; versions of Python write it differently.
+            value = value if _joined(value.values) else None
+        if value is not None and value != []:
+            found.append((name, value))
+    return found
+
+
+def _entries(node: ast.AST, name: str, entries: list[Any], with_docstrings: bool) -> list[Any]:
+    """Return the entries of a list that change something."""
+    if isinstance(node, ast.JoinedStr):
+        return _joined(entries)
+    if name == "body" and isinstance(node, _WITH_DOCSTRING) and not with_docstrings and _is_text(entries[:1]):
+        entries = entries[1:]
+    return [entry for entry in entries if not isinstance(entry, ast.Pass)]
+
+
+def _is_text(statements: list[ast.stmt]) -> bool:
+    return any(
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+        for statement in statements
+    )
+
+
+def _joined(parts: list[Any]) -> list[Any]:
+    """Join neighbouring texts of a formatted string, and leave out empty ones."""
+    found: list[Any] = []
+    for part in parts:
+        text = part.value if isinstance(part, ast.Constant) else None
+        if isinstance(text, str) and found and isinstance(found[-1], str):
+            found[-1] += text
+        elif text != "":
+            found.append(part if text is None else text)
+    return found
+
+
+def _text(value: Any) -> str:
+    """Write a constant with its type, so that 1, 1.0, True and "1" differ."""
+    if isinstance(value, _Name):
+        return f".{value}"
+    # Decimal digits of a long integer are refused by Python.
+    written = hex(value) if type(value) is int else ascii(value)
+    return f"{type(value).__name__} {written}"
+
+
+_DYNAMIC = frozenset({"globals", "locals", "vars", "exec", "eval", "__import__", "import_module", "__getattr__"})
+"""Names with which code reaches names that the syntax tree does not show."""
+_ALWAYS = frozenset({"depends_on", "deterministic"})
+"""Names that the bench itself reads from a file."""
+
+
+def reached_text(text: bytes, names: Iterable[str]) -> bytes:
+    """Return the statements of a file on which some names depend; all of it where the syntax tree cannot show that.
+
+    Examples
+    --------
+    >>> reached_text(b"K = 0.5; g = 9.81; fall = lambda t: g * t; gain = K", ["fall"]).decode().splitlines()
+    ['g = 9.81', 'fall = lambda t: g * t']
+    """
+    try:
+        body = ast.parse(text).body
+    except (SyntaxError, ValueError, RecursionError):
+        return text
+    used = [_used(statement) for statement in body]
+    bound = [_bound(statement) for statement in body]
+    wanted = {name.partition(".")[0] for name in names} | _ALWAYS
+    known = set().union(*bound) if bound else set()
+    if any(each & _DYNAMIC for each in used) or not wanted - _ALWAYS <= known or "*" in known:
+        return text
+    kept = {number for number, statement in enumerate(body) if not _is_definition(statement)}
+    for number in kept:
+        wanted |= used[number]
+    while more := {number for number in range(len(body)) if number not in kept and bound[number] & wanted}:
+        kept |= more
+        for number in more:
+            wanted |= used[number]
+    found = ast.Module([body[number] for number in sorted(kept)], [])
+    return ast.unparse(found).encode()
+
+
+def _is_definition(statement: ast.stmt) -> bool:
+    """Whether a statement does nothing but bind names; a docstring does not even that."""
+    if isinstance(statement, ast.ImportFrom) and statement.module == "__future__":
+        return False
+    if isinstance(statement, ast.Expr):
+        return isinstance(statement.value, ast.Constant)
+    simple = isinstance(statement, ast.Assign) and all(isinstance(each, ast.Name) for each in statement.targets)
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom)
+    return (
+        simple
+        or isinstance(statement, kinds)
+        or (isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name))
+    )
+
+
+def _bound(statement: ast.stmt) -> set[str]:
+    """Return the names that a statement of a module binds."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return {statement.name}
+    found: set[str] = set()
+    for node in ast.walk(statement):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {each.asname or each.name.partition(".")[0] for each in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            found.add(node.name)
+    return found
+
+
+def _used(statement: ast.stmt) -> set[str]:
+    """Return the names that occur in a statement, also as text, since a name may be looked up by its text."""
+    found: set[str] = set()
+    for node in ast.walk(statement):
+        if isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, ast.Attribute):
+            found.add(node.attr)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+            found.add(node.value)
+    return found
+
 
 _ADAPTERS = Path(__file__).resolve().parents[1] / "adapters"
 """Directory of the adapters, through which a file may use a library without an import of it."""

@@ -1,27 +1,161 @@
-"""Experiments as bytes for worker processes.
-
-A design from a file of the user, or registered by a program or a package, is sent as its recipe (the call that
-made it) and made again in the worker.  A design need not be picklable.  The texts of the user's files are sent as well,
-so that every worker runs the same code, also after a file has changed.  Functions and classes of a notebook or a
-script, which no worker can import, are sent by value.
-"""
+"""Experiments as bytes for worker processes, where a design is the call that makes it again."""
 
 from __future__ import annotations
 
+import atexit
+import dataclasses
+import glob
 import io
+import os
 import pickle
+import platform
+import shutil
 import sys
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import gettempdir, mkdtemp
 from typing import Any
 
-from rmpc_bench.components.private_modules import Package, add, is_private, packages
-from rmpc_bench.components.recipes import Recipe, recipe_of
+from rmpc_bench.components.designs import loaded_design
+from rmpc_bench.components.loading import Package, add, is_private, load, packages
+from rmpc_bench.components.reference import CodeReference, DataReference
 from rmpc_bench.components.source import read_source
+from rmpc_bench.components.user_code import untouched
+
+
+def process_directory(name: str) -> Path:
+    """Make a temporary directory that is removed at the end of this process, or later by another one.
+
+    A worker process may be ended at any time, without its exit handlers.  The name therefore contains machine and
+    process; every process removes the directories of processes that have ended.
+    """
+    prefix = f"{name}-{platform.node()}-"
+    _remove(prefix, ended_only=True)
+    made = Path(mkdtemp(prefix=f"{prefix}{os.getpid()}-"))
+    atexit.register(partial(_remove, prefix, ended_only=False))
+    return made
+
+
+def _remove(prefix: str, *, ended_only: bool) -> None:
+    """Remove the directories of processes that have ended, and those of this process."""
+    for directory in Path(gettempdir()).glob(f"{glob.escape(prefix)}*"):
+        process = directory.name.removeprefix(prefix).partition("-")[0]
+        own = process == str(os.getpid())
+        if (own and not ended_only) or (not own and process.isdigit() and _has_ended(int(process))):
+            shutil.rmtree(directory, ignore_errors=True)
+
+
+def _has_ended(process: int) -> bool:
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """The call that makes a design."""
+
+    group: str
+    design: Callable[..., Any] | None
+    """The design function; not used for a component from a file."""
+    code: CodeReference | None
+    """Where a component from a file stands; None for others."""
+    provided: Mapping[str, Any]
+    """What the bench gives to the design function."""
+    parameters: Mapping[str, Any]
+    """Its other keywords, with references in place of what stands in files of the user."""
+
+    def make(self) -> Any:
+        """Call the design function."""
+        design = self.design if self.code is None else loaded_design(self.group, self.code)
+        assert design is not None
+        files = [*self._files()]
+        if not files and str(getattr(design, "__module__", "")).startswith("rmpc_bench."):
+            return design(**self.provided, **loaded(self.parameters))
+        with untouched(files[0] if files else ""):
+            return design(**self.provided, **loaded(self.parameters))
+
+    def _files(self) -> Iterator[str]:
+        """Yield the Python files whose code the call may run."""
+        yield from (str(each.path) for each in inside([self.code, self.parameters]) if isinstance(each, CodeReference))
+        for recipe in map(recipe_of, self.provided.values()):
+            if recipe is not None:
+                yield from recipe._files()
+
+    def without_design(self) -> Recipe:
+        """Return the recipe of a component from a file without the loaded function."""
+        return dataclasses.replace(self, design=None)
+
+    def remember(self, made: Any) -> None:
+        """Note that a design was made in this way."""
+        number = id(made)
+        try:
+            # The identity of an object may be used again after its end.
+            kept: Any = weakref.ref(made, lambda _: _recipes.pop(number, None))
+        except TypeError:
+            kept = made
+        _recipes[number] = kept, self
+
+
+_recipes: dict[int, tuple[Any, Recipe]] = {}
+"""Identity of a design -> a reference to it, and how it was made."""
+
+
+def recipe_of(made: Any) -> Recipe | None:
+    """Return how an object was made; None for anything but a remembered design."""
+    entry = _recipes.get(id(made))
+    return None if entry is None else entry[1]
+
+
+def loaded(value: Any) -> Any:
+    """Return a validated value with objects in place of references, and paths in place of data files."""
+    if isinstance(value, CodeReference):
+        return load(value)
+    if isinstance(value, DataReference):
+        return value.paths
+    if isinstance(value, list | tuple) and not hasattr(value, "_fields"):
+        return type(value)(loaded(each) for each in value)
+    if isinstance(value, Mapping):
+        return {key: loaded(each) for key, each in value.items()}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and any(inside(value)):
+        return dataclasses.replace(
+            value, **{field.name: loaded(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        )
+    return value
+
+
+def inside(value: Any) -> Iterator[CodeReference | DataReference]:
+    """Yield the references to files inside a validated value."""
+    if isinstance(value, CodeReference | DataReference):
+        yield value
+    elif isinstance(value, list | tuple):
+        for each in value:
+            yield from inside(each)
+    elif isinstance(value, Mapping):
+        for each in value.values():
+            yield from inside(each)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            yield from inside(getattr(value, field.name))
 
 
 def dumps(experiments: Any) -> bytes:
-    """Pickle experiments for a worker process on this machine."""
+    """Pickle experiments for a worker process on this machine.
+
+    A design from a file of the user, or registered by a program or a package, is sent as its recipe; it need not be
+    picklable.  The texts of the files are sent as well, so that every worker runs the same code.  Functions and classes
+    of a notebook or a script, which no worker can import, are sent by value.
+    """
     stream = io.BytesIO()
     _pickler(stream).dump(experiments)
     for package in packages():

@@ -1,8 +1,4 @@
-"""The user's objects of a block, one per run, and the calls of their methods.
-
-A call never raises: an exception or an invalid return value fails its own run.  What costs time is done once per block
-and sample, outside the loop over the runs.
-"""
+"""The user's objects of a block, one per run, and the calls of their methods, whose exceptions fail their own run."""
 
 from __future__ import annotations
 
@@ -14,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
+from rmpc_bench.components.user_code import one_line, user_trace
 from rmpc_bench.types import (
     NO_WATCH,
     InvalidReturnValue,
@@ -27,6 +23,29 @@ from rmpc_bench.types import (
     Status,
     TimeLimit,
 )
+
+
+def drawing_from(rng: np.random.Generator, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function whose draws from NumPy's global generator come from another one.
+
+    The state of the global generator stays as it is, apart from a normal number that it may have drawn in advance.
+
+    Examples
+    --------
+    >>> drawing_from(np.random.default_rng(1), np.random.uniform)() == np.random.default_rng(1).uniform()
+    True
+    """
+
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        before = np.random.get_bit_generator()  # type: ignore[attr-defined]  # noqa: NPY002
+        np.random.set_bit_generator(rng.bit_generator)  # type: ignore[attr-defined]  # noqa: NPY002
+        try:
+            return function(*arguments, **keywords)
+        finally:
+            np.random.set_bit_generator(before)  # type: ignore[attr-defined]  # noqa: NPY002
+
+    return call
+
 
 OK = int(Status.OK)
 CRASHED, TIMEOUT = int(Status.CRASHED), int(Status.TIMEOUT)

@@ -20,7 +20,7 @@ from rmpc_bench.claims.grammar import (
     unknown_moment,
     uses,
 )
-from rmpc_bench.components.figure_names import figure_names
+from rmpc_bench.components.designs import figure_names
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sections import ClaimKeys, StatedKeys
 from rmpc_bench.config_file.tree import Map, plain

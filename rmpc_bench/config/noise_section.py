@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import is_reference
+from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config_file.component import read_component

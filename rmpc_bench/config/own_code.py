@@ -15,12 +15,10 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.components.loading import reference_of
+from rmpc_bench.components.loading import package_of, reference_of
 from rmpc_bench.components.object_source import registered_identity
-from rmpc_bench.components.private_modules import package_of
-from rmpc_bench.components.reached import reached_text
-from rmpc_bench.components.source import Source, data_hash, read_source
-from rmpc_bench.components.untouched import replaced
+from rmpc_bench.components.source import Source, data_hash, reached_text, read_source
+from rmpc_bench.components.user_code import replaced
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
 from rmpc_bench.received.consent import is_code

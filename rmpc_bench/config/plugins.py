@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.consent import CodeAccess, name_files
 from rmpc_bench.components.loading import module_of
+from rmpc_bench.components.reference import CodeError, CodeReference
 from rmpc_bench.config_file.component import problem_of
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Items, Map, Mark, locate

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.components.code import split_reference
+from rmpc_bench.components.reference import split_reference
 from rmpc_bench.components.source import read_source
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config_file.tree import Items, Map, locate

@@ -10,8 +10,8 @@ from types import MappingProxyType
 from typing import Any
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import is_reference
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
+from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config import plant_range
 from rmpc_bench.config.draft import DraftConfig, ParameterChange
 from rmpc_bench.config.method_section import read_method_section

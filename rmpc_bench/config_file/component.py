@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.loading import reference_of, user_code
-from rmpc_bench.components.recipes import Recipe, inside
+from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, is_reference
+from rmpc_bench.components.transport import Recipe, inside
 from rmpc_bench.config_file.keys import keys_of, keys_with_files, shown, validate
 from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, locate_key, split, with_kind
 from rmpc_bench.config_file.user_files import placed

@@ -31,9 +31,9 @@ from pydantic import (
 )
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in, registered_design
-from rmpc_bench.components.words import MEANINGS
+from rmpc_bench.components.reference import CodeError
+from rmpc_bench.components.user_class import MEANINGS
 from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.config_file.user_files import names_files, read_data, read_function, read_function_or_text
 from rmpc_bench.expressions import quantity

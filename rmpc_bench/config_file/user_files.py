@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from typing import Any, get_args, get_type_hints
 
-from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.consent import CodeAccess
+from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.config_file.tree import Items, Map, locate
 from rmpc_bench.types import FromCode, FromData
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from rmpc_bench.components.recipes import Recipe, recipe_of
+from rmpc_bench.components.transport import Recipe, recipe_of
 from rmpc_bench.conformance.experiment import ExperimentSystem
 from rmpc_bench.conformance.process import SECONDS, check_subject
 from rmpc_bench.conformance.results import Report

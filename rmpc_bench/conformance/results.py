@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.components.code import CodeError
+from rmpc_bench.components.reference import CodeError
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.types import Array, DesignError
 

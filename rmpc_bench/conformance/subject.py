@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import CodeReference, split_reference
 from rmpc_bench.components.loading import load
-from rmpc_bench.components.recipes import loaded
+from rmpc_bench.components.reference import CodeReference, split_reference
 from rmpc_bench.components.single_run import design_function
-from rmpc_bench.components.transport import dumps, loads
+from rmpc_bench.components.transport import dumps, loaded, loads
 from rmpc_bench.types import DesignError, Problem
 from rmpc_bench.types.contract import BASES
 from rmpc_bench.types.errors import unknown

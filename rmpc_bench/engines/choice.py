@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from rmpc_bench.components.installed import distribution_of
-from rmpc_bench.components.private_modules import is_private
-from rmpc_bench.components.recipes import inside, recipe_of
-from rmpc_bench.components.signals import noted_signals
+from rmpc_bench.components.loading import is_private
+from rmpc_bench.components.reference import distribution_of
+from rmpc_bench.components.transport import inside, recipe_of
+from rmpc_bench.components.user_code import noted_signals
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sections import Execution
 from rmpc_bench.config.sweep_point import SweepPoint

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from rmpc_bench.components.code import CodeError
-from rmpc_bench.components.recipes import inside, recipe_of
-from rmpc_bench.components.trace import last_user_frame, one_line, user_trace
-from rmpc_bench.components.untouched import untouched
+from rmpc_bench.components.reference import CodeError
+from rmpc_bench.components.transport import inside, recipe_of
+from rmpc_bench.components.user_code import last_user_frame, one_line, untouched, user_trace
 from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstimator, CheckedPlant, is_own
 from rmpc_bench.simulation.closed_loop import Block, simulate, simulate_block
 from rmpc_bench.simulation.ensemble import Group

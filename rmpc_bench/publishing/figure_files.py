@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rmpc_bench.components.code import CodeError
-from rmpc_bench.components.designs import is_built_in, replacement_of
-from rmpc_bench.components.figure_names import figure_names
+from rmpc_bench.components.designs import figure_names, is_built_in, replacement_of
 from rmpc_bench.components.loading import user_code
+from rmpc_bench.components.reference import CodeError
 from rmpc_bench.config_file.tree import FILE
 from rmpc_bench.figures.files import page_svg, save, thin_lines
 from rmpc_bench.figures.style import Rendering, rendered

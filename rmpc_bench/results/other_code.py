@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from rmpc_bench.components.installed import distribution_of
+from rmpc_bench.components.reference import distribution_of
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.received.plain_files import StoreError

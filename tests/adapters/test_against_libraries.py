@@ -12,7 +12,7 @@ from adapters.two_by_two import LINEARISED, RUNS, SIGNALS, STEPS, TS, A, simulat
 from scipy.integrate import solve_ivp
 
 from rmpc_bench.adapters.xarray import traces
-from rmpc_bench.components.recipes import recipe_of
+from rmpc_bench.components.transport import recipe_of
 from rmpc_bench.extras import is_installed
 
 FINISHED = [run for run in range(RUNS) if run != 2]

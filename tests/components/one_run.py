@@ -3,7 +3,7 @@
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.components import by_kind
+from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import design_function, single_run
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise.gaussian import Gaussian
@@ -98,7 +98,7 @@ def designed(group, component, **keys):
 
 def kalman():
     """Return the filter of the bench."""
-    return by_kind.estimator("kalman", MODEL, n_steps=N, **START)
+    return designs.estimator("kalman", MODEL, n_steps=N, **START)
 
 
 def experiment(estimator=None, controller=None, plant=None, metrics=(), n_runs=6, record=("x", "y", "u", "x_hat")):

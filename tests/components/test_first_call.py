@@ -12,7 +12,7 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.components import signals
+from rmpc_bench.components import user_code
 from rmpc_bench.types import ConfigError
 
 FILTERS = '''
@@ -315,12 +315,12 @@ def test_a_busy_machine_gives_more_time(monkeypatch, seconds, used, goes_on):
     """Up to six times the limit for what computes and has had less than the limit of a processor."""
     now = {"monotonic": 0.0, "process_time": 0.0}
     for name in now:
-        monkeypatch.setattr(signals.time, name, lambda name=name: now[name])
-    alarm, ended = signals._Alarm(), False
+        monkeypatch.setattr(user_code.time, name, lambda name=name: now[name])
+    alarm, ended = user_code._Alarm(), False
     for now["monotonic"], now["process_time"] in zip(seconds, used, strict=True):
         try:
             alarm.ring(signal.SIGALRM, None)
-        except signals.TooLong:
+        except user_code.TooLong:
             ended = True
     assert ended is not goes_on
 
@@ -334,7 +334,7 @@ def test_the_timer_and_the_handler_of_the_program_come_back():
     before = signal.signal(signal.SIGALRM, handler)
     try:
         signal.setitimer(signal.ITIMER_REAL, 500.0)
-        with signals.limited():
+        with user_code.limited():
             assert signal.getsignal(signal.SIGALRM) is not handler
         assert signal.getsignal(signal.SIGALRM) is handler
         assert 400.0 < signal.setitimer(signal.ITIMER_REAL, 0.0)[0] <= 500.0
@@ -348,7 +348,7 @@ def test_a_thread_has_no_limit():
     done = []
 
     def work():
-        with signals.limited():
+        with user_code.limited():
             done.append(True)
 
     thread = threading.Thread(target=work)

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from rmpc_bench.components.from_function import class_around
+from rmpc_bench.components.designs import class_around
 from rmpc_bench.components.single_run import design_function
 from rmpc_bench.config_file.keys import keys_of
 from rmpc_bench.schema.manual import manual_of

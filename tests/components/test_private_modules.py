@@ -6,8 +6,8 @@ from importlib.machinery import EXTENSION_SUFFIXES
 import pytest
 from own_files import ESTIMATOR, own_estimator, write
 
-from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.loading import load, module_of
+from rmpc_bench.components.reference import CodeError, CodeReference
 from rmpc_bench.components.source import read_source
 
 
@@ -110,7 +110,7 @@ def test_an_edit_counts_at_once_and_old_objects_stay(tmp_path):
 
 def test_a_missing_neighbour_is_an_error_of_the_import(tmp_path):
     """With the name that the file asks for, not a private one."""
-    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.reference import CodeError
 
     with pytest.raises(CodeError, match="ModuleNotFoundError: No module named 'secnd'"):
         loaded(tmp_path, "x", top="import secnd", second="")

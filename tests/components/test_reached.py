@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from rmpc_bench.components.reached import reached_text
+from rmpc_bench.components.source import reached_text
 
 FILE = '''
 """Docstring."""

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from rmpc_bench.components.installed import distribution_of, local_directory
+from rmpc_bench.components.reference import distribution_of, local_directory
 from rmpc_bench.components.source import read_source
 
 TANKS = """

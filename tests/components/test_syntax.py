@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from rmpc_bench.components.syntax import syntax_hash
+from rmpc_bench.components.source import syntax_hash
 
 CODE = '''
 class Filter:

@@ -10,7 +10,7 @@ from small_experiment import ran
 
 from rmpc_bench import load_config, registry, run
 from rmpc_bench.components import transport
-from rmpc_bench.components.recipes import recipe_of
+from rmpc_bench.components.transport import recipe_of
 
 FILES = {
     "own.py": ESTIMATOR
@@ -138,16 +138,16 @@ print(experiment.method("Own").estimator.scale(3.0))
 
 def test_a_recipe_ends_with_its_design(tmp_path):
     """The table of recipes does not grow with every configuration that is loaded."""
-    from rmpc_bench.components import recipes
+    from rmpc_bench.components import transport
 
     path = write(tmp_path)
     config = load_config(path)
     assert recipe_of(config.experiment.method("Own").estimator) is not None
     assert recipe_of(config.experiment.method("KF").estimator) is None
-    number = len(recipes._recipes)
+    number = len(transport._recipes)
     for _ in range(3):
         config = load_config(path)
-    assert len(recipes._recipes) <= number + 1
+    assert len(transport._recipes) <= number + 1
 
 
 def test_designs_that_share_a_part_share_it_in_the_worker(tmp_path):

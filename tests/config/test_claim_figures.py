@@ -9,7 +9,7 @@ from pathlib import Path
 from small_experiment import cli, write
 
 import rmpc_bench
-from rmpc_bench.components.figure_names import figure_names
+from rmpc_bench.components.designs import figure_names
 
 CHECK = "check: 'mean(mse[R-MPC]) < 1e9'"
 

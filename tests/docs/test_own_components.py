@@ -53,7 +53,7 @@ def test_the_tests_of_the_page_pass(followed):
 
 
 def test_every_name_of_the_page_is_a_standard_name():
-    from rmpc_bench.components.words import MEANINGS
+    from rmpc_bench.components.user_class import MEANINGS
 
     rows = re.findall(r"^\| (`.*?`) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     names = {name for row in rows for name in re.findall(r"`(\w+)`", row)}

@@ -11,7 +11,7 @@ from own_files import ESTIMATOR
 from small_experiment import KEYS, cli, ran, write
 
 from rmpc_bench import load_config, load_trials, register, run
-from rmpc_bench.components.untouched import untouched
+from rmpc_bench.components.user_code import untouched
 from rmpc_bench.execution import separation
 from rmpc_bench.execution.separation import _in_a_new_process, groups_of
 from rmpc_bench.types.errors import WorkerError

@@ -10,7 +10,7 @@ from plants import tanks
 from scipy.integrate import solve_ivp
 
 from rmpc_bench import registry
-from rmpc_bench.components.advance import advanced
+from rmpc_bench.components.single_estimator import advanced
 from rmpc_bench.controllers.gpc import design as gpc
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from models.test_nonlinear import NOISE, STEPS, TS, two_tanks
 
-from rmpc_bench.components.advance import advanced
+from rmpc_bench.components.single_estimator import advanced
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.disturbance import Disturbance, DisturbanceGains
 from rmpc_bench.models.disturbed import with_disturbance

@@ -11,7 +11,6 @@ from simulation.toy import Halfway, Proportional, Walk
 from small_experiment import write
 
 from rmpc_bench import load_config, registry
-from rmpc_bench.components import by_kind
 from rmpc_bench.estimators import kalman
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.metrics.tracking import Mse
