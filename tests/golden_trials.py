@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import rmpc_bench
-from rmpc_bench.config.sweep_point import digest
+from rmpc_bench.config.identity import digest
 from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.engines.choice import serial
 from rmpc_bench.engines.tasks import Task

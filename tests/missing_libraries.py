@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from rmpc_bench.config.required_libraries import skipped
+from rmpc_bench.config.plugins import skipped
 
 SITE = "import sys\nsys.modules.update(dict.fromkeys({names!r}))\n"
 

@@ -66,7 +66,7 @@ def test_documents(glob):
 
 
 def test_every_file_of_the_map_exists():
-    """docs/design.md names folders and files as `config/canonical.py`, below rmpc_bench."""
+    """docs/design.md names folders and files as `config/load.py`, below rmpc_bench."""
     text = (ROOT / "docs" / "design.md").read_text("utf-8").split("## Where each subject is")[1].split("\n## ")[0]
     names = re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", text)
     names += re.findall(r"(?<![\w/])([a-z_]+/)(?![\w/])", text.split("```")[1])

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.identity import chosen_point
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.sweep_point import chosen_point
 from rmpc_bench.extras import library
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.simulation.episode import Episode, Sample

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import registry
-from rmpc_bench.config.method_differences import method_differences, short_value
+from rmpc_bench.config.methods import method_differences, short_value
 from rmpc_bench.config_file.component import build_component
 from rmpc_bench.config_file.keys import model_of
 from rmpc_bench.config_file.tree import kind_of, plain

@@ -108,7 +108,7 @@ def run(**options: Any) -> int:
 
 def _is_skipped(config: Path) -> bool:
     """Whether a configuration requires a library that is not installed; this is said."""
-    from rmpc_bench.config.required_libraries import skipped
+    from rmpc_bench.config.plugins import skipped
 
     text = skipped(config)
     if text:

@@ -6,47 +6,238 @@ errors are reported at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import cast
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 
-from rmpc_bench.config.build_method import DesignCache, MethodBuilder
-from rmpc_bench.config.build_noise import NoiseLaws
-from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.first_calls import FirstCalls
-from rmpc_bench.config.identity import sweep_point
-from rmpc_bench.config.missing_measurements import refuse_unbridged
-from rmpc_bench.config.model_facts import model_facts
+from rmpc_bench.config.check import FirstCalls, warnings_of
+from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
+from rmpc_bench.config.identity import SweepPoint, nominal_plant, sweep_point
+from rmpc_bench.config.noise import NoiseLaws, refuse_unbridged
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start, refuse_start
-from rmpc_bench.config.plausibility import warnings_of
-from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
-from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.uncertain_parameter import UncertainParameter
+from rmpc_bench.config.plant import (
+    UncertainParameter,
+    build_range,
+    given_bounds,
+    mean_start,
+    metric_problem,
+    refuse_other_sizes,
+    refuse_runs,
+    refuse_start,
+)
 from rmpc_bench.config_file.component import Component
+from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.received.names import wrong_metric
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.recording import has_bursts, with_bursts
 from rmpc_bench.simulation.scenario import (
     Experiment,
     Recording,
     Scenario,
+    initial_covariance,
     initial_state,
 )
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
+    Array,
     DesignError,
     Estimate,
     Method,
     Metric,
     MetricLayout,
     Plant,
+    PlantInfo,
     Problem,
     Reference,
 )
+
+
+class DesignCache:
+    """Designs that methods and points of a sweep share."""
+
+    def __init__(self) -> None:
+        self._designs: dict[str, Any] = {}
+
+    def __len__(self) -> int:
+        """Return the number of designs."""
+        return len(self._designs)
+
+    def get(self, description: Any, make: Callable[[], Any]) -> Any:
+        """Return the design that plain data determine, made only once.
+
+        Where `make` returns None it is called again next time, so that every error is reported.
+        """
+        key = json.dumps(description, sort_keys=True)
+        if self._designs.get(key) is None:
+            self._designs[key] = make()
+        return self._designs[key]
+
+
+class MethodBuilder:
+    """Builds the methods of a draft; what cannot be built is None, with the reason in the problems of the draft.
+
+    Parameters
+    ----------
+    draft : the sections of one point, with a valid time
+    cache : designs of other points, to share; gets the new ones
+    """
+
+    def __init__(self, draft: DraftConfig, cache: DesignCache) -> None:
+        self.draft, self.cache = draft, cache
+        self.time = draft.values["time"]
+        self.n_steps: int = self.time.n_steps
+        self.plant: Plant | None = None
+        """The nominal plant, for models made from it; set once it has been built."""
+
+    def size(self) -> list[Any]:
+        """Return the data that determine every design, besides its own keys."""
+        return [self.time.step, self.n_steps, *(self.draft.initial[key] for key in ("x_hat", "P", "M"))]
+
+    def model(self, component: Component | None) -> Any:
+        """Build a design model; methods with equal models share one."""
+        if component is None:
+            return None
+        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        nominal = nominal_plant(self.draft, component)
+        if component.takes("plant") and self.plant is None:
+            # The plant has an error, which is reported there.
+            return None
+        # The disturbances of a model that depends on the state are checked at the initial estimate.
+        start = self.draft.initial["x_hat"] if component.shared else None
+        return self.cache.get(
+            ["model", size, component.resolved(), nominal, start],
+            lambda: self._model(component, {**size, "plant": self.plant}),
+        )
+
+    def undisturbed(self, component: Component | None) -> Any:
+        """Build a design model without its disturbances, as the plant has none."""
+        return self.model(None if component is None else component.without_shared())
+
+    def _model(self, component: Component, provided: Mapping[str, Any]) -> Any:
+        """Build a design model with its disturbances; methods with other disturbances share the model without them."""
+        if not component.shared:
+            return component.build(self.draft.problems, **provided)
+        made, x_hat = self.undisturbed(component), self.draft.initial["x_hat"]
+        if made is None or x_hat is None or self.sized("x_hat", initial_state, x_hat, made.nx) is None:
+            return None
+        return component.extended(made, self.draft.problems, n_steps=self.n_steps, x_hat=x_hat)
+
+    def start(self, model: Any) -> dict[str, Array] | None:
+        """Return x0, P0 and M0 of the estimators, for the size of a model."""
+        given, P, undisturbed = self.draft.initial, self.draft.initial["P"], model.undisturbed
+        if any(given[key] is None for key in ("x_hat", "P", "M")):
+            return None
+        nx = undisturbed.nx
+        x0 = self.sized("x_hat", initial_state, given["x_hat"], nx)
+        P0 = undisturbed.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, nx)
+        M0 = self.sized("M", initial_covariance, given["M"], nx)
+        return None if x0 is None or P0 is None or M0 is None else model.start(x0, P0, M0)
+
+    def facts(self) -> tuple[ModelFacts, ...]:
+        """Return what every design model says about itself, such as an operating point, for a draft without errors."""
+        found: dict[str, ModelFacts] = {}
+        for name, components in self.draft.methods.items():
+            where = "model" if components.model is self.draft.model else f"methods.{name}.model"
+            made = self.model(components.model)
+            if made is not None and where not in found:
+                found[where] = ModelFacts(where, tuple(made.facts()), tuple(made.remarks))
+        return tuple(each for each in found.values() if each.facts or each.remarks)
+
+    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
+        """Expand a short form under `initial`; a wrong size is reported there."""
+        try:
+            return expand(value, n)
+        except DesignError as error:
+            self.draft.note(["initial", key], str(error))
+            return None
+
+    def method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+        """Build an estimator and a controller; points of a sweep with equal methods share one.
+
+        The plant is disclosed to an estimator that takes it; it is None where it cannot be built.
+        """
+        described = {key: component.resolved() for key, component in components.named.items() if component is not None}
+        applied = None if self.draft.input is None else self.draft.input.resolved()
+        if plant is not None and plant.recorded is not None and self.draft.plant is not None:
+            applied = self.draft.plant.resolved()
+        nominal = nominal_plant(self.draft, components.model)
+        description = ["method", name, self.size(), described, self._disclosed(components), applied, nominal]
+        return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
+
+    def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+        problems, model = self.draft.problems, self.model(components.model)
+        if model is None:
+            return None
+        start = self.start(model)
+        info = None if plant is None else PlantInfo.of(plant)
+        common = {"model": model, "n_steps": self.n_steps, "Ts": self.time.step, "plant_info": info}
+        common["limits"] = None if info is None else info.limits
+        estimator = None
+        if components.estimator is not None and start is not None:
+            estimator = self._estimator(components, {**common, **start, "plant": plant})
+        if components.controller is None and components.controlled:
+            return None
+        if components.controller is None:
+            controller: Any = self._open_loop(name, model, plant)
+            if controller is None:
+                return None
+        elif estimator is None and components.controller.takes("estimator"):
+            return None
+        elif info is None and _is_informed(components.controller):
+            return None
+        else:
+            controller = components.controller.build(problems, **common, estimator=estimator)
+        if estimator is None or controller is None:
+            return None
+        remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
+        return Method(name, estimator, controller, model.n_disturbances, remarks)
+
+    def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
+        """Return what stands for a controller where there is none; None where the input is invalid."""
+        component = self.draft.input
+        if self.draft.plant is not None and (plant is None or plant.recorded is not None):
+            fits = plant is not None and not refuse_other_sizes(self.draft, name, model, plant)
+            if not fits or plant is None or plant.recorded is None:
+                return None
+            return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
+        if component is None:
+            return None if "input" in self.draft.tree else Rest(model.nu)
+        size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}
+        description = ["input", size, component.resolved()]
+        signal = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
+        if signal is None:
+            return None
+        refuse_runs(self.draft, signal.n_runs, "input.file")
+        return OpenLoop(signal, self.n_steps)
+
+    def _estimator(self, components: MethodComponents, provided: Mapping[str, Any]) -> Any:
+        """Build an estimator; methods and points with equal estimators share one."""
+        estimator, model = components.estimator, components.model
+        assert estimator is not None and model is not None
+        if provided["plant"] is None and (estimator.takes("plant") or _is_informed(estimator)):
+            return None
+        disclosed, nominal = self._disclosed(components), nominal_plant(self.draft, model)
+        description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed, nominal]
+        return self.cache.get(description, lambda: estimator.build(self.draft.problems, **provided))
+
+    def _disclosed(self, components: MethodComponents) -> Any:
+        """Data of the plant that a method depends on: an estimator takes it, or a component takes its nominal data."""
+        plant = self.draft.plant
+        oracle = components.estimator is not None and components.estimator.takes("plant")
+        parts = (components.estimator, components.controller)
+        informed = any(part is not None and _is_informed(part) for part in parts)
+        return plant.resolved() if plant is not None and (oracle or informed) else None
+
+
+def _is_informed(component: Component) -> bool:
+    """Whether a component takes nominal data of the plant."""
+    return component.takes("plant_info") or component.takes("limits")
+
 
 AT_POINT = 1e-6
 """Relative difference up to which a reference is the output of an operating point."""
@@ -69,6 +260,47 @@ class _ExperimentBuilder:
         self.methods = MethodBuilder(draft, cache)
         self.first_estimates: Mapping[str, Estimate | None] = {}
 
+    def experiment(self, calls: FirstCalls, *, first: bool) -> Experiment | None:
+        """Make all designs of the point; the first point of a sweep describes its models."""
+        draft = self.draft
+        plant = self.methods.plant = self.plant()
+        made = [self.methods.method(name, components, plant) for name, components in draft.methods.items()]
+        methods = tuple(method for method in made if method is not None)
+        if plant is None or draft.reference is None:
+            return None
+        reference = draft.reference.build(draft.problems, ny=plant.ny, Ts=plant.Ts)
+        scenario = self.scenario(plant, reference) if reference is not None else None
+        if scenario is not None:
+            self.first_estimates = calls.estimates(draft, plant, methods, scenario, self.n_steps)
+        metrics = self.metrics(plant, methods, scenario)
+        if reference is None:
+            return None
+        self.refuse_reference(reference, methods)
+        self.refuse_unreachable(reference, plant, scenario)
+        state_range = build_range(draft, plant, None if scenario is None else scenario.x0)
+        if scenario is None:
+            return None
+        refuse_unbridged(draft, scenario, methods)
+        opposed = self.opposed(plant, methods, scenario)
+        if opposed is None or draft.problems or len(methods) < len(made):
+            return None
+        experiment = Experiment(
+            opposed,
+            methods,
+            scenario,
+            metrics,
+            n_runs=draft.values["runs"],
+            n_steps=self.n_steps,
+            recording=self.recording(scenario),
+            tick=self.time.tick,
+            cut_windows=self.smoke,
+            state_range=state_range,
+        )
+        draft.warnings += warnings_of(draft, experiment, self.methods.undisturbed, self.methods.start)
+        if first:
+            draft.model_facts = self.methods.facts()
+        return experiment
+
     def plant(self) -> Plant | None:
         """Build the plant and check the names under `perturb` and `set`."""
         component = self.draft.plant
@@ -80,7 +312,7 @@ class _ExperimentBuilder:
         description = ["plant", size, component.resolved()]
         plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
-            refuse_runs(self.draft, plant)
+            refuse_runs(self.draft, plant.recorded and plant.recorded.n_runs, "plant.data")
             refuse_start(self.draft, plant)
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
@@ -89,7 +321,7 @@ class _ExperimentBuilder:
                     self.draft.problems.append(Problem(*change.mark, f"plant.{key}.{name}", message))
         return plant
 
-    def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
+    def opposed(self, plant: Plant, methods: Sequence[Method], scenario: Scenario) -> Plant | None:
         """Return the plant with the sequence of its adversary, if it has one, against the method that it names."""
         if plant.opponent is None:
             return plant
@@ -98,7 +330,7 @@ class _ExperimentBuilder:
         if name not in self.draft.methods:
             self.draft.note(path, unknown(name, self.draft.methods, "method"))
             return None
-        method = next((method for method in methods if method is not None and method.name == name), None)
+        method = next((method for method in methods if method.name == name), None)
         if method is None:
             return None
         laws, schedule = exact_laws(plant, method, scenario), method.estimator.gain_schedule
@@ -146,11 +378,6 @@ class _ExperimentBuilder:
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
-    def call_first(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario, calls: FirstCalls) -> None:
-        """Call the methods that have components from files of the user for two samples, and keep their estimates."""
-        known = [method for method in methods if method is not None]
-        self.first_estimates = calls.estimates(self.draft, plant, known, scenario, self.n_steps)
-
     def metric(self, component: Component, layout: MetricLayout) -> Metric | None:
         """Build a metric and report every reason for which it cannot be computed."""
         metric: Metric | None = component.build(self.draft.problems)
@@ -187,12 +414,12 @@ class _ExperimentBuilder:
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
-    def refuse_reference(self, reference: Reference, methods: Sequence[Method | None]) -> None:
+    def refuse_reference(self, reference: Reference, methods: Sequence[Method]) -> None:
         """Refuse a reference other than 0, or than the output of the operating point, for a regulator."""
         r = reference.sample(self.n_steps + 1)
         wrong: dict[str, list[str]] = {}
         for each in methods:
-            if each is None or not each.controller.regulates:
+            if not each.controller.regulates:
                 continue
             y = each.controller.regulates_to
             if y is None and r.any():
@@ -245,52 +472,8 @@ def build(
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:
-            experiment = _experiment(draft, cache, calls, smoke=smoke, first=draft is drafts[0])
+            experiment = None
+            if draft.values["time"] is not None:
+                experiment = _ExperimentBuilder(draft, cache, smoke=smoke).experiment(calls, first=draft is drafts[0])
             points.append(None if experiment is None else sweep_point(draft, experiment, own))
     return points
-
-
-def _experiment(
-    draft: DraftConfig, cache: DesignCache, calls: FirstCalls, *, smoke: bool, first: bool
-) -> Experiment | None:
-    """Make all designs of one point; the first point of a sweep describes its models."""
-    if draft.values["time"] is None:
-        return None
-    builder = _ExperimentBuilder(draft, cache, smoke=smoke)
-    plant = builder.methods.plant = builder.plant()
-    methods = [builder.methods.method(name, components, plant) for name, components in draft.methods.items()]
-    if plant is None or draft.reference is None:
-        return None
-    reference = draft.reference.build(draft.problems, ny=plant.ny, Ts=plant.Ts)
-    scenario = builder.scenario(plant, reference) if reference is not None else None
-    if scenario is not None:
-        builder.call_first(plant, methods, scenario, calls)
-    metrics = builder.metrics(plant, tuple(method for method in methods if method is not None), scenario)
-    if reference is None:
-        return None
-    builder.refuse_reference(reference, methods)
-    builder.refuse_unreachable(reference, plant, scenario)
-    state_range = build_range(draft, plant, None if scenario is None else scenario.x0)
-    if scenario is not None:
-        refuse_unbridged(draft, scenario, methods)
-    opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
-    if scenario is None or opposed is None or draft.problems or any(method is None for method in methods):
-        return None
-    pairs = tuple(method for method in methods if method is not None)
-    recording = builder.recording(scenario)
-    experiment = Experiment(
-        opposed,
-        pairs,
-        scenario,
-        metrics,
-        n_runs=draft.values["runs"],
-        n_steps=builder.n_steps,
-        recording=recording,
-        tick=builder.time.tick,
-        cut_windows=builder.smoke,
-        state_range=state_range,
-    )
-    draft.warnings += warnings_of(draft, experiment, builder.methods.undisturbed, builder.methods.start)
-    if first:
-        draft.model_facts = model_facts(draft, builder.methods.model)
-    return experiment

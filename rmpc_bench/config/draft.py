@@ -3,20 +3,88 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from annotated_types import Gt
+from jaxtyping import Float
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config.same_law import SameLaw
-from rmpc_bench.config.sections import SECTIONS, ClaimKeys
-from rmpc_bench.config.tune_section import ValueRow
+from rmpc_bench.config.tune import ValueRow
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import validate
-from rmpc_bench.config_file.tree import Map, Mark, join, locate, locate_key
+from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
-from rmpc_bench.types import Problem
+from rmpc_bench.noise.gaussian import gaussian
+from rmpc_bench.noise.heavy_tailed import outliers, student_t
+from rmpc_bench.noise.parameters import Share
+from rmpc_bench.types import Array, Noise, NonNegative, Problem
 from rmpc_bench.types.tuning import TunedParameter
+
+
+@dataclass(frozen=True)
+class SameOutliers:
+    """Outliers of the noise.
+
+    Parameters
+    ----------
+    probability : probability that a sample is an outlier, in all coordinates together
+    factor : factor on the deviation of an outlier from the mean
+    """
+
+    probability: Share
+    factor: NonNegative
+
+
+@dataclass(frozen=True)
+class SameLaw:
+    """The noise of the design model, with departures from it that every system has in the same measure.
+
+    Parameters
+    ----------
+    scale : factor on the standard deviation
+    bias : shift of the mean, in standard deviations of every coordinate
+    outliers : a sample is an outlier with some probability; the covariance of the others is that of the model
+    dof : degrees of freedom of Student's t with the covariance of the model; normal unless given
+    """
+
+    scale: NonNegative = 1.0
+    bias: float = 0.0
+    outliers: SameOutliers | None = None
+    dof: Annotated[float, Gt(2)] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two heavy-tailed laws at once."""
+        if self.outliers is not None and self.dof is not None:
+            raise ValueError("give outliers or dof")
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """Its keys; what has no effect is left out, so that earlier trials stay valid, but for the scale."""
+        given = {"bias": self.bias or None, "outliers": self.outliers and asdict(self.outliers), "dof": self.dof}
+        return {"scale": self.scale, **{key: value for key, value in given.items() if value is not None}}
+
+    def noise(self, mean: Float[Array, " n"], cov: Float[Array, "n n"]) -> Noise:
+        """Build the stochastic part from mean (n,) and cov (n, n) of the noise of the design model.
+
+        The normal numbers of a run are the same with every key.
+        """
+        n, shifted = len(mean), mean + self.bias * self.scale * np.sqrt(np.diag(cov))
+        centre = shifted.tolist()
+        if self.outliers is not None:
+            law = self.outliers
+            made: Noise = outliers(
+                n, probability=law.probability, factor=law.factor, cov=cov, mean=centre, scale=self.scale
+            )
+        elif self.dof is not None:
+            matrix = (self.dof - 2) / self.dof * self.scale**2 * cov
+            made = student_t(n, dof=self.dof, scale_matrix=matrix, mean=centre)
+        else:
+            made = gaussian(n, mean=centre, cov=cov, scale=self.scale)
+        return made
 
 
 class NoiseTerm(NamedTuple):
@@ -51,6 +119,11 @@ class MethodComponents:
         """The components by their keys."""
         return {"model": self.model, "estimator": self.estimator, "controller": self.controller}
 
+    @property
+    def is_valid(self) -> bool:
+        """Whether no component has an error; a method without a controller needs none."""
+        return all(each is not None for key, each in self.named.items() if key != "controller" or self.controlled)
+
 
 class TunedMethod(NamedTuple):
     """What tuning chooses of a method."""
@@ -74,6 +147,26 @@ class ModelFacts(NamedTuple):
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Inherited:
+    """Which parts of a configuration are inherited: by an overridden one from its file, or from an extended file.
+
+    Parameters
+    ----------
+    path : the file
+    is_changed : whether options of the command line change the file
+    """
+
+    path: Path
+    is_changed: bool
+
+    def __call__(self, mark: Mark) -> bool:
+        """Whether the value at a place is inherited."""
+        if mark.file.startswith(OPTIONS):
+            return False
+        return self.is_changed or mark.file != str(self.path)
+
+
 @dataclass
 class DraftConfig:
     """The sections of a configuration at one point of its sweep.
@@ -92,6 +185,8 @@ class DraftConfig:
     title: str = ""
     access: CodeAccess = NO_ACCESS
     """Which files of the user may be loaded."""
+    inherited: Inherited | None = None
+    """What is inherited; nothing where it is None."""
     values: dict[str, Any] = field(default_factory=dict)
     laws: dict[str, distributions.Distribution] = field(default_factory=dict)
     """Laws of the uncertain quantities as given."""
@@ -134,7 +229,8 @@ class DraftConfig:
     """Properties of the design models, once they are built."""
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
-    claims: list[ClaimKeys | None] = field(default_factory=list)
+    claims: list[Any] = field(default_factory=list)
+    """The keys of every claim (ClaimKeys); None where it has an error."""
 
     @property
     def uncertainty(self) -> dict[str, distributions.Distribution]:
@@ -152,16 +248,14 @@ class DraftConfig:
         found = self.values["methods"][name]
         return found if isinstance(found, Mapping) else {}
 
+    def is_inherited(self, path: Sequence[str | int]) -> bool:
+        """Whether the value at a path is inherited: where it does not fit, it is left out instead of refused."""
+        return self.inherited is not None and self.inherited(locate(self.tree, path))
+
     def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
         """Add a problem at the value (or the key) of a path."""
         mark = (locate_key if key else locate)(self.tree, path)
         self.problems.append(Problem(*mark, join(path), message))
-
-    def section(self, name: str) -> Any:
-        """Return the tree under a top-level key, or the default of the key; the figure of a sweep is another one."""
-        if name == "figures" and name not in self.tree and self.coordinates:
-            return ["sweep"]
-        return self.tree[name] if name in self.tree else SECTIONS[name].default
 
     def checked(self, annotation: Any, path: list[str | int]) -> Any:
         """Validate the value at a path; None where it is wrong."""

@@ -1,21 +1,23 @@
-"""What an overridden or an extending configuration inherits although it does not fit there: it is left out and named.
+"""What is inherited and does not fit is left out and named, and an error in an inherited value is reported once.
 
-They belong to the configuration as its file states it: a claim about a method that was overridden away, or a figure of
-a metric that is not computed, is no mistake of the user.  It is left out and named.  What the override or the extending
-file itself says is checked as ever.
+A claim about a method that was overridden away, or a figure of a metric that is not computed, is no mistake of the
+user.  What the override or the extending file itself says is checked as ever.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.claims.claim import Claim
-from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config_file.tree import OPTIONS, Items, Map, Mark, locate, split
-from rmpc_bench.types import Problem
+from rmpc_bench.claims.claim import FINDINGS, Claim
+from rmpc_bench.config.draft import DraftConfig, Inherited
+from rmpc_bench.config.sections import section_of
+from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key, split
+from rmpc_bench.config_file.yaml import load
+from rmpc_bench.received.plain_files import text_of
+from rmpc_bench.types import ConfigError, Problem
 
 SWEPT_PATHS = "paths of the sweep into methods that do not exist here"
 """Beginning of the line that names paths which are left out of a sweep."""
@@ -23,27 +25,7 @@ _LISTS = (("report", "order"), ("report", "metrics"), ("statistics", "requiremen
 """Settings that are lists of names, or of texts with names."""
 
 
-@dataclass(frozen=True)
-class Inherited:
-    """Which parts of a configuration are inherited: by an overridden one from its file, or from an extended file.
-
-    Parameters
-    ----------
-    path : the file
-    is_changed : whether options of the command line change the file
-    """
-
-    path: Path
-    is_changed: bool
-
-    def __call__(self, mark: Mark) -> bool:
-        """Whether the value at a place is inherited."""
-        if mark.file.startswith(OPTIONS):
-            return False
-        return self.is_changed or mark.file != str(self.path)
-
-
-def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int, inherited: Inherited) -> tuple[Claim, ...]:
+def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int) -> tuple[Claim, ...]:
     """Leave out inherited claims and figures that do not fit; the draft gets a line for each kind.
 
     It is that of the first point, and its claims and figures have been checked.  There is one claim for each of the
@@ -53,10 +35,10 @@ def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int, inheri
     found: dict[tuple[str, int], Problem] = {}
     kept, settings = draft.problems[:before], list[Problem]()
     for problem in draft.problems[before:]:
-        entry = _entry(draft, problem, inherited)
+        entry = _entry(draft, problem)
         if entry is not None:
             found.setdefault(entry, problem)
-        elif _is_setting(draft, problem, inherited):
+        elif _is_setting(draft, problem):
             settings.append(problem)
         else:
             kept.append(problem)
@@ -70,7 +52,7 @@ def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int, inheri
     return tuple(claim for number, claim in fitting if ("claims", number) not in found)
 
 
-def _entry(draft: DraftConfig, problem: Problem, inherited: Inherited) -> tuple[str, int] | None:
+def _entry(draft: DraftConfig, problem: Problem) -> tuple[str, int] | None:
     """Return the inherited claim or figure that a problem is about."""
     if not problem.path:
         return None
@@ -78,13 +60,13 @@ def _entry(draft: DraftConfig, problem: Problem, inherited: Inherited) -> tuple[
     if section not in ("claims", "figures") or not steps or not steps[0].isdigit():
         return None
     number = int(steps[0])
-    return (section, number) if inherited(locate(draft.tree, [section, number])) else None
+    return (section, number) if draft.is_inherited([section, number]) else None
 
 
-def _is_setting(draft: DraftConfig, problem: Problem, inherited: Inherited) -> bool:
+def _is_setting(draft: DraftConfig, problem: Problem) -> bool:
     """Whether a problem is about an entry of an inherited list of methods, metrics or requirements."""
     steps = problem.path.split(".")
-    return tuple(steps[:2]) in _LISTS and inherited(locate(draft.tree, steps))
+    return tuple(steps[:2]) in _LISTS and draft.is_inherited(steps)
 
 
 def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
@@ -121,7 +103,7 @@ def _lines(draft: DraftConfig, found: dict[tuple[str, int], Problem]) -> list[st
 
 def _kind(draft: DraftConfig, number: int) -> str:
     figures = draft.tree.get("figures")
-    given = figures[number] if isinstance(figures, Items) else draft.section("figures")[number]
+    given = figures[number] if isinstance(figures, Items) else section_of(draft, "figures")[number]
     return str(given.get("kind", given.get("file", "?"))) if isinstance(given, Map) else str(given)
 
 
@@ -181,21 +163,92 @@ def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
     return (result, [f"{SWEPT_PATHS}: {', '.join(gone)}"]) if gone else (tree, [])
 
 
-def drop_statistics(draft: DraftConfig, inherited: Inherited) -> None:
-    """Use the defaults for an inherited primary metric, baseline or margin that does not exist any more."""
-    given, statistics = draft.tree.get("statistics"), draft.values["statistics"]
-    if not isinstance(given, Map) or statistics is None:
-        return
-    known = {"primary": draft.metric_names, "baseline": [*draft.methods]}
-    for key, names in known.items():
-        value = getattr(statistics, key)
-        if value is not None and names and value not in names and inherited(locate(given, [key])):
-            statistics = replace(statistics, **{key: None})
-            draft.left_out.append(f"statistics.{key}: {value} does not exist here; it is {names[0]} instead")
-    if isinstance(statistics.relevant, dict):
-        margins = given["relevant"]
-        gone = [name for name in margins if name not in draft.metric_names and inherited(locate(margins, [name]))]
-        rest = {name: value for name, value in statistics.relevant.items() if name not in gone}
-        statistics = replace(statistics, relevant=rest)
-        draft.left_out += [f"statistics.relevant.{name}: there is no such metric here" for name in gone]
-    draft.values["statistics"] = statistics
+def join_findings(path: Path, draft: DraftConfig) -> None:
+    """Give every claim with an `id` the findings that other configurations record for the same `id`.
+
+    A claim that has the key `elsewhere`, as in config.resolved.yaml, keeps it: the results of an experiment do not need
+    the other files.  A claim whose `id` is given twice is a problem of the draft.
+    """
+    seen: dict[str, int] = {}
+    open_ids = set()
+    for number, keys in enumerate(draft.claims):
+        if keys is None or keys.id is None:
+            continue
+        if keys.id in seen:
+            message = f"is that of claim {seen[keys.id] + 1}, too; a statement has one claim"
+            draft.note(["claims", number, "id"], message)
+        seen.setdefault(keys.id, number)
+        if keys.elsewhere is None:
+            open_ids.add(keys.id)
+    paper = draft.values["paper"]
+    found = _findings(path, paper, open_ids) if open_ids and paper else {}
+    draft.claims = [
+        keys
+        if keys is None or keys.id not in open_ids
+        else replace(keys, elsewhere={name: each[keys.id] for name, each in found.items() if keys.id in each})
+        for keys in draft.claims
+    ]
+
+
+def _findings(path: Path, paper: str, ids: set[str]) -> dict[str, dict[str, str]]:
+    """Read configuration -> id -> recorded finding from the other files of the folder."""
+    found = {}
+    for other in sorted(path.parent.glob("*.yaml")):
+        if other.resolve() == path.resolve():
+            continue
+        try:
+            text = text_of(other)
+            # Reading YAML takes ten times as long as looking for a name in its text.
+            tree = load(other) if any(name in text for name in ids) else None
+        except (OSError, UnicodeDecodeError, ConfigError):
+            # The file has its own errors, which `check` reports for it.
+            continue
+        if isinstance(tree, Map) and tree.get("paper") == paper:
+            found[str(tree.get("name", other.stem))] = _recorded(tree.get("claims"), ids)
+    return found
+
+
+def _recorded(claims: Any, ids: set[str]) -> dict[str, str]:
+    entries: Sequence[Any] = claims if isinstance(claims, list) else ()
+    named = [entry for entry in entries if isinstance(entry, Map) and entry.get("id") in ids]
+    return {entry["id"]: entry["finding"] for entry in named if entry.get("finding") in FINDINGS}
+
+
+def problems_at_origin(draft: DraftConfig) -> list[Problem]:
+    """Return the problems of a checked draft, each at the path where its value is written.
+
+    An error in a default is reported once, at the default, not for every method that inherits it.  An error in the
+    plant is reported at the plant, not at the model that comes from it.
+    """
+    paths: dict[tuple[str, int, int], list[str]] = {}
+
+    def visit(path: list[str | int], node: Any) -> None:
+        for mark in (locate(draft.tree, path), locate_key(draft.tree, path)):
+            paths.setdefault(mark, []).append(join(path))
+        children = node.items() if isinstance(node, Map) else enumerate(node) if isinstance(node, Items) else ()
+        for step, child in children:
+            visit([*path, step], child)
+
+    for default in ("model", "estimator", "controller"):
+        if default in draft.tree:
+            visit([default], draft.tree[default])
+    of_plant = {_without_path(problem) for problem in draft.problems if problem.path.startswith("plant.")}
+    return [
+        _moved(problem, paths)
+        for problem in draft.problems
+        if problem.path.startswith("plant.") or _without_path(problem) not in of_plant
+    ]
+
+
+def _without_path(problem: Problem) -> tuple[str, int, int, str]:
+    return problem.file, problem.line, problem.column, problem.message
+
+
+def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Problem:
+    here = paths.get((problem.file, problem.line, problem.column), [])
+    if not problem.path.startswith("methods.") or not here:
+        return problem
+    # A block mapping has the same place as its first key; the last step of the path distinguishes the two.
+    last = problem.path.split(".")[-1]
+    path = next((path for path in here if path.split(".")[-1] == last), here[0])
+    return Problem(problem.file, problem.line, problem.column, path, problem.message)

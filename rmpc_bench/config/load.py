@@ -1,35 +1,215 @@
-"""Loading a configuration: the seven stages from a YAML file to an ExperimentConfig, each called once."""
+"""Loading a configuration: the seven stages from a YAML file to an ExperimentConfig, and its resolved form."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
+from rmpc_bench.claims.claim import Claim
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.build import build
-from rmpc_bench.config.canonical import canonicalise
-from rmpc_bench.config.checks import check
-from rmpc_bench.config.elsewhere import join_findings
-from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.left_out import Inherited, fitting_metrics, fitting_sweep
-from rmpc_bench.config.origin import problems_at_origin
-from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plugins import load_plugins
-from rmpc_bench.config.relocation import check_copies
-from rmpc_bench.config.required_libraries import reported_once
-from rmpc_bench.config.sweep import expand
-from rmpc_bench.config.tune_checks import check_tuning
-from rmpc_bench.config.tuned_config import with_tuning
-from rmpc_bench.config.tuning_plan import Chosen, Origin
-from rmpc_bench.config.validation import validate_sections
-from rmpc_bench.config_file.inherit import inherit
+from rmpc_bench.config.check import check
+from rmpc_bench.config.draft import DraftConfig, Inherited
+from rmpc_bench.config.experiment_config import ExperimentConfig, Origin
+from rmpc_bench.config.identity import (
+    SweepPoint,
+    method_data,
+    noise_data,
+    plant_data,
+    set_keys,
+    start_data,
+    sum_data,
+    uncertainty_data,
+)
+from rmpc_bench.config.left_out import fitting_metrics, fitting_sweep, join_findings, problems_at_origin
+from rmpc_bench.config.own_code import OwnCode, as_of_configuration, check_copies
+from rmpc_bench.config.plugins import load_plugins, reported_once
+from rmpc_bench.config.sections import SECTIONS, Time
+from rmpc_bench.config.sweep import NAME, Sweep, columns, expand
+from rmpc_bench.config.tune import Chosen
+from rmpc_bench.config.tuned import check_tuning
+from rmpc_bench.config.tuning import with_tuning
+from rmpc_bench.config.validate import validate_sections
+from rmpc_bench.config_file.component import plain_data
+from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source
 from rmpc_bench.config_file.known_files import located
 from rmpc_bench.config_file.matrix_files import with_matrices
 from rmpc_bench.config_file.source import GivenConfig, read, texts_of
-from rmpc_bench.config_file.tree import Map
+from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
+from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import ConfigError
+
+
+def canonicalise(
+    path: Path,
+    sweep: Sweep,
+    draft: DraftConfig,
+    points: Sequence[SweepPoint],
+    claims: tuple[Claim, ...],
+    own: OwnCode,
+    *,
+    smoke: bool,
+    overrides: tuple[str, ...] = (),
+    added: Mapping[str, str] = MappingProxyType({}),
+) -> ExperimentConfig:
+    """Return a configuration without errors in its final form, from its points with all designs made.
+
+    `draft` is that of the first point.  `own` has the files of the user that the points use, and gets those of plugins
+    and figures.  Overrides and added methods are those of the command line.
+    """
+    values, experiment = draft.values, points[0].experiment
+    first_point = _first_point(draft, experiment, smoke=smoke)
+    _add_files(sweep.tree, draft, own)
+    return ExperimentConfig(
+        path=path,
+        overrides=overrides,
+        added=added,
+        left_out=tuple(draft.left_out),
+        warnings=(*draft.warnings, *own.warnings),
+        own=own,
+        model_facts=draft.model_facts,
+        name=values["name"],
+        paper=values["paper"],
+        title=values["title"],
+        points=tuple(points),
+        axes=sweep.axes,
+        statistics=values["statistics"],
+        execution=values["execution"],
+        stop=values["stop"],
+        report=values["report"],
+        evaluate=tuple(values["evaluate"]),
+        in_samples=values["time"].duration is None and values["time"].step == 1.0,
+        labels={
+            name: label + (" (oracle)" if name in experiment.oracles and "oracle" not in label else "")
+            for name, label in draft.labels.items()
+        },
+        figures=tuple(figure for figure in draft.figures if figure is not None),
+        claims=claims,
+        resolved=_with_sweep(first_point, sweep, own),
+        first_point=first_point,
+    )
+
+
+def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:
+    """Add the files whose code computes no trial, but which are needed to load the configuration."""
+    for number, text in enumerate(tree.get("plugins") or ()):
+        reference = own.access.file(text, locate(tree, ["plugins", number]).file)
+        own.read(reference.file, reference.path)
+    for figure in draft.figures:
+        own.identity({"figure": figure})
+
+
+def _with_sweep(first_point: dict[str, Any], sweep: Sweep, own: OwnCode) -> dict[str, Any]:
+    """Add the sweep; sections that it changes are left as given, since a swept path must still lead somewhere."""
+    tree = sweep.tree
+    if "sweep" not in tree:
+        return first_point
+    changed: tuple[str, ...] = ("model", "estimator", "controller", "methods")
+    roots = {split(path, tree.mark)[0] for axis in sweep.axes for path in axis}
+    if has_source(tree) and roots & {*changed, "plant"}:
+        changed = (*changed, "plant", *SECTIONS_OF_A_PLANT)
+    resolved = {**first_point, **_sections_kept_by_rows(tree, first_point, own, changed)}
+    if roots & set(changed):
+        resolved = {key: value for key, value in resolved.items() if key not in changed}
+        resolved |= {key: as_of_configuration(tree, key, own) for key in changed if key in tree}
+    return {**resolved, "sweep": as_of_configuration(tree, "sweep", own)}
+
+
+def _sections_kept_by_rows(
+    tree: Map, first_point: dict[str, Any], own: OwnCode, changed: Sequence[str]
+) -> dict[str, Any]:
+    """Return sections as given in which a row of a zip leaves a value of the file as it is.
+
+    At the first point such a section may have the value of the first row.
+    """
+    rows = (tree["sweep"] or {}).get("zip")
+    rows = rows if isinstance(rows, Items) else ()
+    kept = {path for path in columns(rows) if path != NAME and any(path not in row for row in rows)}
+    # The file of the plant may bring the section.
+    tree = lay_over_source(tree) if has_source(tree) else tree
+    found: dict[str, Any] = {}
+    for root in sorted({split(path, tree.mark)[0] for path in kept} - set(changed)):
+        given = as_of_configuration(tree, root, own) if root in tree else SECTIONS[root].default
+        # The length of a smoke run is not the one given.
+        found[root] = {**first_point["time"], "step": given.get("step", Time.step)} if root == "time" else given
+    return found
+
+
+def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
+    """Return the configuration at the first point of its sweep, with every default filled in."""
+    values, time = draft.values, draft.values["time"]
+    length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
+    given = ("version", "name", "paper", "title", "summary", "seed", "runs")
+    head = {key: values[key] for key in given if values[key] is not None}
+    stop = values["stop"]
+    if stop is not None:
+        # A rule has taken its largest number of runs for that of the experiment.
+        head |= {"runs": stop.first_look, "stop": plain_data(stop)}
+    methods = {}
+    for name, components in draft.methods.items():
+        # The values that tuning has chosen stand under `tune`.
+        data = method_data(draft, draft.defaults.get(name, components))
+        named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
+        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
+        # A template stays one, so that an override of the resolved configuration changes the label too.
+        methods[name] = named if components.label is None else {"label": components.label, **named}
+    return {
+        **head,
+        "time": {"step": time.step, **length},
+        "uncertainty": uncertainty_data(draft, canonical=False),
+        "plant": plant_data(draft),
+        **({"model": set_keys(draft.model)} if draft.model else {}),
+        "noise": noise_data(draft, experiment),
+        "initial": {**_true_start(draft, experiment), **start_data(draft)},
+        "reference": draft.reference.resolved() if draft.reference else {},
+        **({"input": draft.input.resolved()} if draft.input else {}),
+        "methods": methods,
+        **_tune(draft),
+        "metrics": _metrics(draft, experiment, smoke=smoke),
+        "statistics": plain_data(values["statistics"]),
+        "evaluate": values["evaluate"],
+        "record": plain_data(values["record"]),
+        "report": plain_data(values["report"]),
+        "figures": [set_keys(figure) for figure in draft.figures if figure is not None],
+        "claims": [plain_data(keys) for keys in draft.claims if keys is not None],
+        **{key: values[key] for key in ("plugins", "requires") if values[key]},
+        "execution": plain_data(values["execution"]),
+        "smoke": plain_data(values["smoke"]),
+    }
+
+
+def _tune(draft: DraftConfig) -> dict[str, Any]:
+    """Return the section `tune` without the values that were chosen; where it says so, nothing is tuned."""
+    tune = draft.values["tune"]
+    if tune is None:
+        return {"tune": None} if draft.tuned else {}
+    return {"tune": plain_data(replace(tune, values=[]))}
+
+
+def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
+    """Return the true initial state; some plants have their own."""
+    if experiment.plant.has_own_start:
+        return {}
+    return {"x": sum_data(draft.initial["laws"]) if draft.initial["laws"] else draft.initial["x"]}
+
+
+def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list[dict[str, Any]]:
+    """Return the keys of the metrics; windows that a smoke run has cut are given as cut."""
+    entries = []
+    for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
+        keys = set_keys(component) if component is not None else {}
+        if smoke:
+            first, last = (sample * experiment.tick for sample in metric.window(experiment.metric_layout))
+            cut = {"from": first, "to": last, "at": last}
+            keys |= {
+                name: value for name, value in cut.items() if component is not None and name in component.resolved()
+            }
+        entries.append(keys)
+    return entries
 
 
 def load_config(
@@ -45,22 +225,6 @@ def load_config(
     """Read, check and build a configuration.
 
     A stage processes what is valid and collects the errors of the rest, so that all errors are shown at once.
-
-    Parameters
-    ----------
-    path : the YAML file, or the name of an installed configuration such as ``quickstart``
-    overrides : texts PATH=VALUE, each replacing one value
-    runs : number of runs instead of the one in the file
-    smoke : whether to take the small size under ``smoke`` instead of the full one
-    allow_code : Python files, or directories of such, that may be loaded besides those in the directory of the
-        configuration and below
-    add_methods : texts ``NAME: {estimator: {..}}``, methods that are added to those of the file
-    lenient : whether figures and claims may reach beyond the end of a run, as they may in a smoke run
-
-    Raises
-    ------
-    ConfigError
-        If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(located(path), overrides, add_methods)
     check_copies(source.path.parent)
@@ -98,13 +262,15 @@ def _validated(
 ) -> ExperimentConfig:
     """Take a tree through the stages from its sweep on, with the values that tuning has chosen; raises all errors."""
     sweep = expand(tree, source.overrides, access)
-    drafts = validate_sections(sweep.points, runs=size.runs, smoke=size.smoke, access=access, chosen=chosen)
+    drafts = validate_sections(
+        sweep.points, runs=size.runs, smoke=size.smoke, access=access, inherited=inherited, chosen=chosen
+    )
     drafts[0].left_out += left_out
     join_findings(source.path, drafts[0])
     own = OwnCode(access)
     points = build(drafts, own, smoke=size.smoke)
-    claims = check(sweep, drafts, points, inherited, lenient=size.lenient)
-    check_tuning(drafts, points, inherited)
+    claims = check(sweep, drafts, points, lenient=size.lenient)
+    check_tuning(drafts, points)
     built = [point for point in points if point is not None]
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     problems += own.problems

@@ -15,8 +15,8 @@ from rmpc_bench.components.reference import distribution_of
 from rmpc_bench.components.transport import inside, recipe_of
 from rmpc_bench.components.user_code import noted_signals
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config.sections import Execution
-from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.engines.blocks import Pair, TaskQueue
 from rmpc_bench.engines.pool import EndedWorkers, processes
 from rmpc_bench.engines.tasks import Done, Task, contained, forget_draws, is_built_in, parts_of, warm_up_own

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from rmpc_bench.config.code_version import code_version
+from rmpc_bench.config.identity import code_version
 from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.engines.pool import Pool
 from rmpc_bench.engines.tasks import Done

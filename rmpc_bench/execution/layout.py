@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.identity import set_keys
-from rmpc_bench.config.requirements import read_requirement
-from rmpc_bench.config.sweep_point import SweepPoint, digest
+from rmpc_bench.config.identity import SweepPoint, digest, set_keys
+from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.results.record import (
     PointMethod,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from rmpc_bench.config.code_version import code_version
-from rmpc_bench.config.relocation import check_copies
+from rmpc_bench.config.identity import code_version
+from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.execution.progress_file import Column, Extent, ProgressFile
 from rmpc_bench.execution.shards import LIBRARIES, Shard, join_libraries, readable_shards, shards_in
 from rmpc_bench.received.plain_files import DamagedError, StoreError

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.traces import last_new_sample
+from rmpc_bench.config.identity import SweepPoint, chosen_point
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.sweep_point import SweepPoint, chosen_point
 from rmpc_bench.engines.tasks import failure_of, named_values
 from rmpc_bench.received.store import FILE, MissingError
 from rmpc_bench.simulation.checked_calls import metric_values

@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.relocation import check_copies, in_directory
-from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.own_code import OwnCode, check_copies, in_directory
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue

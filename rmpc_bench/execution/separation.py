@@ -23,15 +23,16 @@ from rmpc_bench.child_process import end_with, start
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.config.build import build
+from rmpc_bench.config.check import FirstCalls
+from rmpc_bench.config.draft import Inherited
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.first_calls import FirstCalls
-from rmpc_bench.config.left_out import Inherited, fitting_metrics
+from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.left_out import fitting_metrics
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.sweep import SweptTree
-from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tuning_plan import Chosen
-from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config.tune import Chosen
+from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.tree import Items, Map
 from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import groups_of

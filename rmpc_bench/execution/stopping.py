@@ -15,7 +15,7 @@ from rmpc_bench.analysis.levels import next_width_look
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import judge
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.stop_section import EVERY
+from rmpc_bench.config.stop import EVERY
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.results.record import StoredExperiment, note_looks, planned_looks, read_experiment, stop_of
 from rmpc_bench.results.tables import stored_trials

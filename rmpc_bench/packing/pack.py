@@ -20,7 +20,7 @@ from typing import Any
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.relocation import renamed
+from rmpc_bench.config.own_code import renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.packing.metadata import CITATION, Contents, citation, crate

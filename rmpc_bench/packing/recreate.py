@@ -17,7 +17,7 @@ import pandas as pd
 import rmpc_bench
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.relocation import in_directory, renamed
+from rmpc_bench.config.own_code import in_directory, renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution.runner import added_in

@@ -13,7 +13,7 @@ import rmpc_bench
 from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.claims.record import ClaimsRecord, ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config.method_differences import method_differences, short_value
+from rmpc_bench.config.methods import method_differences, short_value
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.figures.style import Rendering, rendered

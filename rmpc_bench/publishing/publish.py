@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
 
-from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.files import NO_LATEX, latex_program
 from rmpc_bench.figures.style import Rendering, remark_on
 from rmpc_bench.publishing.figure_files import write_figures

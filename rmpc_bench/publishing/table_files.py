@@ -16,7 +16,7 @@ from rmpc_bench.claims.claim import IDENTIFIERS
 from rmpc_bench.claims.markdown import claims_markdown
 from rmpc_bench.claims.record import ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.style import own_words
 from rmpc_bench.replaced_file import folder, replace_text, replaced
 from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv

@@ -14,8 +14,8 @@ from types import TracebackType
 from typing import Any
 
 import rmpc_bench
-from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.identity import code_version
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.names import wrong_line
 from rmpc_bench.received.plain_files import MANIFEST, StoreError, json_of

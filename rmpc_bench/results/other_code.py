@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rmpc_bench.components.reference import distribution_of
-from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.identity import code_version
 from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store, StoredMethod, each_once

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, get_args
 import rmpc_bench
 from rmpc_bench.analysis.levels import PlannedLook, planned_level, schedule
 from rmpc_bench.claims.claim import Claim, usual_parameters
-from rmpc_bench.config.code_version import code_version
-from rmpc_bench.config.report_section import ReportKeys
-from rmpc_bench.config.sweep_point import digest, key_of_trials
+from rmpc_bench.config.identity import code_version, digest, key_of_trials
+from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.received.names import wrong_experiment, wrong_label, wrong_method, wrong_metric
 from rmpc_bench.received.plain_files import wrong_option
 from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
@@ -30,7 +29,7 @@ from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.config.stop_section import StopKeys
+    from rmpc_bench.config.stop import StopKeys
     from rmpc_bench.store.store import Store
 
 

@@ -14,7 +14,7 @@ from rmpc_bench.analysis.runs import Extent, PointExtent
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trial_arrays import rounded_trials
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.config.relocation import check_copies
+from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.received.store import FILE, MissingError, decoded
 from rmpc_bench.results.record import StoredExperiment, read_experiment
 from rmpc_bench.results.tables import n_complete, other_code, stored_trials, timings, uncertainty

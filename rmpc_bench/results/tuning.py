@@ -26,7 +26,7 @@ from rmpc_bench.types.result_files import SHARDS
 from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol, TuningSearch
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.tuning_plan import WantedSearch
+    from rmpc_bench.config.experiment_config import WantedSearch
     from rmpc_bench.results.record import StoredExperiment
 
 

@@ -19,11 +19,12 @@ from pydantic.fields import FieldInfo
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
-from rmpc_bench.config.method_section import Source
-from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
-from rmpc_bench.config.same_law import SameLaw
-from rmpc_bench.config.sections import SECTIONS, ClaimKeys
-from rmpc_bench.config.tune_section import Range
+from rmpc_bench.config.claims import ClaimKeys
+from rmpc_bench.config.draft import SameLaw
+from rmpc_bench.config.methods import Source
+from rmpc_bench.config.noise import DISTRIBUTIONS, SCALE
+from rmpc_bench.config.sections import SECTIONS
+from rmpc_bench.config.tune import Range
 from rmpc_bench.config_file.keys import hints, keys_of, model_of
 from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import EXTRAS

@@ -6,8 +6,7 @@ import pytest
 from small_experiment import KEYS, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.claim_checks import read_claims
-from rmpc_bench.config.sections import ClaimKeys
+from rmpc_bench.config.claims import ClaimKeys, read_claims
 from rmpc_bench.types import ConfigError, ResultLayout
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"

@@ -7,7 +7,7 @@ from small_experiment import cli, ran, write
 from uncertain_experiment import write_estimation
 
 from rmpc_bench import estimator, load_config, registry
-from rmpc_bench.config.missing_measurements import BRIDGING
+from rmpc_bench.config.noise import BRIDGING
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.models.linear import LinearModel

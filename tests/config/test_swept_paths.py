@@ -10,14 +10,21 @@ from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config
 from rmpc_bench.components.consent import CodeAccess
-from rmpc_bench.config.build import build
-from rmpc_bench.config.build_method import DesignCache
-from rmpc_bench.config.first_calls import FirstCalls
+from rmpc_bench.config.build import DesignCache, build
+from rmpc_bench.config.check import FirstCalls
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
-from rmpc_bench.config.sweep import SweptTree, compose, expand
-from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, SWEPT, SweepReader, SweptValue, assigned
-from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.config.sweep import (
+    METHOD_COMPONENTS,
+    SWEPT,
+    SweepReader,
+    SweptTree,
+    SweptValue,
+    assigned,
+    compose,
+    expand,
+)
+from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.inherit import inherit
 from rmpc_bench.config_file.matrix_files import with_matrices
 from rmpc_bench.config_file.source import read

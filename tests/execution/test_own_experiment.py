@@ -7,7 +7,7 @@ import pytest
 from small_experiment import cli
 
 from rmpc_bench import load_config, load_trials
-from rmpc_bench.config.relocation import in_directory
+from rmpc_bench.config.own_code import in_directory
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.results import other_code
 from rmpc_bench.types import ConfigError

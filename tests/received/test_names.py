@@ -7,7 +7,7 @@ from time import process_time
 import pytest
 from small_experiment import cli, write
 
-from rmpc_bench.config.labels import LabelError, Parameter, fill
+from rmpc_bench.config.methods import LabelError, Parameter, fill
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.figures.labels import shortened, typeset, wrapped
 from rmpc_bench.received.names import (

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from rmpc_bench.config.uncertain_parameter import UncertainParameter
+from rmpc_bench.config.plant import UncertainParameter
 from rmpc_bench.expressions.quantity import parse
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.random_streams import Streams, first_uniforms, stream

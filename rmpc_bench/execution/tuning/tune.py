@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.sweep_point import digest
-from rmpc_bench.config.tuning_plan import TuningPlan, WantedSearch
-from rmpc_bench.config.tuning_round import Trial
+from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, WantedSearch
+from rmpc_bench.config.identity import digest
+from rmpc_bench.config.tuning import Trial
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard

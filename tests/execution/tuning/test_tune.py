@@ -10,7 +10,7 @@ from tuned_experiment import KEYS, STD, record, run, write
 
 import rmpc_bench
 from rmpc_bench import load_config, load_results
-from rmpc_bench.config.tuning_plan import tuning_seed
+from rmpc_bench.config.experiment_config import tuning_seed
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning import tune
@@ -393,7 +393,7 @@ def interrupted_at_the_test(values):
 def test_a_large_round_is_computed_in_parts(finished, tmp_path, monkeypatch):
     """With the same bytes: neither the parts nor the designs that are kept decide anything."""
     monkeypatch.setattr("rmpc_bench.execution.tuning.rounds.MOST_TRIALS", 4)
-    monkeypatch.setattr("rmpc_bench.config.tuning_round.MOST_DESIGNS", 2)
+    monkeypatch.setattr("rmpc_bench.config.tuning.MOST_DESIGNS", 2)
     run(finished[0], tmp_path / "out", "-j", 1)
     assert record(tmp_path / "out") == record(finished[1])
 

@@ -1,0 +1,440 @@
+"""Stage 6, check: what sections say of each other, first calls of a user's components, and warnings, before any run.
+
+Warnings are about a valid configuration that probably does not say what its author means: angles in degrees, factors
+that look like absolute values, a missing sampling time, windows between two samples, a filter without noise, a noise
+whose covariance a filter takes for its scale, estimates that start far from an operating point or with too large a
+covariance, and unstable modes of the design model that are unobservable or uncontrollable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.config.claims import check_figures, layout_of, read_claims
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.left_out import SWEPT_PATHS, leave_out
+from rmpc_bench.config.methods import labels_of
+from rmpc_bench.config.plant import gap_warnings
+from rmpc_bench.config.report import check_report
+from rmpc_bench.config.sections import section_of
+from rmpc_bench.config.statistics import check_statistics
+from rmpc_bench.config.sweep import METHOD_COMPONENTS, NAME, Sweep
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.inherit import PATH
+from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.noise.heavy_tailed import StudentT
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.moments import exact_laws
+from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
+from rmpc_bench.simulation.scenario import Experiment, Scenario
+from rmpc_bench.types import Array, Controller, Estimate, Estimator, Method, Model, Noise, Plant, Problem
+
+if TYPE_CHECKING:
+    from rmpc_bench.components.first_call import Sample
+
+
+TURNS = 2
+"""Turns from 0 beyond which an angle of the reference is suspected to be in degrees."""
+LARGEST_FACTOR = 5.0
+"""Factor of `perturb`, or its inverse, beyond which it is suspected to be an absolute value."""
+UNSTABLE = 1.0 + 1e-9
+"""Modulus of an eigenvalue beyond which its mode is unstable; integrators are not."""
+RANK = 1e-9
+"""Smallest singular value, relative to the largest one, at which a mode counts as connected."""
+NOISE_KEYS: Mapping[str, tuple[str, str]] = {
+    "linear": ("P_w", "P_v"),
+    "uncertain-linear": ("W", "V"),
+}
+"""Kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`."""
+
+_LARGEST_RATIO = 1e14
+"""Ratio of variances up to which the roots of covariances give nine digits, see numerics/square_root.py."""
+_SAME = 1e-9
+"""Relative difference of covariances that count as the same."""
+
+Finding = tuple[list[str | int], str]
+"""A path of the configuration and a message."""
+
+
+def warnings_of(
+    draft: DraftConfig,
+    experiment: Experiment,
+    model: Callable[[Component | None], Any],
+    start: Callable[[Any], dict[str, Array] | None],
+) -> list[Problem]:
+    """Return what is probably not meant, each with its place and the way out; the draft has no errors.
+
+    `model` returns the design model of a component, `start` x0 and P0 for a design model.
+    """
+    found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
+    found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
+    for path, component in _models(draft).items():
+        made = model(component)
+        for message in _of_model(component, made, start(made), draft, experiment):
+            found.append(([*path], message))
+    return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
+
+
+def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> Iterator[Finding]:
+    """Find an operating point beside an initial estimate that is not given, which then is 0."""
+    if "x_hat" in section_of(draft, "initial"):
+        return
+    for component in _models(draft).values():
+        x = model(component).x_op
+        if x.any():
+            numbers = ", ".join(f"{value:.6g}" for value in x)
+            message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
+            yield ["initial"], f"{message}; give `x_hat`, as a physical state"
+            return
+
+
+def _scales(names: list[str], R_v: Array, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
+    """Find Student's t noise with the covariance that a filter for such noise takes for its scale matrix."""
+    laws = [law for law in experiment.scenario.measurement if isinstance(law, StudentT) and law.cov is not None]
+    for name in names:
+        estimator = draft.methods[name].estimator
+        if estimator is None or estimator.kind != "student-kalman" or estimator.resolved().get("R_v") == "covariance":
+            continue
+        for law in laws:
+            if law.cov is not None and law.cov.shape == R_v.shape and np.allclose(law.cov, R_v, rtol=_SAME, atol=0.0):
+                message = f"R_v of this model is the covariance of the noise (t with dof = {law.dof:g})"
+                way = "give its estimator `R_v: covariance`"
+                yield f"{message}; method {name} takes it for the scale matrix: {way}"
+
+
+def _digits(now: LinearModel, P0: Array) -> Iterator[str]:
+    """Find an initial covariance beside which the measurement noise has too few digits."""
+    try:
+        seen = np.linalg.inv(np.linalg.cholesky(now.R_v)).dot(now.C)
+    except np.linalg.LinAlgError:
+        return
+    ahead = [seen.dot(np.linalg.matrix_power(now.A, j)) for j in range(now.nx)]
+    ratio = max(float(np.linalg.norm(each.dot(P0).dot(each.T), 2)) for each in ahead)
+    if ratio > _LARGEST_RATIO:
+        message = f"the variance of a measurement due to `initial.P` is {ratio:.2g} times that of its noise; beyond"
+        yield f"{message} {_LARGEST_RATIO:g} the filters have fewer than nine correct digits: choose a smaller P"
+
+
+def _time(draft: DraftConfig) -> Iterator[Finding]:
+    given = draft.tree.get("time")
+    if isinstance(given, Map) and "duration" in given and "step" not in given:
+        yield ["time"], "has no `step`, so the sampling time is 1 s; give it, such as {step: 0.1, duration: 20}"
+
+
+def _windows(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
+    """Find bounds of windows between two samples, which probably are seconds."""
+    if experiment.tick != 1.0 or draft.values["time"].duration is not None:
+        return
+    for number, component in enumerate(draft.metrics):
+        keys = {} if component is None else component.resolved()
+        for key in ("from", "to"):
+            value = keys.get(key)
+            if isinstance(value, float) and value != int(value):
+                before, after = experiment.metric_layout.around(value)
+                message = f"{value:g} is between the samples {before} and {after}, because `time` is given in steps"
+                yield ["metrics", number, key], f"{message}; for seconds give time.duration and time.step"
+
+
+def _angles(experiment: Experiment) -> Iterator[Finding]:
+    plant = experiment.plant
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1)
+    for i, column in enumerate(r.T):
+        largest = float(column[np.argmax(np.abs(column))])
+        if plant.units.get(f"y.{i}", plant.y_unit) == "rad" and abs(largest) > 2 * pi * TURNS:
+            message = f"reaches {largest:g} rad, {abs(largest) / (2 * pi):.3g} turns; angles are in radians"
+            yield ["reference"], f"{message}: {largest:g} degrees are written {largest:g}*pi/180"
+
+
+def _factors(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
+    medians = {name: law.quantile(0.5) for name, law in draft.uncertainty.items()}
+    for name, change in draft.parameter_changes.items():
+        if not change.relative:
+            continue
+        factor, nominal = change.expression(medians), experiment.plant.nominal[name]
+        path: list[str | int] = ["plant", "perturb", name]
+        if change.expression.names and factor <= 0.0:
+            uncertain = ", ".join(sorted(change.expression.names))
+            message = f"`perturb` multiplies the nominal value {nominal:g} by {factor:g} at the median of {uncertain}"
+            yield path, f"{message}; a factor around 1 is written 1 + {change.expression.text}"
+        elif not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
+            message = (
+                f"`perturb` multiplies the nominal value {nominal:g} by {factor:g}, which gives {factor * nominal:g}"
+            )
+            yield path, f"{message}; an absolute value is written plant.set: {{{name}: {change.expression.text}}}"
+
+
+def _models(draft: DraftConfig) -> dict[tuple[str | int, ...], Component]:
+    """Return the design models by their path, that of all methods and those of single methods."""
+    found: dict[tuple[str | int, ...], Component] = {}
+    for name, components in draft.methods.items():
+        if components.model is draft.model and draft.model is not None:
+            found["model",] = draft.model
+        elif components.model is not None:
+            found["methods", name, "model"] = components.model
+    return found
+
+
+def _of_model(
+    component: Component, model: Any, start: dict[str, Array] | None, draft: DraftConfig, experiment: Experiment
+) -> Iterator[str]:
+    names = [name for name, each in draft.methods.items() if each.model is component]
+    methods = [method for method in experiment.methods if method.name in names]
+    if any(method.estimator.gain_schedule is not None for method in methods):
+        yield from _noise(component.kind, model, experiment)
+    if model.varies or not (model.has_sets or model.is_linear_model or component.kind in NOISE_KEYS):
+        return
+    now = model.at(0)
+    if start is not None:
+        yield from _digits(now, start["P0"])
+    yield from _scales(names, now.R_v, draft, experiment)
+    unseen = _disconnected(now.A.T, now.C.T)
+    if unseen is not None:
+        yield f"has an unobservable unstable mode (|z| = {unseen:.4g}); no estimator is stable: see A and C"
+    fixed = _disconnected(now.A, now.B)
+    if fixed is not None and any(draft.methods[name].controlled for name in names):
+        yield f"has an uncontrollable unstable mode (|z| = {fixed:.4g}); no controller is stabilising: see A and B"
+
+
+def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:
+    """Find noises that a filter needs and the design model lacks."""
+    process, measurement = NOISE_KEYS.get(kind, ("noise.process", "noise.measurement"))
+    no_w = not (model.w_law[1].any() or model.M_w(0).any())
+    no_v = not (model.v_law[1].any() or model.M_v(0).any())
+    scenario, plant = experiment.scenario, experiment.plant
+    # A model with other noises than the plant may describe the measurement noise as a part of w.
+    alike = (len(model.w_law[0]), len(model.v_law[0])) == (plant.nw, plant.nv)
+    if no_w and no_v:
+        message = "has neither process nor measurement noise, so that a filter ignores or fits every measurement"
+        yield f"{message}; give {process} and {measurement}"
+    elif no_v and alike and not _silent(scenario.measurement):
+        yield f"has no measurement noise, but the plant has: a filter fits every measurement; give {measurement}"
+    elif no_w and alike and not _silent(scenario.process):
+        yield f"has no process noise, but the plant has: the gain of a filter tends to 0; give {process}"
+
+
+def _silent(terms: tuple[Noise, ...]) -> bool:
+    """Whether a noise is known to be always 0; a missing measurement is no noise."""
+    added = [term for term in terms if not term.omits_measurements]
+    return all(moment is not None and not moment.any() for term in added for moment in (term.mean, term.cov))
+
+
+def _disconnected(A: Array, B: Array) -> float | None:
+    """Largest modulus of an unstable eigenvalue z at which [zI - A, B] loses rank (Popov, Belevitch, Hautus)."""
+    found = []
+    for z in np.linalg.eigvals(A):
+        if abs(z) > UNSTABLE:
+            sigma = np.linalg.svd(np.hstack([z * np.eye(len(A)) - A, B]), compute_uv=False)
+            if sigma[-1] <= RANK * sigma[0]:
+                found.append(float(abs(z)))
+    return max(found, default=None)
+
+
+def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
+    """Add an error for every method without exact moments if no runs are evaluated: nothing would be computed."""
+    wanted = draft.values["evaluate"]
+    if "runs" in wanted:
+        return
+    if "moments" not in wanted:
+        draft.note(["evaluate"], "an ensemble is one of runs: evaluate: [runs, ensemble]")
+        return
+    for method in experiment.methods:
+        laws = exact_laws(experiment.plant, method, experiment.scenario)
+        if isinstance(laws, str):
+            draft.note(["evaluate"], f"{method.name} has no exact moments: {laws}; evaluate: [runs, moments]")
+
+
+def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]) -> None:
+    """Add an error to the first draft for every signal to record that does not exist at any point of the sweep."""
+    found = [experiment for experiment in experiments if experiment is not None]
+    if len(found) < len(experiments):
+        return
+    there = [*SIGNALS, COVARIANCE]
+    there += [name for experiment in found for method in experiment.methods for name in method.reports]
+    there += [name for experiment in found for name in experiment.plant.extra_signals]
+    there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
+    for number, name in enumerate(draft.values["record"].signals):
+        if name not in there:
+            draft.note(["record", "signals", number], unknown(name, dict.fromkeys(there), "signal"))
+
+
+class FirstCalls:
+    """The first calls of a configuration; points of a sweep with the same files share one.
+
+    Parameters
+    ----------
+    left_out : whether no code is called, since the process that asks has done it
+    """
+
+    def __init__(self, *, left_out: bool = False) -> None:
+        self.left_out = left_out
+        self._estimates: dict[Any, Estimate | None] = {}
+
+    def estimates(
+        self, draft: DraftConfig, plant: Plant, methods: Sequence[Method], scenario: Scenario, n_steps: int
+    ) -> dict[str, Estimate | None]:
+        """Simulate two samples of every method with components from files; what is wrong is added to the draft.
+
+        An error is a problem at the component.  A call that takes too long is a warning, since it may be only slow.
+        """
+        found: dict[str, Estimate | None] = {}
+        for method in methods:
+            named = _components(draft, method.name)
+            files = tuple(each.references() for each in named.values())
+            if not any(files):
+                continue
+            # Points with the same files and sizes differ in numbers only, and so do the values that tuning tries.
+            key = method.name.partition("~")[0], files, plant.nx, plant.nu, plant.ny
+            if key not in self._estimates:
+                # Imported here: a configuration without files of the user needs none of it.
+                from rmpc_bench.components.first_call import Sample
+
+                r = scenario.reference.sample(method.controller.preview + 2)
+                sample = Sample(scenario.x0, r, n_steps)
+                self._estimates[key] = None if self.left_out else _called(draft, named, plant, method, sample)
+            found[method.name] = self._estimates[key]
+        return found
+
+
+def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
+    """Return the plant, the estimator and the controller of a method."""
+    parts = draft.methods[name]
+    named = {"plant": draft.plant, "estimator": parts.estimator, "controller": parts.controller}
+    return {role: each for role, each in named.items() if each is not None}
+
+
+def _called(
+    draft: DraftConfig, named: dict[str, Component], plant: Plant, method: Method, sample: Sample
+) -> Estimate | None:
+    from rmpc_bench.components.first_call import first_call
+
+    answer = first_call(plant, method, sample)
+    if answer.too_long is not None:
+        component = named.get(answer.too_long.role, next(each for each in named.values() if each.references()))
+        draft.warnings.append(component.problem(answer.too_long.message))
+        return None
+    for role, design in (("plant", plant), ("estimator", method.estimator), ("controller", method.controller)):
+        _keep(design, answer.seconds.get(role), answer.warnings.get(role, ()))
+    if answer.finding is not None and answer.finding.role in named:
+        draft.problems.append(named[answer.finding.role].problem(answer.finding.message))
+    return answer.estimate
+
+
+def _keep(design: Plant | Estimator | Controller, seconds: float | None, warnings: tuple[str, ...]) -> None:
+    """Note what a component written for one run costs, for the estimate of the computing time, and its warnings."""
+    from rmpc_bench.components.single_design import SingleDesign
+
+    if isinstance(design, SingleDesign):
+        design.seconds_per_step = design.seconds_per_step if seconds is None else seconds
+        more = [text for text in warnings if text not in design.remarks]
+        design.__dict__["remarks"] = (*design.remarks, *more)
+
+
+_Row = tuple[str, ...]
+_NAMED = 3
+"""Keys that the message on a path without effect names."""
+
+
+def check(
+    sweep: Sweep,
+    drafts: Sequence[DraftConfig],
+    points: Sequence[SweepPoint | None],
+    *,
+    lenient: bool,
+) -> tuple[Claim, ...]:
+    """Check what the sections say of each other; the errors are added to the problems of the drafts.
+
+    Figures and claims are those of the first draft, and a claim with an error is of no use.  An inherited claim, figure
+    or setting of the comparison is left out where it does not fit.  If lenient, figures and claims may reach beyond the
+    end of a run, as in a smoke run.
+    """
+    first = drafts[0]
+    layout = layout_of(drafts, points, is_valid=not sweep.problems, lenient=lenient)
+    before = len(first.problems)
+    claims = read_claims(first, layout)
+    check_figures(first, layout)
+    check_report(first)
+    check_statistics(first, points[0])
+    if first.values["stop"] is not None:
+        first.values["stop"].check(first)
+    claims = leave_out(first, claims, before)
+    for draft, point in zip(drafts, points, strict=True):
+        if point is not None:
+            check_evaluation(draft, point.experiment)
+    first.labels = labels_of(drafts)
+    # Points of a sweep repeat most warnings.
+    first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
+    check_recording(first, [None if point is None else point.experiment for point in points])
+    _check_columns(first, sweep)
+    built = [point for point in points if point is not None]
+    # What a shorter list of methods leaves of a sweep may be alike; the line that names its paths says so.
+    shortened = any(line.startswith(SWEPT_PATHS) for line in first.left_out)
+    if len(built) == len(points) and not sweep.problems and not shortened:
+        sweep.problems.extend(_axes_without_effect(sweep, built))
+    return claims
+
+
+def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:
+    """Refuse metrics with the name of a column of the sweep."""
+    swept = [path for axis in sweep.axes for path in axis]
+    for number, component in enumerate(draft.metrics):
+        name = component.parameters.get("name") if component is not None else None
+        if name in swept:
+            draft.note(["metrics", number], f"{name!r} is a column of the sweep already; choose another name")
+
+
+def _axes_without_effect(sweep: Sweep, points: Sequence[SweepPoint]) -> Iterator[Problem]:
+    """Refuse axes with two values whose points are alike wherever both occur, with the reason where it is known.
+
+    Alike means that every method has the same key, which identifies its trials: such a path would label equal runs.  A
+    path may have an effect at some values of the other paths only.  Of a zip the rows are compared, not each path.
+    """
+    for axis in sweep.axes:
+        alike = _alike(points, axis)
+        if alike is None:
+            continue
+        is_grid = len(axis) == 1 and axis[0] in (sweep.tree["sweep"].get("grid") or {})
+        place = ["sweep", "grid", axis[0]] if is_grid else ["sweep", "zip"]
+        first, second = (", ".join(row) for row in alike)
+        reasons = dict.fromkeys(filter(None, (_reason(sweep.tree, path) for path in axis if path != NAME)))
+        why = "; ".join(reasons) or "nothing that is computed depends on it"
+        message = f"has no effect: {first} and {second} give the same runs of every method; {why}"
+        yield Problem(*locate_key(sweep.tree, place), join(place), message)
+
+
+def _alike(points: Sequence[SweepPoint], axis: Sequence[str]) -> tuple[_Row, _Row] | None:
+    """Return two values of an axis that no value of the other paths tells apart; None if there are none."""
+    groups: dict[_Row, dict[_Row, tuple[tuple[str, str], ...]]] = {}
+    for point in points:
+        rest = tuple(text for path, text in point.coordinates.items() if path not in axis)
+        row = tuple(point.coordinates[path] for path in axis)
+        groups.setdefault(rest, {})[row] = tuple(point.method_keys.items())
+    for group in groups.values():
+        seen: dict[tuple[tuple[str, str], ...], _Row] = {}
+        for row, keys in group.items():
+            other = seen.setdefault(keys, row)
+            both = (each for each in groups.values() if other in each and row in each)
+            if other != row and all(each[other] == each[row] for each in both):
+                return other, row
+    return None
+
+
+def _reason(tree: Map, path: str) -> str:
+    """Say what replaces a swept value in a configuration; empty where it is not known."""
+    root = split(path, tree.mark)[0]
+    if path == PATH:
+        plant = tree.get("plant")
+        own = [f"plant.{key}" for key in plant if key != "from"] if isinstance(plant, Map) else []
+        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        return f"{', '.join(own[:_NAMED])}{more} of this configuration replace it" if own else ""
+    methods = tree.get("methods")
+    given = [*methods.values()] if isinstance(methods, Map) else []
+    if root in METHOD_COMPONENTS and given and all(isinstance(own, Map) and root in own for own in given):
+        return f"every method has its own `{root}`"
+    return ""

@@ -1,0 +1,366 @@
+"""The keys `noise`, `uncertainty` and `initial`: how they are read, and the noise of the plant that is made of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from rmpc_bench import registry
+from rmpc_bench.components.reference import is_reference
+from rmpc_bench.config.draft import DraftConfig, NoiseTerm, SameLaw
+from rmpc_bench.config.sections import section_of
+from rmpc_bench.config_file.component import read_component
+from rmpc_bench.config_file.keys import shown, validate
+from rmpc_bench.config_file.tree import FILE, Items, Map, locate
+from rmpc_bench.expressions import quantity
+from rmpc_bench.noise import distributions
+from rmpc_bench.noise.bounded import ellipsoid
+from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
+from rmpc_bench.types import Array, DesignError, Matrix, Method, Noise, Plant
+
+DISTRIBUTIONS: dict[str, type] = {
+    "uniform": distributions.Uniform,
+    "normal": distributions.Normal,
+    "choice": distributions.Choice,
+    "fixed": distributions.Fixed,
+}
+"""Laws of an uncertain quantity by their `dist`."""
+
+
+_CROSS: Any = float | list[list[float]]
+
+_TAKEN = ("run", "pi", "sqrt", "sin", "cos")
+SCALE = "scale"
+"""Key of `uncertainty` that is no quantity: the factor on the spread of all of them."""
+
+
+def uncertain_names(draft: DraftConfig) -> list[str]:
+    """Return the names of the uncertain quantities of a configuration."""
+    return [name for name in draft.values["uncertainty"] or {} if name != SCALE]
+
+
+def read_uncertainty(draft: DraftConfig) -> None:
+    """Read the distributions of the uncertain quantities and the scale of their spread."""
+    section = draft.values["uncertainty"] or {}
+    if SCALE in section:
+        _read_scale(draft, section[SCALE])
+    for name in uncertain_names(draft):
+        value = section[name]
+        path: list[str | int] = ["uncertainty", name]
+        if not re.fullmatch(r"[A-Za-z_]\w*", name):
+            draft.note(path, "a name consists of letters, digits and _, and begins with a letter or _", key=True)
+        elif name in _TAKEN:
+            draft.note(path, f"{name!r} is reserved; choose another name", key=True)
+        law = _distribution(draft, value, path)
+        if law is not None:
+            draft.laws[name] = law
+
+
+def _read_scale(draft: DraftConfig, value: Any) -> None:
+    """Read the factor on the spread of all quantities; a law under its name is a quantity with a reserved name."""
+    path: list[str | int] = ["uncertainty", SCALE]
+    try:
+        # `+-10%` would be read as the number -0.1.
+        factor = None if isinstance(value, str) and quantity.spread(value) is not None else quantity.number(value)
+    except quantity.QuantityError:
+        factor = None
+    if factor is None or factor < 0:
+        message = "is the factor on the spread of all quantities, a number >= 0"
+        hint = "; choose another name for a quantity" if factor is None else ""
+        draft.note(path, f"{message} (got {shown(value)}){hint}")
+    elif not uncertain_names(draft):
+        draft.note(path, "has no effect: no uncertain quantity is named", key=True)
+    else:
+        draft.scale = factor
+
+
+def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.Distribution | None:
+    if isinstance(value, Map):
+        kind = value.get("dist")
+        if not isinstance(kind, str) or kind not in DISTRIBUTIONS:
+            draft.note([*path, "dist"], registry.unknown(str(kind), DISTRIBUTIONS, "distribution"))
+            return None
+        own = value.copy()
+        del own["dist"]
+        law: distributions.Distribution | None = validate(DISTRIBUTIONS[kind], own, path, draft.problems)
+        return law
+    try:
+        spread = quantity.spread(value) if isinstance(value, str) else None
+    except quantity.QuantityError as error:
+        draft.note(path, str(error))
+        return None
+    if spread is None:
+        choices = ", ".join(DISTRIBUTIONS)
+        draft.note(path, f"expected a range such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
+        return None
+    return distributions.Uniform(-spread, spread)
+
+
+def read_noise(draft: DraftConfig) -> None:
+    """Read the noise of the plant, per channel."""
+    noise = section_of(draft, "noise")
+    if not isinstance(noise, Map):
+        noise = {"process": noise, "measurement": noise}
+        paths: dict[str, list[str | int]] = {name: ["noise"] for name in noise}
+        draft.cross = "same" if section_of(draft, "noise") == "same" else None
+    else:
+        paths = {name: ["noise", name] for name in noise}
+    for name, law in noise.items():
+        if name == "cross":
+            draft.cross = law if law == "same" else draft.checked(_CROSS, paths[name])
+            if isinstance(draft.cross, list) and len({len(row) for row in draft.cross}) != 1:
+                draft.note(paths[name], "must be a number or a list of rows of the same length")
+                draft.cross = None
+        elif name not in ("process", "measurement"):
+            message = registry.unknown(name, ("process", "measurement", "cross"), "key")
+            if name in registry.names("noises"):
+                message = f"a law is given per channel: {{process: {{{name}: ..}}, measurement: {{{name}: ..}}}}"
+            draft.note(paths[name], message, key=True)
+        else:
+            draft.noise[name] = _laws(draft, law, paths[name])
+
+
+def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTerm, ...]:
+    """Read a noise law that may be a sum: its terms in order; no terms for `none` and for an invalid law."""
+    if not (isinstance(law, Map) and list(law) == ["sum"]):
+        one = None if law == "none" else _law(draft, law, path, ("none", "same", "sum"))
+        return () if one is None else (one,)
+    terms, path = law["sum"], [*path, "sum"]
+    if not isinstance(terms, Items) or not terms:
+        draft.note(path, f"must be a list of laws (got {shown(terms)})")
+        return ()
+    return tuple(term for number, each in enumerate(terms) if (term := _term(draft, each, [*path, number])) is not None)
+
+
+def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | None:
+    """Read one term of a sum, which may be neither a sum nor `none`."""
+    if isinstance(law, Map) and "sum" in law:
+        draft.note(path, "a sum inside a sum; write all terms into one list")
+    elif law == "none":
+        # The number of a term names its random stream, so that a term without noise is still a term.
+        draft.note(path, "'none' adds nothing; leave it out, or switch a law off with scale: 0 (or radius: 0)")
+    else:
+        return _law(draft, law, path, ("same",))
+    return None
+
+
+def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
+    """Read one noise law; None where it is invalid.
+
+    `words` are the laws without a design function that are allowed there.
+    """
+    if law == "same":
+        return NoiseTerm(None, SameLaw())
+    kinds = registry.names("noises")
+    if law in kinds:
+        draft.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
+        return None
+    if law == "sum":
+        draft.note(path, "'sum' needs its terms: {sum: [{..}, {..}]}")
+        return None
+    if isinstance(law, Map) and len(law) > 1 and set(law) <= {"same", *kinds}:
+        draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
+        return None
+    if isinstance(law, Map) and (FILE in law or is_reference(law.get("kind"))):
+        component = read_component("noises", law, path, draft.problems, mark=law.mark, access=draft.access)
+        return None if component is None else NoiseTerm(component, None)
+    if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
+        if isinstance(law, int | float):
+            draft.note(path, f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance")
+            return None
+        named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
+        text = named if isinstance(named, str) else shown(law)
+        # {none: {}} does not mean none.
+        known = [each for each in (*words, *kinds) if each != text]
+        draft.note(path, registry.unknown(text, known, "noise law", "rmpc-bench list noises"))
+        return None
+    kind, value = next(iter(law.items()))
+    if kind == "same":
+        same: SameLaw | None = validate(SameLaw, value, [*path, kind], draft.problems, mark=locate(law, [kind]))
+        return None if same is None else NoiseTerm(None, same)
+    component = read_component(
+        "noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind, access=draft.access
+    )
+    return None if component is None else NoiseTerm(component, None)
+
+
+_Vector = float | list[float]
+_Start: Any = float | list[Annotated[Any, BeforeValidator(quantity.with_unit)]]
+_INITIAL: Mapping[str, Any] = {"x": _Start, "x_hat": _Vector, "P": Matrix, "M": Matrix}
+
+
+def read_initial(draft: DraftConfig) -> None:
+    """Read the true initial state and the initial estimate."""
+    initial = draft.values["initial"] or {}
+    draft.initial = {"x": 0.0, "x_hat": 0.0, "P": "process", "M": 0.0, "laws": ()}
+    for name, value in initial.items():
+        path: list[str | int] = ["initial", name]
+        if name not in _INITIAL:
+            draft.note(path, registry.unknown(name, _INITIAL, "key"), key=True)
+        elif name == "x" and isinstance(value, Map):
+            draft.initial["laws"] = _laws(draft, value, path)
+        elif name != "P" or value != "process":
+            draft.initial[name] = draft.checked(_INITIAL[name], path)
+    if isinstance(draft.initial["x"], list):
+        draft.start_units = [unit for _, unit in draft.initial["x"]]
+        draft.initial["x"] = [number for number, _ in draft.initial["x"]]
+
+
+class NoiseLaws:
+    """Builds the noise of a draft; errors are added to its problems.
+
+    Parameters
+    ----------
+    draft : the sections of one point
+    model : returns the default design model, whose noise is `same`; None where it cannot be built
+    """
+
+    def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
+        self.draft, self.model = draft, model
+
+    def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str, ny: int | None = None) -> tuple[Noise, ...]:
+        """Build the terms of a sum for a vector of length n.
+
+        The channel is ``process``, ``measurement`` or ``initial``, the deviation of the true initial state.  Laws that
+        alter a measurement get the number `ny` of outputs, by default n.
+        """
+        return tuple(term for law in laws for term in self._terms(law, n, channel, n if ny is None else ny))
+
+    def _terms(self, law: NoiseTerm, n: int, channel: str, ny: int) -> tuple[Noise, ...]:
+        if law.law is not None:
+            made = law.law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step)
+            if made is None:
+                return ()
+            reason, key = _unfit(made, law.law.kind, channel)
+            if reason:
+                self.draft.problems.append(law.law.problem(reason, key))
+            return () if reason else (made,)
+        path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
+        model = self._common_model(path)
+        if model is None:
+            return ()
+        mean, cov, shape = _model_law(model, n, channel)
+        if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
+            self.draft.note(
+                path, f"'same' must be one law at all k, but the {channel} noise of the design model changes with k"
+            )
+            return ()
+        if len(cov) != n:
+            self.draft.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
+            return ()
+        same = law.same or SameLaw()
+        first = same.noise(mean, cov)
+        return (first, ellipsoid(n, shape=shape, scale=same.scale)) if np.any(shape) else (first,)
+
+    def _common_model(self, path: list[str | int]) -> Any:
+        """Return the design model of all methods; None, with an error at the path, where there is none."""
+        if "model" not in self.draft.tree:
+            self.draft.note(path, "'same' is the law of the common design model: 'model' is missing")
+        return self.model()
+
+    def refuse_names(self, scenario: Scenario) -> None:
+        """Refuse uncertain quantities with the name of a quantity of random bursts: both are columns of one table."""
+        for name in sorted({*scenario.burst_names} & {*scenario.uncertainty}):
+            message = f"{name!r} is the name of a quantity of the random bursts; choose another name"
+            self.draft.note(["uncertainty", name], message, key=True)
+
+    def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
+        """Return a scenario of independent noises with their cross-covariance; their sizes are those of the plant."""
+        cross = self.draft.cross
+        if cross == "same":
+            model = self._common_model(["noise"])
+            cross = None if model is None else model.S
+        if cross is None or not np.any(cross):
+            return scenario
+        try:
+            return with_cross_covariance(scenario, np.atleast_2d(np.array(cross, dtype=float)), plant.nw, plant.nv)
+        except DesignError as error:
+            given = self.draft.tree.get("noise")
+            self.draft.note(
+                ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
+            )
+            return scenario
+
+
+def _unfit(law: Noise, kind: str, channel: str) -> tuple[str, str]:
+    """Return why a law cannot be one of a channel, and the key with the error; empty where it can."""
+    if law.alters_output and channel != "measurement":
+        return f"{kind!r} alters a measurement; put it under noise.measurement", ""
+    if channel == "initial" and law.has_bursts:
+        return "an initial state has no bursts", "bursts"
+    if channel == "initial" and not law.is_white:
+        return f"an initial state is a single sample, and {kind!r} describes a correlation over time; use gaussian", ""
+    return "", ""
+
+
+def _model_law(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
+    """Return mean, covariance and set (its shape, or 0) of a noise of the design model."""
+    if channel == "initial":
+        # The covariance of the process noise, as `P: process`; states that the design model lacks start at their mean.
+        return np.zeros(n), np.pad(model.Q_w, (0, max(0, n - len(model.Q_w)))), 0.0
+    mean, cov = model.v_law if channel == "measurement" else model.w_law
+    if not model.has_sets:
+        return mean, cov, 0.0
+    return mean, cov, model.M_v(0) if channel == "measurement" else model.M_w(0)
+
+
+def _varies(model: Any, channel: str, n_steps: int) -> bool:
+    """Whether a noise of the design model depends on k: that of a model with sets, or of one with bursts."""
+    if channel == "measurement" and model.R_v_varies:
+        return True
+    if not model.has_sets:
+        return False
+
+    def at(k: int) -> tuple[Array, Array]:
+        now = model.at(k)
+        return (now.Q_w, model.M_w(k)) if channel == "process" else (now.R_v, model.M_v(k))
+
+    pairs = ((a, b) for k in range(1, n_steps + 1) for a, b in zip(at(0), at(k), strict=True))
+    return any(a is not b and not np.array_equal(a, b) for a, b in pairs)
+
+
+BRIDGING = (
+    "control-lqe",
+    "correntropy-kalman",
+    "directional-kalman",
+    "enhanced-robust",
+    "extended-kalman",
+    "fading-kalman",
+    "gated-kalman",
+    "h-infinity",
+    "huber-kalman",
+    "kalman",
+    "kalman-disturbance",
+    "kalman-predictor",
+    "lmmse",
+    "lp-window",
+    "mixed",
+    "moving-horizon",
+    "oracle",
+    "risk-sensitive",
+    "robust-h-infinity",
+    "robust-kalman",
+    "sayed-bdu",
+    "set-membership",
+    "student-kalman",
+    "unscented-kalman",
+    "wasserstein-kalman",
+)
+"""Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
+
+
+def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:
+    """Report estimators that do not bridge the missing measurements of the noise."""
+    if not any(law.omits_measurements for law in scenario.measurement):
+        return
+    without = [each.name for each in methods if not each.estimator.bridges_missing]
+    if without:
+        draft.note(
+            ["noise", "measurement"],
+            f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one; "
+            f"some that can: {', '.join(BRIDGING)}",
+        )

@@ -1,0 +1,183 @@
+"""The designs of values that tuning tries, as configurations of their own, and a configuration with known values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from rmpc_bench.config.build import DesignCache, build
+from rmpc_bench.config.check import FirstCalls
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.experiment_config import ExperimentConfig, Origin, WantedSearch, parameter_words, tuning_plan
+from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.statistics import Statistics
+from rmpc_bench.config.sweep import SweptTree
+from rmpc_bench.config.tuned import as_value, with_values
+from rmpc_bench.config.validate import validate_sections
+from rmpc_bench.config_file.tree import Items, Map, join, locate_key
+from rmpc_bench.types import ConfigError
+
+
+def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin: Origin) -> ExperimentConfig:
+    """Return a configuration that knows its searches; the values that are known are added to its resolved form."""
+    plan = tuning_plan(drafts, config.points)
+    config = replace(config, parameters=parameter_words(drafts[0], plan))
+    if plan is None:
+        return config
+    rows = [
+        {
+            **({"at": each.point} if each.point else {}),
+            "method": each.method,
+            "values": dict(each.values),
+            "key": each.carried,
+        }
+        for each in plan.searches
+        if each.values is not None
+    ]
+    resolved, first = (
+        {**tree, "tune": {**tree["tune"], "values": rows}} for tree in (config.resolved, config.first_point)
+    )
+    return replace(config, tuning=plan, origin=origin, resolved=resolved, first_point=first)
+
+
+SEPARATOR = "~"
+"""Between the name of a method and the number of a value."""
+MOST_DESIGNS = 1000
+"""Designs that are kept from one round to the next; some are large."""
+_WITHOUT = ("claims", "statistics", "stop", "report", "record", "tune", "evaluate")
+"""Sections that the runs of tuning do without."""
+
+
+class Trial(NamedTuple):
+    """A method at one point of the sweep with values to try."""
+
+    search: WantedSearch
+    number: int
+    """Position of the values among those of the search."""
+    row: tuple[float, ...] | None
+    """A value for every parameter; None for the method without tuned values."""
+
+    @property
+    def name(self) -> str:
+        """Name of the method in the round."""
+        return f"{self.search.method}{SEPARATOR}{self.number}"
+
+
+class Round(NamedTuple):
+    """What a round computes."""
+
+    config: ExperimentConfig
+    """A configuration of the points that take part, each with the methods that it needs."""
+    places: Mapping[Trial, int]
+    """Trial -> position of its point in this configuration; those whose design cannot be made are missing."""
+
+
+class RoundBuilder:
+    """Makes the designs of rounds; those that rounds have in common are made once.
+
+    Parameters
+    ----------
+    config : a configuration with something to tune
+    """
+
+    def __init__(self, config: ExperimentConfig) -> None:
+        assert config.origin is not None and config.tuning is not None
+        self._config, self._origin, self._plan = config, config.origin, config.tuning
+        self._cache, self._calls = DesignCache(), FirstCalls()
+
+    def build(self, trials: Sequence[Trial], *, tested: bool = False) -> Round:
+        """Return the configuration of a round, on the runs of the experiment if tested, else on the tuning runs.
+
+        Raises a ConfigError if something else than the design of a value that is tried is wrong.
+        """
+        if len(self._cache) > MOST_DESIGNS:
+            self._cache = DesignCache()
+        numbers = sorted({trial.search.number for trial in trials})
+        points, places, own = list[SweepPoint](), dict[Trial, int](), OwnCode(self._origin.access)
+        for number in numbers:
+            here = [trial for trial in trials if trial.search.number == number]
+            point, made = self._point(number, here, own, tested=tested)
+            if point is not None:
+                places |= dict.fromkeys(made, len(points))
+                points.append(point)
+        config = replace(
+            self._config,
+            points=tuple(points),
+            statistics=Statistics(primary=self._plan.protocol.metric),
+            evaluate=("runs",),
+            own=own,
+            claims=(),
+            figures=(),
+            stop=None,
+            tuning=None,
+            origin=None,
+        )
+        return Round(config, places)
+
+    def _point(
+        self, number: int, trials: Sequence[Trial], own: OwnCode, *, tested: bool
+    ) -> tuple[SweepPoint | None, list[Trial]]:
+        """Make the designs of one point; a trial whose design cannot be made is left out, and the rest made again."""
+        left = [*trials]
+        while left:
+            draft = self._draft(number, left, tested=tested)
+            # The draft has lost the methods that could not be validated.
+            [point] = build([draft], own, smoke=self._origin.smoke, cache=self._cache, calls=self._calls)
+            if point is not None and not draft.problems:
+                return point, left
+            lost = {trial for trial in left if any(_is_about(problem.path, trial) for problem in draft.problems)}
+            if not lost:
+                raise ConfigError(draft.problems)
+            left = [trial for trial in left if trial not in lost]
+        return None, []
+
+    def _draft(self, number: int, trials: Sequence[Trial], *, tested: bool) -> DraftConfig:
+        """Return the sections of a point with the methods of a round."""
+        given = self._origin.points[number]
+        seed = given.tree.get("seed", 0) if tested else self._plan.seeds[number]
+        runs = self._plan.test_runs if tested else self._plan.protocol.runs
+        tree = given.tree.copy()
+        for key in _WITHOUT:
+            tree.pop(key, None)
+        mark = tree.mark
+        tree.put("figures", Items(mark=mark), mark, mark)
+        tree.put("metrics", Items([self._metric(number, given.tree)], mark=mark), mark, mark)
+        tree.put("seed", seed, mark, mark)
+        tree.put("methods", self._methods(number, given.tree, trials), mark, mark)
+        # All points are read, since a smoke run takes its length from the first of them.
+        others = self._origin.points[:1] if self._origin.smoke and number else []
+        point = SweptTree(given.coordinates, tree, given.title)
+        return validate_sections([*others, point], runs=runs, smoke=self._origin.smoke, access=self._origin.access)[-1]
+
+    def _metric(self, number: int, tree: Map) -> object:
+        """Return the metric that tuning minimises as the configuration gives it."""
+        names = [metric.name for metric in self._config.points[number].experiment.metrics]
+        given = tree.get("metrics", ["mse"])
+        entry: object = given[names.index(self._plan.protocol.metric)]
+        return entry
+
+    def _methods(self, number: int, tree: Map, trials: Sequence[Trial]) -> Map:
+        """Return the methods of a round, and the one that the uncertainty of the plant is chosen against."""
+        given, draft = tree["methods"], DraftConfig(tree, [])
+        found = Map(mark=given.mark)
+        opponent = self._config.points[number].experiment.plant.opponent
+        if opponent is not None:
+            found.put(opponent[0], given[opponent[0]], given.mark, given.mark)
+        for trial in trials:
+            name = trial.search.method
+            mark = locate_key(given, [name])
+            own = given[name].copy()
+            for key in ("label", "tune", "parameters"):
+                own.pop(key, None)
+            if trial.row is not None:
+                pairs = zip(trial.search.parameters, trial.row, strict=True)
+                own = with_values(draft, own, {each.path: as_value(each, value) for each, value in pairs}, mark)
+            found.put(trial.name, own, mark, mark)
+        return found
+
+
+def _is_about(path: str, trial: Trial) -> bool:
+    start = join(["methods", trial.name])
+    return path == start or path.startswith(f"{start}.")

@@ -1,0 +1,179 @@
+"""Stage 4, validate: from the tree of every point to its sections and components.
+
+Every section is validated on its own: an error is added to the problems of the draft, and the next section follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from rmpc_bench import registry
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
+from rmpc_bench.components.reference import is_reference
+from rmpc_bench.config.claims import ClaimKeys
+from rmpc_bench.config.draft import DraftConfig, Inherited
+from rmpc_bench.config.methods import read_method_section
+from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
+from rmpc_bench.config.plant import RANGE_KEYS, read_plant_keys, refuse_sections
+from rmpc_bench.config.plugins import check_required
+from rmpc_bench.config.sections import SECTIONS, Time, section_of
+from rmpc_bench.config.stop import apply_stop
+from rmpc_bench.config.sweep import SweptTree
+from rmpc_bench.config.tune import Chosen
+from rmpc_bench.config.tuned import shrink_tuning
+from rmpc_bench.config_file.component import Component, read_component
+from rmpc_bench.config_file.tree import Map, locate
+
+_NOTHING: Chosen = MappingProxyType({})
+
+
+def validate_sections(
+    points: Sequence[SweptTree],
+    *,
+    runs: int | None,
+    smoke: bool,
+    access: CodeAccess = NO_ACCESS,
+    inherited: Inherited | None = None,
+    chosen: Chosen = _NOTHING,
+) -> list[DraftConfig]:
+    """Return the sections of every point, with the problems that were found in them.
+
+    Figures and claims are the same at all points and are read at the first.  `runs` replaces the number that is given,
+    `chosen` are the values of tuning.  A smoke run has the size under ``smoke``.
+    """
+    drafts: list[DraftConfig] = []
+    for point in points:
+        values = {name: each for (title, name), each in chosen.items() if title == point.title}
+        draft = _sections(point, access, inherited, values, first=not drafts)
+        if runs is not None:
+            draft.values["runs"] = runs
+        apply_stop(draft, fixed=smoke or runs is not None)
+        if smoke:
+            _shrink(draft, drafts[0].values["time"] if drafts else None)
+            shrink_tuning(draft)
+        drafts.append(draft)
+    return drafts
+
+
+def _sections(
+    point: SweptTree,
+    access: CodeAccess,
+    inherited: Inherited | None,
+    chosen: Mapping[str, Mapping[str, float]],
+    *,
+    first: bool,
+) -> DraftConfig:
+    tree = point.tree
+    if not first:
+        tree = tree.copy()
+        for key in ("claims", "figures"):
+            tree.pop(key, None)
+    draft = DraftConfig(tree, [], point.coordinates, point.title, access, inherited)
+    _top_level(draft)
+    tune = draft.values["tune"]
+    draft.rows = [] if tune is None else [row for row in tune.values if row.at == point.title]
+    draft.chosen = {**{row.method: row.values for row in draft.rows}, **chosen}
+    check_required(draft)
+    read_uncertainty(draft)
+    draft.plant = _component(draft, "plants", "plant", ignore=("perturb", "set", *RANGE_KEYS))
+    read_plant_keys(draft)
+    draft.model = _component(draft, "models", "model")
+    draft.reference = _component(draft, "references", "reference")
+    _input(draft)
+    read_noise(draft)
+    read_initial(draft)
+    read_method_section(draft)
+    refuse_sections(draft)
+    draft.metrics = _named_components(draft, "metrics")
+    # The default figure needs runs.
+    if "figures" in tree or "runs" in draft.values["evaluate"]:
+        draft.figures = _named_components(draft, "figures")
+    draft.claims = [
+        draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(draft.values["claims"] or [])
+    ]
+    return draft
+
+
+def _shrink(draft: DraftConfig, first: Time | None) -> None:
+    """Take the size of a smoke run where it is smaller; points with another step keep the duration of the first."""
+    size, values = draft.values["smoke"], draft.values
+    if size is not None and values["runs"] is not None and values["time"] is not None:
+        time = values["time"]
+        values["runs"] = min(values["runs"], size.runs)
+        n_steps = min(time.n_steps, size.steps)
+        if first is not None and first.duration is not None:
+            n_steps = max(1, round(first.duration / time.step))
+        # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
+        length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
+        values["time"] = type(time)(step=time.step, **length)
+
+
+def _top_level(draft: DraftConfig) -> None:
+    for name in draft.tree:
+        if name not in SECTIONS:
+            draft.note([name], registry.unknown(name, SECTIONS, "key"), key=True)
+    for name, (annotation, default, _) in SECTIONS.items():
+        if name in draft.tree:
+            draft.values[name] = draft.checked(annotation, [name])
+        elif default is ...:
+            if name != "model" or not _have_own_models(draft.tree.get("methods")):
+                draft.note([], f"{name!r} is missing")
+            draft.values[name] = None
+        else:
+            draft.values[name] = default
+    evaluate = draft.values["evaluate"]
+    draft.values["evaluate"] = [evaluate] if isinstance(evaluate, str) else [*dict.fromkeys(evaluate or ["runs"])]
+
+
+def _have_own_models(methods: Any) -> bool:
+    """Whether every method has a design model of its own, so that no common one is needed."""
+    own = [*methods.values()] if isinstance(methods, Map) else []
+    return bool(own) and all(isinstance(method, Map) and "model" in method for method in own)
+
+
+def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...] = ()) -> Component | None:
+    tree = section_of(draft, name)
+    if name not in draft.tree:
+        if tree is ...:
+            return None
+        tree = Map(tree, mark=draft.tree.mark)
+    if not isinstance(tree, Map):
+        return None
+    mark = locate(draft.tree, [name])
+    return read_component(group, tree, [name], draft.problems, mark=mark, ignore=ignore, access=draft.access)
+
+
+def _input(draft: DraftConfig) -> None:
+    """Read the input in open loop; an experiment with a controller has none."""
+    if "input" not in draft.tree:
+        return
+    draft.input = _component(draft, "inputs", "input")
+    own = draft.values["methods"] or {}
+    with_controller = [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
+    if "controller" in draft.tree or with_controller:
+        where = "controller" if "controller" in draft.tree else f"methods.{with_controller[0]}.controller"
+        draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
+
+
+def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
+    """Validate a list whose entries are names or mappings with a `kind`."""
+    components: list[Component | None] = []
+    entries = section_of(draft, group)
+    if group == "metrics" and isinstance(entries, list) and not entries:
+        draft.note([group], "there must be at least one metric")
+    for number, entry in enumerate(entries if isinstance(entries, list) else []):
+        path: list[str | int] = [group, number]
+        mark = locate(draft.tree, path)
+        if isinstance(entry, str):
+            if registry.is_known(group, entry) or is_reference(entry):
+                tree = Map(mark=type(draft.tree.mark)(*mark))
+                components.append(
+                    read_component(group, tree, path, draft.problems, mark=mark, kind=entry, access=draft.access)
+                )
+            else:
+                draft.note(path, registry.unknown_kind(entry, group))
+        else:
+            components.append(read_component(group, entry, path, draft.problems, mark=mark, access=draft.access))
+    return components
