@@ -18,7 +18,7 @@ from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import choose_engine
 from rmpc_bench.execution.progress import Progress
-from rmpc_bench.execution.progress_file import RUNNING, Following
+from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
 from rmpc_bench.execution.runner import pending, store_block
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
@@ -50,18 +50,9 @@ class TuningProgress(Following):
     ) -> None:
         n_runs = config.experiment.n_runs
         runs = range(n_runs) if shard is None else shard.runs(n_runs)
-        constant = {
-            "name": config.name,
-            "experiment": config.hash,
-            "shard": None if shard is None else shard.name,
-            "stage": title,
-            "runs": [runs.start, runs.stop],
-            "n_runs": n_runs,
-            "all_trials": config.n_trials(),
-            "methods": list(config.methods),
-        }
-        super().__init__(directory, constant, total, 0)
-        self._display, self._title, self._metric = display, title, config.primary
+        extent = extent_of(config, config.methods)
+        super().__init__(directory, extent, runs, shard, total=total, done=0, stage=title)
+        self._display, self._title = display, title
 
     def __enter__(self) -> Self:
         """Begin with the display and the file."""
@@ -77,7 +68,7 @@ class TuningProgress(Following):
 
     def results(self) -> dict[str, Any]:
         """Return nothing that a trial says: the trials are not those of the experiment."""
-        return {"failed": {}, "metric": self._metric, "means": []}
+        return {"failed": {}, "metric": self._extent.primary, "means": []}
 
     def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin; the context manager has done so."""
@@ -131,7 +122,7 @@ class Rounds:
     def __init__(self, config: ExperimentConfig, directory: Path, means: Means, progress: Progress) -> None:
         assert config.tuning is not None
         self._config, self._plan, self._means, self._progress = config, config.tuning, means, progress
-        self._directory, self._builder = directory, RoundBuilder(config)
+        self.directory, self._builder = directory, RoundBuilder(config)
         self.seconds: dict[str, float] = {}
         """Key of a search -> computing time of its trials in this process [s]."""
 
@@ -160,7 +151,7 @@ class Rounds:
         started, config = time.monotonic(), made.config
         folder = self._config.hash if tested else self._plan.folder
         seed = {} if tested else {"seed": self._plan.seeds[0]}
-        with Store(self._directory / FOLDER / folder[:12]) as store:
+        with Store(self.directory / FOLDER / folder[:12]) as store:
             store.claim(folder, {**self._config.shared, **seed})
             names = list(dict.fromkeys(trial.name for trial in made.places))
             check_versions(config, store, names, accept=self._means.accept_versions)
