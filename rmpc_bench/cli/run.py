@@ -281,11 +281,12 @@ def _tuned_config(
 
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
     from rmpc_bench.cli.config_text import tuning_line
-    from rmpc_bench.execution.runner import pending
+    from rmpc_bench.execution.missing import pending
     from rmpc_bench.received.store import FILE
     from rmpc_bench.results.other_code import rows_of_other_code
     from rmpc_bench.results.record import stop_of
     from rmpc_bench.store.store import Store
+    from rmpc_bench.execution.missing import pending
 
     names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
     stop, place = stop_of(config, None), request.place(directory)

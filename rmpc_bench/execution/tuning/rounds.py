@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,11 +15,10 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
-from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import choose_engine
+from rmpc_bench.execution.missing import Means, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
-from rmpc_bench.execution.runner import pending, store_block
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.results.other_code import check_versions, note_versions, stored_methods
@@ -106,16 +105,6 @@ DIGITS = 6
 """Significant digits of a metric: the objectives, and so the choice, do not depend on the last bits of a CPU."""
 
 
-@dataclass(frozen=True)
-class Means:
-    """How trials are computed; see `rmpc_bench.execution.runner.compute`."""
-
-    workers: int | None = None
-    engine: str | None = None
-    scheduler: str | None = None
-    accept_versions: bool = False
-
-
 class Rounds:
     """Computes the trials of values, or reads those that are stored below the directory of the results."""
 
@@ -178,13 +167,9 @@ class Rounds:
         config, _ = separated(config, names, progress)
         place = store.directory
         engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
-        experiments = tuple(point.experiment for point in config.points)
-        warm_up_tasks(experiments, tasks, progress)
-        queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
-        with closing(engine(experiments, queue)) as results:
-            for done in results:
-                store_block(store, config.points[done.task.point], done)
-                queue.note(done)
+        warm_up_tasks([point.experiment for point in config.points], tasks, progress)
+        with closing(stored_blocks(config, store, tasks, engine)) as results:
+            for _, done in results:
                 progress.advance(len(done.task.runs))
 
     def _read(self, config: ExperimentConfig, store: Store, trial: Trial, number: int, n_runs: int) -> Array:

@@ -15,9 +15,10 @@ from rmpc_bench.config.sweep_point import digest
 from rmpc_bench.config.tuning_plan import TuningPlan, WantedSearch
 from rmpc_bench.config.tuning_round import Trial
 from rmpc_bench.execution import progress_file
+from rmpc_bench.execution.missing import Means
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.tuning.rounds import Means, Rounds, TuningProgress, by_key
+from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.received.store import WriteError
