@@ -286,7 +286,6 @@ def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> i
     from rmpc_bench.results.other_code import rows_of_other_code
     from rmpc_bench.results.record import stop_of
     from rmpc_bench.store.store import Store
-    from rmpc_bench.execution.missing import pending
 
     names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
     stop, place = stop_of(config, None), request.place(directory)
