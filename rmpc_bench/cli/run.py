@@ -224,13 +224,9 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
     compute(
         config,
         directory,
-        workers=request.jobs,
+        means=request.means,
         only=request.only or None,
         progress=choose(request.how_progress),
-        modified=config.overrides,
-        accept_versions=request.accept_versions,
-        engine=request.engine_name,
-        scheduler=request.scheduler,
         shard=request.shard,
         missing=request.missing,
     )
@@ -265,7 +261,6 @@ def _tuned_config(
     if config.tuning is None:
         return config
     from rmpc_bench.execution.progress import choose
-    from rmpc_bench.execution.tuning.rounds import Means
     from rmpc_bench.execution.tuning.tune import tuned
 
     return tuned(
@@ -273,7 +268,7 @@ def _tuned_config(
         directory,
         shard=request.shard,
         only=request.only or None,
-        means=Means(request.jobs, request.engine_name, request.scheduler, request.accept_versions),
+        means=request.means,
         progress=choose(request.how_progress),
         n_runs=n_runs,
     )
@@ -281,7 +276,7 @@ def _tuned_config(
 
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
     from rmpc_bench.cli.config_text import tuning_line
-    from rmpc_bench.execution.runner import pending
+    from rmpc_bench.execution.missing import pending
     from rmpc_bench.received.store import FILE
     from rmpc_bench.results.other_code import rows_of_other_code
     from rmpc_bench.results.record import stop_of

@@ -13,6 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.missing import Means
     from rmpc_bench.execution.shards import Shard
 
 
@@ -103,6 +104,13 @@ class Request:
     def engine_name(self) -> Literal["joblib", "serial", "dask"] | None:
         """The engine; a scheduler is that of a dask cluster."""
         return "dask" if self.scheduler else self.engine
+
+    @property
+    def means(self) -> Means:
+        """How trials are computed."""
+        from rmpc_bench.execution.missing import Means
+
+        return Means(self.jobs, self.engine_name, self.scheduler, self.accept_versions)
 
     def place(self, directory: Path) -> Path:
         """Return where the trials are stored: the directory of the results, or of the shard in it."""

@@ -121,8 +121,10 @@ class KeptPools:
 
     def _check_versions(self) -> None:
         here, there = versions(), self._setup.versions
-        different = [f"{name} {here.get(name)} instead of {text}" for name, text in there.items()]
-        if different := [text for text, name in zip(different, there, strict=True) if here.get(name) != there[name]]:
+        different = [
+            f"{name} {here.get(name)} instead of {text}" for name, text in there.items() if here.get(name) != text
+        ]
+        if different:
             raise WorkerError(f"the dask worker on {platform.node()} has {', '.join(different)}")
 
     def _taken(self) -> _OwnPool:

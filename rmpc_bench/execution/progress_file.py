@@ -14,7 +14,7 @@ import platform
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -92,21 +92,45 @@ class Following:
     Parameters
     ----------
     directory : where the file is
-    constant : what does not change while they are computed
+    extent : the experiment
+    runs : the runs that are computed
+    shard : the shard that is computed; None for all runs
     total, done : number of trials, with those that are stored; number of those
     every : time between two writings [s]
+    stage : what is computed before the trials of the experiment, in words; empty for these
     """
 
     end = FINISHED
     """State in the last file, where nothing was interrupted."""
 
     def __init__(
-        self, directory: Path, constant: Mapping[str, Any], total: int, done: int, every: float = EVERY
+        self,
+        directory: Path,
+        extent: Extent,
+        runs: range,
+        shard: Shard | None,
+        *,
+        total: int,
+        done: int,
+        every: float = EVERY,
+        stage: str = "",
     ) -> None:
-        self._path, self._every = directory / FILE, every
+        self._path, self._extent, self._runs, self._every = directory / FILE, extent, runs, every
         self.total, self.done = total, done
         self._before, self._start = done, time.monotonic()
-        self._constant = {**constant, "host": platform.node(), "pid": os.getpid(), "started": _now()}
+        self._constant = {
+            "name": extent.name,
+            "experiment": extent.experiment,
+            "shard": None if shard is None else shard.name,
+            **({"stage": stage} if stage else {}),
+            "runs": [runs.start, runs.stop],
+            "n_runs": extent.n_runs,
+            "all_trials": extent.n_trials,
+            "methods": list(extent.methods),
+            "host": platform.node(),
+            "pid": os.getpid(),
+            "started": _now(),
+        }
         self._lock, self._end = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True)
 
@@ -157,18 +181,7 @@ class Following:
 
 
 class ProgressFile(Following):
-    """Writes progress.json of the trials of an experiment.
-
-    Parameters
-    ----------
-    directory : where the file is
-    extent : the experiment
-    runs : the runs that are computed
-    store : the trials that are stored already, which the numbers include
-    n_left : number of trials that are to be computed
-    shard : the shard that is computed; None for all runs
-    every : time between two writings [s]
-    """
+    """Writes progress.json of the trials of an experiment: those in the store, and `n_left` that are to be computed."""
 
     def __init__(
         self,
@@ -182,18 +195,8 @@ class ProgressFile(Following):
         every: float = EVERY,
     ) -> None:
         total = len(extent.columns) * len(runs)
-        constant = {
-            "name": extent.name,
-            "experiment": extent.experiment,
-            "shard": None if shard is None else shard.name,
-            "runs": [runs.start, runs.stop],
-            "n_runs": extent.n_runs,
-            "all_trials": extent.n_trials,
-            "methods": list(extent.methods),
-        }
-        super().__init__(directory, constant, total, total - n_left, every)
-        self._extent, self._runs, self._store = extent, runs, store
-        self._failed, self._means = Counter[str](), dict[tuple[int, str], RunningMean]()
+        super().__init__(directory, extent, runs, shard, total=total, done=total - n_left, every=every)
+        self._store, self._failed, self._means = store, Counter[str](), dict[tuple[int, str], RunningMean]()
         self._columns = {(column.point, column.method): column for column in extent.columns}
 
     def is_up_to_date(self) -> bool:

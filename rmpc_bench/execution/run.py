@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.missing import Means
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import compute
 from rmpc_bench.execution.shards import parse_shard
-from rmpc_bench.execution.tuning.rounds import Means
 from rmpc_bench.execution.tuning.tune import tuned
 from rmpc_bench.results.results import Results, load_experiment, load_results
 
@@ -72,22 +72,10 @@ def run(
     part = None if shard is None else parse_shard(shard)
     usual = Path("results") / (config.paper or "") / config.name
     place = usual if directory is None else Path(directory)
+    means = Means(jobs, engine, scheduler, accept_versions)
     if config.tuning is not None:
-        means = Means(jobs, engine, scheduler, accept_versions)
         config = tuned(config, place, shard=part, only=only, means=means, progress=progress)
-    compute(
-        config,
-        place,
-        workers=jobs,
-        only=only,
-        progress=progress,
-        modified=config.overrides,
-        accept_versions=accept_versions,
-        engine=engine,
-        scheduler=scheduler,
-        shard=part,
-        missing=missing,
-    )
+    compute(config, place, means=means, only=only, progress=progress, shard=part, missing=missing)
     stop = load_experiment(place).stop if config.tuning is not None and config.stop is not None else None
     if stop is not None:
         tuned(config, place, only=only, means=means, progress=progress, n_runs=stop.looks.wanted)

@@ -6,21 +6,17 @@ import shlex
 from collections.abc import Collection, Mapping
 from contextlib import closing
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import numpy as np
-from jaxtyping import Int
-
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config.own_code import OwnCode, check_copies, in_directory
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.engines.blocks import BlockLengths, Pair, TaskQueue
+from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import Engine, choose_engine
-from rmpc_bench.engines.tasks import Done, Task
+from rmpc_bench.engines.tasks import Task
 from rmpc_bench.execution.layout import keep_layout
+from rmpc_bench.execution.missing import Means, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
@@ -32,10 +28,7 @@ from rmpc_bench.results.manifest import Session
 from rmpc_bench.results.other_code import check_versions, note_versions, rows_of_other_code, stored_methods
 from rmpc_bench.results.record import added_methods
 from rmpc_bench.results.running import add_done, add_stored, running_comparison
-from rmpc_bench.simulation.recording import kept
-from rmpc_bench.store.columns import ranges
 from rmpc_bench.store.store import Store
-from rmpc_bench.types import Array
 from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
 
 if TYPE_CHECKING:
@@ -45,44 +38,13 @@ if TYPE_CHECKING:
 _ADDED = "# this directory has more methods: --add-method "
 
 
-def pending(
-    config: ExperimentConfig,
-    store: Store,
-    methods: Collection[str],
-    runs: range | None = None,
-    also: Mapping[str, Int[Array, " stored"]] = MappingProxyType({}),
-) -> list[Task]:
-    """Return the ranges of runs that are not stored yet; a `TaskQueue` cuts them into blocks.
-
-    Trials that points of a sweep share are computed once, at the first of them.  `also` has the runs that another store
-    has, by the key of a method.
-    """
-    if "runs" not in config.evaluate:
-        return []
-    tasks, seen = list[Task](), set()
-    for number, point in enumerate(config.points):
-        n_runs = point.experiment.n_runs
-        for name, key in point.method_keys.items():
-            if name in methods and key not in seen:
-                seen.add(key)
-                done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
-                wanted = np.arange(n_runs) if runs is None else np.array(runs, dtype=int)
-                missing = np.setdiff1d(wanted, np.union1d(done, also.get(key, done)), assume_unique=True)
-                tasks += [Task(name, *bounds, number) for bounds in ranges(missing)]
-    return tasks
-
-
 def compute(
     config: ExperimentConfig,
     directory: Path,
     *,
-    workers: int | None = None,
+    means: Means = Means(),  # noqa: B008 - immutable
     only: Collection[str] | None = None,
     progress: Progress | None = None,
-    modified: Collection[str] = (),
-    accept_versions: bool = False,
-    engine: str | None = None,
-    scheduler: str | None = None,
     shard: Shard | None = None,
     missing: bool = False,
 ) -> None:
@@ -100,14 +62,14 @@ def compute(
         if missing:
             take_shards(config, store, progress.say)
         first, trials, blocks = runs.start, dict[Pair, Mapping[str, float]](), dict[Pair, range]()
-        _prepare(config, store, methods, progress, accept_versions=accept_versions)
+        _prepare(config, store, methods, progress, means)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
         stopping = _stopping(config, store, methods, progress)
         tasks = pending(config, store, methods, runs, also) if stopping is None else stopping.tasks()
         if tasks or shared_of(config.points):
             config, trials = separated(config, methods, progress, first)
-        with Session(place, config, modified, progress.say):
+        with Session(place, config, config.overrides, progress.say):
             _say_other_code(config, store, methods, progress)
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)
@@ -115,22 +77,22 @@ def compute(
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
-                chosen = choose_engine(config, tasks, workers, engine, place, progress.say, scheduler)
+                engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
                 with file:
-                    blocks = _compute(config, store, tasks, chosen, progress, file, stopping)
+                    blocks = _compute(config, store, tasks, engine, progress, file, stopping)
             elif not file.is_up_to_date():
                 with file:
                     pass
             # Workers of dask may be other machines.
-            is_here = (engine or config.execution.engine) != "dask"
+            is_here = (means.engine or config.execution.engine) != "dask"
             check_shared(config, store, trials, blocks if is_here else {}, first)
 
 
 def _prepare(
-    config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, *, accept_versions: bool
+    config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, means: Means
 ) -> None:
     """Check the stored rows, and store what reports need beside the trials."""
-    check_versions(config, store, methods, accept=accept_versions)
+    check_versions(config, store, methods, accept=means.accept_versions)
     for name in added_methods(store):
         if name not in config.methods:
             text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
@@ -151,7 +113,7 @@ def _stopping(config: ExperimentConfig, store: Store, methods: Collection[str], 
     # Claims and comparisons are imported where a rule evaluates them only.
     from rmpc_bench.execution.stopping import Stopping
 
-    return Stopping(config, store, methods, lambda n, names: pending(config, store, names, range(n)), progress.say)
+    return Stopping(config, store, methods, progress.say)
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mapping[str, str]) -> None:
@@ -215,11 +177,8 @@ def _compute(
         add_stored(running, config, store)
     progress.start(config.name, file.total, file.done, running)
     try:
-        queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
-        with closing(engine(experiments, queue)) as results:
-            for done in results:
-                store_block(store, config.points[done.task.point], done)
-                queue.note(done)
+        with closing(stored_blocks(config, store, tasks, engine)) as results:
+            for queue, done in results:
                 add_done(running, config, done)
                 file.note(done)
                 progress.advance(len(done.task.runs))
@@ -234,12 +193,3 @@ def _compute(
     finally:
         progress.stop()
     return blocks
-
-
-def store_block(store: Store, point: SweepPoint, done: Done) -> None:
-    """Store a finished block of a method at a point of the sweep."""
-    block, task = done.block, done.task
-    names = [metric.name for metric in point.experiment.metrics]
-    columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}
-    key, draw = point.method_keys[task.method], point.uncertainty_key
-    store.add_block(key, task.runs, block, columns, draw, done.uncertainty)

@@ -27,6 +27,12 @@ from rmpc_bench.types.result_files import SHARDS
 
 MOST_SHIFT = 0.1
 """How far the end of a shard may move to the end of a group of runs, as a share of the runs of a shard."""
+LIBRARIES = "libraries"
+"""Value of a store: key of the trials -> library of a user's files -> the versions that have computed them."""
+SECONDS = 30.0
+"""Longest time that `qstat` may take [s]."""
+_CORES = ("SLURM_CPUS_PER_TASK", "NSLOTS", "PBS_NUM_PPN", "NCPUS")
+"""Variables with the cores of a job: of SLURM, SGE, TORQUE and PBS Pro."""
 _TEXT = re.compile(r"(\d{1,5})/(\d{1,5})")
 _NAME = re.compile(r"([1-9]\d{0,4})-of-([1-9]\d{0,4})")
 
@@ -85,10 +91,6 @@ def shards_in(results: Path, file: str) -> dict[Shard, Path]:
         if path.is_symlink():
             raise DamagedError(f"{path}: is a symbolic link; replace it by a directory")
     return {shard: found[shard] for shard in sorted(found, key=lambda shard: (shard.total, shard.number))}
-
-
-LIBRARIES = "libraries"
-"""Value of a store: key of the trials -> library of a user's files -> the versions that have computed them."""
 
 
 def stored_in(
@@ -156,14 +158,6 @@ def join_libraries(store: Store, other: Store) -> None:
             before[library] = sorted({*before.get(library, []), *versions})
     if joined != here:
         store.set_meta(LIBRARIES, json.dumps(joined))
-
-
-SECONDS = 30.0
-"""Longest time that `qstat` may take [s]."""
-
-
-_CORES = ("SLURM_CPUS_PER_TASK", "NSLOTS", "PBS_NUM_PPN", "NCPUS")
-"""Variables with the cores of a job: of SLURM, SGE, TORQUE and PBS Pro."""
 
 
 class ArrayJobError(Exception):

@@ -17,12 +17,11 @@ from rmpc_bench.claims.verdict import judge
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.stop import EVERY
 from rmpc_bench.engines.tasks import Task
+from rmpc_bench.execution.missing import pending
 from rmpc_bench.results.record import StoredExperiment, note_looks, planned_looks, read_experiment, stop_of
 from rmpc_bench.results.tables import stored_trials
 from rmpc_bench.store.store import Store
 
-Missing = Callable[[int, Collection[str]], list[Task]]
-"""Number of runs and names of methods -> the tasks that are not stored yet."""
 NAMED = 3
 """Open claims and comparisons that are named."""
 
@@ -35,7 +34,6 @@ class Stopping:
     config : an experiment with a stopping rule
     store : its open store, which has the record that reports read
     methods : names of the methods that are computed; no look takes place while others have missing runs
-    missing : finds the tasks that are not stored yet
     say : gets a line per look
     """
 
@@ -44,13 +42,12 @@ class Stopping:
         config: ExperimentConfig,
         store: Store,
         methods: Collection[str],
-        missing: Missing,
         say: Callable[[str], None],
     ) -> None:
         found = stop_of(config, store)
         if config.stop is None or found is None:
             raise ValueError("the configuration has no section `stop`")
-        self._config, self._store, self._methods, self._missing = config, store, methods, missing
+        self._config, self._store, self._methods = config, store, methods
         self._keys, self.stop, self._left, self._say = config.stop, found, 0, say
 
     @property
@@ -62,11 +59,14 @@ class Stopping:
         """Return the missing tasks up to the next look; takes every look whose runs are there."""
         every_method = [method.name for method in self._config.experiment.methods]
         while True:
-            found = self._missing(self.n_runs, self._methods)
+            found = self._missing(self._methods)
             self._left = sum(len(task.runs) for task in found)
-            if found or self.stop.is_over or self._missing(self.n_runs, every_method):
+            if found or self.stop.is_over or self._missing(every_method):
                 return found
             self._look()
+
+    def _missing(self, methods: Collection[str]) -> list[Task]:
+        return pending(self._config, self._store, methods, range(self.n_runs))
 
     def after(self, n_trials: int) -> list[Task]:
         """Count trials that were stored since the last call, and return the tasks that follow from them."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +26,7 @@ from rmpc_bench.types.result_files import SHARDS
 from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol, TuningSearch
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.experiment_config import WantedSearch
+    from rmpc_bench.config.experiment_config import TuningPlan
     from rmpc_bench.results.record import StoredExperiment
 
 
@@ -132,20 +132,14 @@ def _matrix(rows: Sequence[Sequence[float | None]]) -> Array:
     return np.array([[math.nan if value is None else value for value in row] for row in rows], dtype=float)
 
 
-def write_record(
-    directory: Path,
-    protocol: TuningProtocol,
-    searches: Iterable[WantedSearch],
-    found: Mapping[str, Found],
-    *,
-    short: bool,
-) -> None:
+def write_record(directory: Path, plan: TuningPlan, found: Mapping[str, Found]) -> None:
     """Write the record of a directory; searches that the configuration does not have any more are left out."""
-    wanted = {search.key: None for search in searches if search.key in found}
+    wanted = {search.key: None for search in plan.searches if search.key in found}
     entries = [
-        f'  "{key}": {_entry(found[key], protocol if short and found[key].test is None else None)}' for key in wanted
+        f'  "{key}": {_entry(found[key], None if plan.regret or found[key].test is not None else plan.protocol)}'
+        for key in wanted
     ]
-    head = json.dumps({"version": _VERSION, "protocol": vars(protocol)})[:-1]
+    head = json.dumps({"version": _VERSION, "protocol": vars(plan.protocol)})[:-1]
     text = f'{head}, "searches": {{\n' + ",\n".join(entries) + "\n}}\n"
     path = directory / FILE
     if not path.is_file() or text_of(path, MAX_BYTES) != text:

@@ -141,10 +141,10 @@ def test_smoke_tunes_with_three_values(tmp_path, monkeypatch):
 
 def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     """Finished blocks are stored; the same command goes on and ends with the same bytes."""
-    from rmpc_bench.execution.tuning import rounds
+    from rmpc_bench.execution import missing
 
     path, whole, _ = finished
-    stored, store_block = [], rounds.store_block
+    stored, store_block = [], missing.store_block
 
     def full(store, point, done):
         if len(stored) == 5:
@@ -152,14 +152,14 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
         stored.append(done.task.method)
         store_block(store, point, done)
 
-    monkeypatch.setattr(rounds, "store_block", full)
+    monkeypatch.setattr(missing, "store_block", full)
     assert cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none").exit_code != 0
     assert not (tmp_path / "out" / "tuning.json").exists()
     [part] = read_status(tmp_path / "out").shards
     assert (part.state, part.why, part.done, part.total) == ("interrupted", "OSError", 25, 86)
     shown = " ".join(cli("status", tmp_path / "out").stdout.split())
     assert "interrupted (OSError)" in shown and "; tuning: 1 method x 6 values, 5 runs" in shown
-    monkeypatch.setattr(rounds, "store_block", store_block)
+    monkeypatch.setattr(missing, "store_block", store_block)
     blocks = spied(monkeypatch)
     assert ran(path, tmp_path / "out") == (whole / "trials.csv").read_bytes()
     # Of the blocks of six values, one each, the last was not stored.

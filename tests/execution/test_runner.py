@@ -12,7 +12,7 @@ from rmpc_bench.components import designs
 from rmpc_bench.engines import tasks
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import serial
-from rmpc_bench.execution.runner import pending
+from rmpc_bench.execution.missing import pending
 from rmpc_bench.store.store import Store
 
 NOISY = {

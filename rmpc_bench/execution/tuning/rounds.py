@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,11 +15,10 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning import Round, RoundBuilder, Trial
-from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import choose_engine
+from rmpc_bench.execution.missing import Means, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress
-from rmpc_bench.execution.progress_file import RUNNING, Following
-from rmpc_bench.execution.runner import pending, store_block
+from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.results.other_code import check_versions, note_versions, stored_methods
@@ -50,18 +49,9 @@ class TuningProgress(Following):
     ) -> None:
         n_runs = config.experiment.n_runs
         runs = range(n_runs) if shard is None else shard.runs(n_runs)
-        constant = {
-            "name": config.name,
-            "experiment": config.hash,
-            "shard": None if shard is None else shard.name,
-            "stage": title,
-            "runs": [runs.start, runs.stop],
-            "n_runs": n_runs,
-            "all_trials": config.n_trials(),
-            "methods": list(config.methods),
-        }
-        super().__init__(directory, constant, total, 0)
-        self._display, self._title, self._metric = display, title, config.primary
+        extent = extent_of(config, config.methods)
+        super().__init__(directory, extent, runs, shard, total=total, done=0, stage=title)
+        self._display, self._title = display, title
 
     def __enter__(self) -> Self:
         """Begin with the display and the file."""
@@ -77,7 +67,7 @@ class TuningProgress(Following):
 
     def results(self) -> dict[str, Any]:
         """Return nothing that a trial says: the trials are not those of the experiment."""
-        return {"failed": {}, "metric": self._metric, "means": []}
+        return {"failed": {}, "metric": self._extent.primary, "means": []}
 
     def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin; the context manager has done so."""
@@ -115,23 +105,13 @@ DIGITS = 6
 """Significant digits of a metric: the objectives, and so the choice, do not depend on the last bits of a CPU."""
 
 
-@dataclass(frozen=True)
-class Means:
-    """How trials are computed; see `rmpc_bench.execution.runner.compute`."""
-
-    workers: int | None = None
-    engine: str | None = None
-    scheduler: str | None = None
-    accept_versions: bool = False
-
-
 class Rounds:
     """Computes the trials of values, or reads those that are stored below the directory of the results."""
 
     def __init__(self, config: ExperimentConfig, directory: Path, means: Means, progress: Progress) -> None:
         assert config.tuning is not None
         self._config, self._plan, self._means, self._progress = config, config.tuning, means, progress
-        self._directory, self._builder = directory, RoundBuilder(config)
+        self.directory, self._builder = directory, RoundBuilder(config)
         self.seconds: dict[str, float] = {}
         """Key of a search -> computing time of its trials in this process [s]."""
 
@@ -160,7 +140,7 @@ class Rounds:
         started, config = time.monotonic(), made.config
         folder = self._config.hash if tested else self._plan.folder
         seed = {} if tested else {"seed": self._plan.seeds[0]}
-        with Store(self._directory / FOLDER / folder[:12]) as store:
+        with Store(self.directory / FOLDER / folder[:12]) as store:
             store.claim(folder, {**self._config.shared, **seed})
             names = list(dict.fromkeys(trial.name for trial in made.places))
             check_versions(config, store, names, accept=self._means.accept_versions)
@@ -187,13 +167,9 @@ class Rounds:
         config, _ = separated(config, names, progress)
         place = store.directory
         engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
-        experiments = tuple(point.experiment for point in config.points)
-        warm_up_tasks(experiments, tasks, progress)
-        queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
-        with closing(engine(experiments, queue)) as results:
-            for done in results:
-                store_block(store, config.points[done.task.point], done)
-                queue.note(done)
+        warm_up_tasks([point.experiment for point in config.points], tasks, progress)
+        with closing(stored_blocks(config, store, tasks, engine)) as results:
+            for _, done in results:
                 progress.advance(len(done.task.runs))
 
     def _read(self, config: ExperimentConfig, store: Store, trial: Trial, number: int, n_runs: int) -> Array:

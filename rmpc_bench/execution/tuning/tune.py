@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,9 +14,10 @@ from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, Wa
 from rmpc_bench.config.identity import digest
 from rmpc_bench.config.tuning import Trial
 from rmpc_bench.execution import progress_file
+from rmpc_bench.execution.missing import Means
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
-from rmpc_bench.execution.tuning.rounds import Means, Rounds, TuningProgress, by_key
+from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.received.store import WriteError
@@ -65,25 +67,72 @@ def tuned(
         directory = shard.directory(directory)
         known |= read_record(directory)
     found = _usable(known, plan_of)
-    wanted = [each for each in plan_of.searches if only is None or each.method in only]
-    once = {each.key: each for each in reversed(wanted)}
-    missing = [each for key, each in once.items() if each.values is None and key not in found][::-1]
-    tested = digest([config.hash, plan_of.test_runs])
-    untested = [each for key, each in once.items() if each in missing or (key in found and found[key].tested != tested)]
-    untested = untested[::-1] if plan_of.regret and not waits else []
-    _make(directory)
-    if missing or untested:
+    left = _left(config, found, only, waits=waits)
+    try:
+        # progress.json is written into it before the first trial.
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(str(error)) from None
+    if left.any:
         _refuse_another(config, directory)
-        shown = _progress(config, plan_of, directory, shard, missing, untested, progress or Silent())
-        found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), shown)
+        shown = TuningProgress(directory, config, shard, progress or Silent(), left.title, left.n_trials)
+        found |= _searched(Rounds(config, directory, means or Means(), shown), left, found, shown)
     try:
         if any(each.key in found for each in plan_of.searches):
-            write_record(directory, plan_of.protocol, plan_of.searches, found, short=not plan_of.regret)
-        if before is not None and (missing or untested):
+            write_record(directory, plan_of, found)
+        if before is not None and left.any:
             progress_file.write(directory / progress_file.FILE, before)
     except OSError as error:
         raise WriteError(str(error)) from None
     return _with_values(config, found)
+
+
+class _Left(NamedTuple):
+    """What is left to compute for a record."""
+
+    plan: TuningPlan
+    missing: Sequence[WantedSearch]
+    """Searches that are not made."""
+    untested: Sequence[WantedSearch]
+    """Searches whose values are to be computed on the runs of the experiment."""
+    tested: str
+    """What identifies these runs."""
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is left."""
+        return bool(self.missing or self.untested)
+
+    @property
+    def n_trials(self) -> int:
+        """Number of trials; a search whose values round to equal ones has fewer."""
+        protocol = self.plan.protocol
+        n_test = (protocol.budget + 1) * self.plan.test_runs
+        return len(self.missing) * protocol.budget * protocol.runs + len(self.untested) * n_test
+
+    @property
+    def title(self) -> str:
+        """What is computed, in words."""
+        searches, protocol = self.missing or self.untested, self.plan.protocol
+        names = {each.method for each in searches}
+        n_points = len({each.number for each in searches})
+        points = f" at {n_points} points" if n_points > 1 else ""
+        size = f"{len(names)} method{'s' if len(names) > 1 else ''}{points} x {protocol.budget} values"
+        if self.missing:
+            return f"tuning: {size}, {protocol.runs} runs"
+        return f"regret: {size}, {self.plan.test_runs} runs"
+
+
+def _left(config: ExperimentConfig, found: Mapping[str, Found], only: Collection[str] | None, *, waits: bool) -> _Left:
+    """Compare what is wanted of some methods with what was found; equal searches are made once."""
+    assert config.tuning is not None
+    wanted = [each for each in config.tuning.searches if only is None or each.method in only]
+    # Of equal searches the first one.
+    once = [*{each.key: each for each in reversed(wanted)}.values()][::-1]
+    missing = [each for each in once if each.values is None and each.key not in found]
+    tested = digest([config.hash, config.tuning.test_runs])
+    untested = [each for each in once if each in missing or (each.key in found and found[each.key].tested != tested)]
+    return _Left(config.tuning, missing, untested if config.tuning.regret and not waits else [], tested)
 
 
 def _usable(found: Mapping[str, Found], plan_of: TuningPlan) -> dict[str, Found]:
@@ -99,14 +148,6 @@ def _refuse_another(config: ExperimentConfig, directory: Path) -> None:
                 store.check(config.hash, config.shared, config.own.names())
 
 
-def _make(directory: Path) -> None:
-    """Make the directory: progress.json is written into it before the first trial."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(str(error)) from None
-
-
 def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> ExperimentConfig:
     """Load a configuration with the values that were found for its searches."""
     assert config.tuning is not None and config.origin is not None
@@ -117,52 +158,16 @@ def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> Experi
     return loaded
 
 
-def _searched(
-    config: ExperimentConfig,
-    plan_of: TuningPlan,
-    directory: Path,
-    missing: Sequence[WantedSearch],
-    untested: Sequence[WantedSearch],
-    known: Mapping[str, Found],
-    means: Means,
-    progress: TuningProgress,
-) -> dict[str, Found]:
+def _searched(rounds: Rounds, left: _Left, known: Mapping[str, Found], progress: TuningProgress) -> dict[str, Found]:
     """Make the missing searches, and compute all values of the untested ones on the runs of the experiment."""
-    rounds = Rounds(config, directory, means, progress)
     try:
         with progress:
-            found = {**known, **_tune(rounds, plan_of, missing)}
-            tested = digest([config.hash, plan_of.test_runs])
-            found |= _test(rounds, untested, found, tested)
+            found = {**known, **_tune(rounds, left.plan, left.missing)}
+            found |= _test(rounds, left.untested, found, left.tested)
     finally:
         if rounds.seconds:
-            add_seconds(directory, rounds.seconds)
+            add_seconds(rounds.directory, rounds.seconds)
     return found
-
-
-def _progress(
-    config: ExperimentConfig,
-    plan_of: TuningPlan,
-    directory: Path,
-    shard: Shard | None,
-    missing: Sequence[WantedSearch],
-    untested: Sequence[WantedSearch],
-    display: Progress,
-) -> TuningProgress:
-    """Return what counts the trials; a search whose values round to equal ones has fewer."""
-    protocol = plan_of.protocol
-    n_test = (protocol.budget + 1) * plan_of.test_runs
-    total = len(missing) * protocol.budget * protocol.runs + len(untested) * n_test
-    return TuningProgress(directory, config, shard, display, _title(plan_of, missing, untested), total)
-
-
-def _title(plan_of: TuningPlan, missing: Sequence[WantedSearch], untested: Sequence[WantedSearch]) -> str:
-    searches, protocol = missing or untested, plan_of.protocol
-    names = {each.method for each in searches}
-    n_points = len({each.number for each in searches})
-    points = f" at {n_points} points" if n_points > 1 else ""
-    size = f"{len(names)} method{'s' if len(names) > 1 else ''}{points} x {protocol.budget} values"
-    return f"tuning: {size}, {protocol.runs} runs" if missing else f"regret: {size}, {plan_of.test_runs} runs"
 
 
 def _tune(rounds: Rounds, plan_of: TuningPlan, searches: Sequence[WantedSearch]) -> dict[str, Found]:
