@@ -225,6 +225,22 @@ def load_config(
     """Read, check and build a configuration.
 
     A stage processes what is valid and collects the errors of the rest, so that all errors are shown at once.
+
+    Parameters
+    ----------
+    path : the YAML file, or the name of an installed configuration such as ``quickstart``
+    overrides : texts PATH=VALUE, each replacing one value
+    runs : number of runs instead of the one in the file
+    smoke : whether to take the small size under ``smoke`` instead of the full one
+    allow_code : Python files, or directories of such, that may be loaded besides those in the directory of the
+        configuration and below
+    add_methods : texts ``NAME: {estimator: {..}}``, methods that are added to those of the file
+    lenient : whether figures and claims may reach beyond the end of a run, as they may in a smoke run
+
+    Raises
+    ------
+    ConfigError
+        If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(located(path), overrides, add_methods)
     check_copies(source.path.parent)

@@ -200,7 +200,7 @@ def test_do_mpc(tmp_path):
     do-mpc alone fills a window with copies of the first measurement, so that its MHE has no oracle of its own here.
     """
     pytest.importorskip("do_mpc")
-    from rmpc_bench.adapters.do_mpc_setup import quiet, set_up
+    from rmpc_bench.adapters.do_mpc import quiet, set_up
 
     methods = ", MPC: {estimator: {kind: kalman}, controller: {file: own.py:mpc}}, MHE: {estimator: {file: own.py:mhe}}"
     driven = "reference: {kind: constant, value: [1.05, 2.1]}\ncontroller: {kind: mpc, Hp: 4, Hu: 2, Q: 1, R: 0.1}"

@@ -10,8 +10,7 @@ from adapters.casadi_systems import STEPS, TS, dae, two_tanks
 from adapters.test_casadi_plant import NOISE, drawn, moved
 from conftest import EXACT
 
-from rmpc_bench.adapters.casadi_equation import sampled_dae
-from rmpc_bench.adapters.casadi_plant import plant
+from rmpc_bench.adapters.casadi_plant import plant, sampled_dae
 from rmpc_bench.models.dynamics import dynamics_of
 from rmpc_bench.models.linearised import design as linearise
 from rmpc_bench.models.operating_point import At

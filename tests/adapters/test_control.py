@@ -242,7 +242,7 @@ def test_gains_that_there_are_not():
 
 
 def _unobservable():
-    from rmpc_bench.adapters.control_system import linear as read
+    from rmpc_bench.adapters.control import linear as read
     from rmpc_bench.models.library_systems import parametric_system
 
     given = control.ss([[1.0, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[0.0, 1.0]], 0)

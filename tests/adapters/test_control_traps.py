@@ -14,8 +14,7 @@ import control
 from adapters import control_systems as systems
 from small_experiment import cli, ran, write
 
-from rmpc_bench.adapters.control import model, plant
-from rmpc_bench.adapters.control_system import nonlinear
+from rmpc_bench.adapters.control import model, nonlinear, plant
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.types import DesignError, Parameters
 

@@ -9,8 +9,7 @@ from components.one_run import MODEL, START, TS, designed, experiment, simulated
 from scipy.linalg import expm
 
 from rmpc_bench import SolverError
-from rmpc_bench.adapters.do_mpc import do_mpc_estimator, do_mpc_model
-from rmpc_bench.adapters.do_mpc_setup import do_mpc_library, quiet, refuse_other_order, set_up
+from rmpc_bench.adapters.do_mpc import do_mpc_estimator, do_mpc_library, do_mpc_model, quiet, refuse_other_order, set_up
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.extras import is_installed
 from rmpc_bench.models.linear import LinearModel

@@ -11,8 +11,7 @@ from components.one_run import MODEL, TS, designed, experiment, simulated
 from conftest import EXACT
 
 from rmpc_bench import SolverError
-from rmpc_bench.adapters.do_mpc import do_mpc_controller
-from rmpc_bench.adapters.do_mpc_setup import quiet, set_up
+from rmpc_bench.adapters.do_mpc import do_mpc_controller, quiet, set_up
 from rmpc_bench.extras import is_installed
 from rmpc_bench.types import Status
 

@@ -19,8 +19,7 @@ from plants import tanks
 from small_experiment import cli, ran
 
 from rmpc_bench import load_config, run
-from rmpc_bench.adapters.fmu import plant
-from rmpc_bench.adapters.fmu_file import loaded
+from rmpc_bench.adapters.fmu import loaded, plant
 from rmpc_bench.components.single_design import run_info
 from rmpc_bench.conformance import PlantExample, check_component
 from rmpc_bench.plants.ode import design as ode_plant
