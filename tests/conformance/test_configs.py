@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import ALL
 from loaded_configs import loaded
 from missing_libraries import skip_without_libraries
 
-from rmpc_bench import load_config, run
+from rmpc_bench import load_config, publish, run
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.metrics.optimised_steps import QP, QpShare
@@ -101,7 +102,10 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
     check_names(config, name)
     if config.tuning is None:
         config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
-    trials = run(config, directory=tmp_path, jobs=1).trials
+    results = run(config, directory=tmp_path, jobs=1)
+    if ALL:  # tables, figures and page too: a second per configuration
+        assert publish(results).paths and (tmp_path / "report.html").is_file()
+    trials = results.trials
     assert trials.methods == tuple(config.methods)
     n_runs = 2 if "runs" in config.evaluate else 0
     assert len(trials.frame) == n_runs * len(config.methods) * len(config.points)
