@@ -263,6 +263,17 @@ BELOW_CONFIG = (
     "analysis/",
     "claims/",
 )
+FLOORS = {
+    # From the file to designs, checks and a resolved experiment, stage by stage.
+    "config": 10,
+    # The kit runs checks of all kinds in a process, on examples that are simulated.
+    "conformance": 10,
+    # Signals are drawn from curves of quantities of recorded runs, with labels in a style.
+    "figures": 9,
+    # A page opens summaries of tables whose cells and notes lie below.
+    "report": 9,
+}
+"""Longest chain of imports inside a room; 8 elsewhere."""
 OUTSIDE_WORLD = {"io", "os", "pathlib", "random", "shutil", "socket", "subprocess", "tempfile", "time", "datetime"}
 
 
@@ -310,15 +321,32 @@ def test_imports_follow_the_arrows():
     assert not forbidden
 
 
-def test_no_import_leads_back():
-    """Modules can be read one after the other: no cycle in any room, nor between rooms; lazy imports count too."""
+@cache
+def graph():
+    """Module -> modules of the package that it imports; lazy imports count too."""
     modules = {"rmpc_bench." + file.removesuffix(".py").replace("/", "."): tree for file, tree in trees().items()}
-    graph = {}
-    for module, tree in modules.items():
-        named = {name if name in modules else name.rpartition(".")[0] for name in imports(tree)}
-        graph[module] = named & set(modules) - {module}
-    assert {"rmpc_bench.config.load", "rmpc_bench.config.build"} <= set(graph)
-    assert len(list(TopologicalSorter(graph).static_order())) == len(modules)
+    named = {
+        module: {name if name in modules else name.rpartition(".")[0] for name in imports(tree)}
+        for module, tree in modules.items()
+    }
+    return {module: names & set(modules) - {module} for module, names in named.items()}
+
+
+def test_no_import_leads_back():
+    """Modules can be read one after the other: no cycle in any room, nor between rooms."""
+    assert {"rmpc_bench.config.load", "rmpc_bench.config.build"} <= set(graph())
+    assert len(list(TopologicalSorter(graph()).static_order())) == len(graph())
+
+
+def test_a_room_has_few_floors():
+    """Longest chain of imports inside a room; what adds a floor says why in FLOORS."""
+    floors = {}
+    for module in TopologicalSorter(graph()).static_order():
+        here = module.split(".")[1]
+        below = [floors[name] for name in graph()[module] if name.split(".")[1] == here]
+        floors[module] = 1 + max(below, default=0)
+    high = {module: n for module, n in floors.items() if n > FLOORS.get(module.split(".")[1], 8)}
+    assert not high
 
 
 def test_a_method_does_not_import_its_siblings():

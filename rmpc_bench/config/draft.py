@@ -12,7 +12,6 @@ from annotated_types import Gt
 from jaxtyping import Float
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config.tune import ValueRow
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import validate
 from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, join, locate, locate_key
@@ -22,7 +21,7 @@ from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.noise.heavy_tailed import outliers, student_t
 from rmpc_bench.noise.parameters import Share
 from rmpc_bench.types import Array, Noise, NonNegative, Problem
-from rmpc_bench.types.tuning import TunedParameter
+from rmpc_bench.types.tuning import TunedParameter, ValueRow
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from annotated_types import Ge, Le, Len
 from pydantic import AfterValidator
 
 from rmpc_bench.types import Count, NonNegative
-from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, level_of
+from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, ValueRow, level_of
 
 Text = Annotated[str, Len(1)]
 
@@ -28,24 +28,6 @@ SMOKE_BUDGET = 3
 
 Chosen = Mapping[tuple[str, str], Mapping[str, float]]
 """Title of a point and name of a method -> path inside the method -> value that tuning has chosen."""
-
-
-@dataclass(frozen=True)
-class ValueRow:
-    """Tuned values of a method, as config.resolved.yaml has them.
-
-    Parameters
-    ----------
-    method : name of the method
-    values : path inside the method -> value; empty where nothing could be tuned
-    at : title of the point of the sweep; empty without a sweep
-    key : what identifies the search of these values; if this search is another one, they are "tuned for other settings"
-    """
-
-    method: Text
-    values: dict[str, float]
-    at: str = ""
-    key: str = ""
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from rmpc_bench.config.draft import DraftConfig, MethodComponents, TunedMethod
 from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config.statistics import BEST_AT
 from rmpc_bench.config.sweep import METHOD_COMPONENTS
-from rmpc_bench.config.tune import SMOKE_BUDGET, Range, ValueRow, parameter_of
+from rmpc_bench.config.tune import SMOKE_BUDGET, Range, parameter_of
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.keys import shown, validate
 from rmpc_bench.config_file.tree import Map, Mark, assign, join, locate, locate_key, merge, split, with_kind
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
-from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter
+from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter, ValueRow
 
 Reader = Callable[[Map], MethodComponents]
 """Validates the components of a method; the errors are added to the problems of the draft."""

@@ -6,9 +6,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Len
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
@@ -245,3 +246,21 @@ class Tuning:
         if not found:
             raise KeyError((method, point))
         return found[0]
+
+
+@dataclass(frozen=True)
+class ValueRow:
+    """Tuned values of a method, as config.resolved.yaml has them.
+
+    Parameters
+    ----------
+    method : name of the method
+    values : path inside the method -> value; empty where nothing could be tuned
+    at : title of the point of the sweep; empty without a sweep
+    key : what identifies the search of these values; if this search is another one, they are "tuned for other settings"
+    """
+
+    method: Annotated[str, Len(1)]
+    values: dict[str, float]
+    at: str = ""
+    key: str = ""
