@@ -193,7 +193,7 @@ def own(directory, name):
 @pytest.mark.parametrize("name", ["Endless", "Catches"])
 def test_an_endless_first_call_is_a_warning(tmp_path, monkeypatch, name):
     """Oracle: the configuration loads soon after the limit, with a warning at the component."""
-    monkeypatch.setattr(signals, "LIMIT", 1.5)
+    monkeypatch.setattr(user_code, "LIMIT", 1.5)
     start = time.monotonic()
     config = load_config(own(tmp_path, name))
     # Half a minute is far below an endless loop, and far above the time of a busy machine.
@@ -216,7 +216,7 @@ def test_an_endless_first_call_is_a_warning(tmp_path, monkeypatch, name):
 )
 def test_an_import_that_does_not_end_well_is_a_problem(tmp_path, monkeypatch, text, message):
     """Oracle: the sentences; this process goes on."""
-    monkeypatch.setattr(signals, "LIMIT", 1.0)
+    monkeypatch.setattr(user_code, "LIMIT", 1.0)
     (tmp_path / "filters.py").write_text(f"{text}\n", encoding="utf-8")
     path = write(tmp_path, **LINEAR, methods="{M: {estimator: {file: filters.py:Any}}}")
     with pytest.raises(ConfigError) as error:

@@ -194,7 +194,7 @@ def test_another_version_of_a_library(copied, monkeypatch):
     def pretend(version):
         known = other_code.distribution_of
         found = lambda module: ("filterpy", version) if module == "filterpy" else known(module)  # noqa: E731
-        monkeypatch.setattr(libraries, "distribution_of", found)
+        monkeypatch.setattr(other_code, "distribution_of", found)
 
     pretend(f"{here}1")
     result = run(path, out)

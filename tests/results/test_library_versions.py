@@ -6,6 +6,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import extras, load_config
+from rmpc_bench.results import other_code
 
 THROUGH_THE_BENCH = """
 from rmpc_bench import single_run
@@ -34,7 +35,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch, kind):
     monkeypatch.setitem(extras.NEEDED_BY, ("estimators", "robust-kalman"), "do-mpc")
     monkeypatch.setattr(extras, "is_installed", lambda extra: True)
     found = {"do_mpc": ("do-mpc", "5.1.2"), "casadi": ("casadi", "3.8.2")}
-    monkeypatch.setattr(libraries, "distribution_of", found.get)
+    monkeypatch.setattr(other_code, "distribution_of", found.get)
     (tmp_path / "mine.py").write_text(THROUGH_THE_BENCH)
     path = write(tmp_path, methods=METHODS[kind])
     modules = load_config(path).points[0].modules
