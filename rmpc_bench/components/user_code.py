@@ -219,7 +219,8 @@ def untouched(file: str = "") -> Iterator[set[str]]:
 
 def _holders() -> Iterator[tuple[str, Any]]:
     """Yield the modules that every component uses, and the classes of the bench, each with its name."""
-    for name, module in [*sys.modules.items()]:
+    # A copy at once: what a garbage collection runs in between may import something.
+    for name, module in sys.modules.copy().items():
         if name.partition(".")[0] in _ROOTS and module is not None:
             yield name, module
             if name.startswith("rmpc_bench."):

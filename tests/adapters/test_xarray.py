@@ -162,6 +162,6 @@ def test_a_failed_run_ends_with_its_failure(stored, failing):
     assert min(ends) < 11
     assert failing == "built-in bounds" or ends == {5}
     write_traces(results.trials, results.directory / "traces.npz")
-    file = np.load(results.directory / "traces.npz")
-    np.testing.assert_array_equal(file["Kalman/y"], data["y"].sel({"method": "Kalman"}))
-    np.testing.assert_array_equal(results.traces["Kalman"].signals["y"], file["Kalman/y"])
+    with np.load(results.directory / "traces.npz") as file:
+        np.testing.assert_array_equal(file["Kalman/y"], data["y"].sel({"method": "Kalman"}))
+        np.testing.assert_array_equal(results.traces["Kalman"].signals["y"], file["Kalman/y"])

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import numpy as np
 import pandas as pd
@@ -168,8 +169,8 @@ def test_exports_have_the_trace(done, tmp_path, ending):
         assert np.array_equal(table["x_hat"], x_hat)
         assert np.isnan(table["u"].iloc[-1])
     else:
-        arrays = np.load(file) if ending == "npz" else loadmat(file)
-        assert np.array_equal(np.ravel(arrays["x_hat"]), x_hat)
+        with np.load(file) if ending == "npz" else nullcontext(loadmat(file)) as arrays:
+            assert np.array_equal(np.ravel(arrays["x_hat"]), x_hat)
 
 
 def test_the_picture_is_drawn(done, tmp_path):

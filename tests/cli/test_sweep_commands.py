@@ -56,7 +56,8 @@ def test_what_a_sweep_leaves_behind(here):
     assert [line for line in page.splitlines() if line.startswith("# ")] == [f"# tiny: {title}" for title in titles]
     assert "6 of 6 runs at each of 4 points, 0 failed" in result.stdout
     assert "change of the MSE against S-MPC\n point" in result.stdout
-    assert len(np.load(here / "out" / "traces.npz").files) == 4 * 2 * 5
+    with np.load(here / "out" / "traces.npz") as traces:
+        assert len(traces.files) == 4 * 2 * 5
 
 
 def test_claims_at_points_from_file_to_file(here):
