@@ -35,7 +35,7 @@ PACKAGE = Path(__file__).parents[1] / "rmpc_bench"
 PARTS = ("models", "estimators", "controllers", "simulation", "noise", "metrics", "diagnostics", "numerics")
 FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
-CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_plot")]
+CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
 ALL = os.environ.get("RMPC_BENCH_TESTS") == "all"
 """Shapes are checked, and no test is left to `.ci/run`."""
 if ALL:
