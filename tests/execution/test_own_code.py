@@ -66,7 +66,7 @@ METHODS = """{Kalman: {estimator: {kind: kalman}},
 def no_first_calls():
     """Leave out the calls before any run, which nothing here is about."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rmpc_bench.config.build._ExperimentBuilder.call_first", lambda *_: None)
+        patch.setattr("rmpc_bench.config.check.FirstCalls.estimates", lambda *_: {})
         yield
 
 
