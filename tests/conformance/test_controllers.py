@@ -9,7 +9,6 @@ from conftest import random_model
 from optional_libraries import skip_without_library
 
 from rmpc_bench import registry
-from rmpc_bench.config.plant import Limits
 from rmpc_bench.conformance import ControllerExample, check_component
 from rmpc_bench.conformance.controllers import ControllerInformationExample
 from rmpc_bench.conformance.results import run_checks
@@ -17,6 +16,7 @@ from rmpc_bench.conformance.stages import Setting
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.controllers.input_limits import InputLimits
+from rmpc_bench.controllers.limits import Limits
 from rmpc_bench.controllers.mpc import Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman

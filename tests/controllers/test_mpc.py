@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import SOLVER, random_model, random_psd
 
-from rmpc_bench.config.plant import Limits
+from rmpc_bench.controllers.limits import Limits
 from rmpc_bench.controllers.mpc import Scale, design
 from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.models.linear import LinearModel

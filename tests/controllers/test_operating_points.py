@@ -8,8 +8,8 @@ import pytest
 from conftest import random_model
 
 from rmpc_bench import registry
-from rmpc_bench.config.plant import Limits
 from rmpc_bench.controllers import mpc
+from rmpc_bench.controllers.limits import Limits
 from rmpc_bench.controllers.mpc import Scale
 from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.controllers.noise_tuning import LpNoise

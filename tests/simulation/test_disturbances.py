@@ -5,7 +5,7 @@ import pytest
 from conftest import random_model
 from simulation.test_linear_loop import assert_same_bits
 
-from rmpc_bench.config.plant import Limits
+from rmpc_bench.controllers.limits import Limits
 from rmpc_bench.controllers.mpc import design as mpc
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.estimators.kalman import design as kalman
