@@ -26,7 +26,7 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     from rmpc_bench.extras import install
     from rmpc_bench.packing.pack import pack as pack_results
     from rmpc_bench.received.archive import ArchiveError
-    from rmpc_bench.types.result_files import COPIES
+    from rmpc_bench.types.result_layout import COPIES
 
     if output is None:
         output = Path(f"{directory.resolve().name or 'results'}.zip")

@@ -219,12 +219,12 @@ def untouched(file: str = "") -> Iterator[set[str]]:
 
 def _holders() -> Iterator[tuple[str, Any]]:
     """Yield the modules that every component uses, and the classes of the bench, each with its name."""
-    # A copy at once: what a garbage collection runs in between may import something.
+    # Copies at once: what a garbage collection runs in between may import something.
     for name, module in sys.modules.copy().items():
         if name.partition(".")[0] in _ROOTS and module is not None:
             yield name, module
             if name.startswith("rmpc_bench."):
-                for value in [*vars(module).values()]:
+                for value in vars(module).copy().values():
                     if isinstance(value, type) and value.__module__ == name:
                         yield f"{name}.{value.__qualname__}", value
 

@@ -31,7 +31,7 @@ from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
 from rmpc_bench.received.consent import is_code
 from rmpc_bench.received.plain_files import DamagedError, content_of
 from rmpc_bench.types import Problem
-from rmpc_bench.types.result_files import COPIES
+from rmpc_bench.types.result_layout import COPIES
 
 
 @dataclass

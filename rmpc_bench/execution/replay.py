@@ -35,7 +35,7 @@ from rmpc_bench.types import (
     Statuses,
 )
 from rmpc_bench.types.errors import unknown
-from rmpc_bench.types.result_files import RESOLVED
+from rmpc_bench.types.result_layout import RESOLVED
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}

@@ -29,7 +29,7 @@ from rmpc_bench.results.other_code import check_versions, note_versions, rows_of
 from rmpc_bench.results.record import added_methods
 from rmpc_bench.results.running import add_done, add_stored, running_comparison
 from rmpc_bench.store.store import Store
-from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
+from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.stopping import Stopping

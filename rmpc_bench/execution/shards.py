@@ -23,7 +23,7 @@ from rmpc_bench.simulation.ensemble import SIZE
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
-from rmpc_bench.types.result_files import SHARDS
+from rmpc_bench.types.result_layout import SHARDS
 
 MOST_SHIFT = 0.1
 """How far the end of a shard may move to the end of a group of runs, as a share of the runs of a shard."""

@@ -31,7 +31,7 @@ from rmpc_bench.results import manifest
 from rmpc_bench.results.results import Results, load_results
 from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.results.tuning import SECONDS as TIMES
-from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
+from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 DATA = "data"
 """Directory of the user's data files in an archive."""

@@ -34,7 +34,7 @@ from rmpc_bench.results.results import Results
 from rmpc_bench.results.tables import with_timings
 from rmpc_bench.results.tuning import FILE as TUNING
 from rmpc_bench.types import ConfigError, DesignError
-from rmpc_bench.types.result_files import CONFIG, COPIES, RESOLVED
+from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 TIMINGS = "timings.csv"
 DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")

@@ -23,7 +23,7 @@ from rmpc_bench.results.results import Results
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError, DesignError, MetricInfo
 from rmpc_bench.types.errors import unknown
-from rmpc_bench.types.result_files import RESOLVED
+from rmpc_bench.types.result_layout import RESOLVED
 
 SECTIONS = ("methods", "metrics", "statistics")
 """Sections of the resolved configuration that the experiment hash does not cover."""

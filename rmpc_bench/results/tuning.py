@@ -22,7 +22,7 @@ from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import TUNING, DamagedError, json_of, text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.types import Array
-from rmpc_bench.types.result_files import SHARDS
+from rmpc_bench.types.result_layout import SHARDS
 from rmpc_bench.types.tuning import TunedParameter, Tuning, TuningProtocol, TuningSearch
 
 if TYPE_CHECKING:

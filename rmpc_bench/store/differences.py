@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rmpc_bench.components.source import folder_of
-from rmpc_bench.types.result_files import COPIES
+from rmpc_bench.types.result_layout import COPIES
 
 Code = Mapping[str, Any]
 """What identifies the code of some components; see `config.own_code`."""

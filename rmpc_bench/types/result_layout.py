@@ -1,4 +1,4 @@
-"""Layout of an experiment's results: their names and sizes, which are known before the experiment runs.
+"""Layout of an experiment's results: files, names and sizes, which are known before the experiment runs.
 
 Figures check their keys against it, and the dry run of a claim creates placeholder data from it.  Requirements that
 several kinds of figures share are the methods ``require_*``; each yields an `Issue` if the results do not satisfy it.
@@ -14,6 +14,14 @@ from typing import Any, Literal, TypeAlias
 from rmpc_bench.types.errors import Issue, no_such_component, unknown
 from rmpc_bench.types.sweep_points import lies_at, no_such_point, value_text
 
+CONFIG = "config.yaml"
+"""Copy of the configuration."""
+RESOLVED = "config.resolved.yaml"
+"""The configuration with every key."""
+COPIES = "code"
+"""Directory of the copies of Python files."""
+SHARDS = "shards"
+"""Directory of the results of every shard."""
 Font = Literal["dejavu", "stix", "times"]
 Style = Literal["bench", "paper"]
 Format = Literal["svg", "pdf", "png", "pgf"]
@@ -24,8 +32,6 @@ Column = Literal[
 DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf")
 LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
 """Narrowest and widest figure [in]."""
-
-
 Shape: TypeAlias = tuple[int, ...]
 NO_MOMENTS = "needs ensemble moments: evaluate: [runs, moments]"
 NO_P = "no method reports a covariance P"
