@@ -3,7 +3,7 @@
 Lost    A run that failed, or whose primary metric exceeds a factor times that of the baseline in the same run.
 Limit   Where the baseline failed, is absent or has a value below 0, a run counts by its own failure only.  The baseline
         is lost where it failed.
-        `Pairs.far_worse` has the same rule (`failures.far_worse`), but of the runs that both methods have only, and no
+        `Pairs.far_worse` has the same rule (`verdict.far_worse`), but of the runs that both methods have only, and no
         factor for a metric with a negative value in any run.
 Source  The interval of the share is that of Wilson (`intervals.wilson`), each for itself.
 """

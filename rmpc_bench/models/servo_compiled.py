@@ -23,7 +23,7 @@ def compiled_servo(
 
     Parameters
     ----------
-    linear, friction : coefficients of every run, see `models.servo_equations.coefficients`
+    linear, friction : coefficients of every run, see `models.servo.coefficients`
     Ts : sampling time [s]
     tolerance : bound of the last terms of a Taylor series relative to its largest term
     status : of every run, from its parameters
@@ -63,7 +63,7 @@ def servo_flow(
 
     Parameters
     ----------
-    linear, friction : coefficients of the plant, see `models.servo_equations.coefficients`
+    linear, friction : coefficients of the plant, see `models.servo.coefficients`
     Ts : sampling time [s]
     tolerance : bound of the last terms of a Taylor series relative to its largest term
     x, u : states and voltages [V]

@@ -45,7 +45,7 @@ class ServoFlow(Flow):
     Parameters
     ----------
     Ts : sampling time [s]
-    linear, friction : coefficients of the equations of motion, see `servo_equations.coefficients`
+    linear, friction : coefficients of the equations of motion, see `servo.coefficients`
     Q_w, R_v : covariances of the noises
     """
 

@@ -1,4 +1,4 @@
-"""Compiled evaluation of tables of the soft-constrained linear-quadratic game; game_table.py computes them.
+"""Compiled evaluation of tables of the soft-constrained linear-quadratic game; lq_game.py computes them.
 
 At the boundary of the domain the solution of a run depends only on x_hat and s.  A table therefore contains functions
 of s: Chebyshev series in z = (offset - middle) / half, where offset is s minus its optimum for x_hat = 0.  Rows of a

@@ -1,6 +1,6 @@
 """Weights of measured outputs for noise with outliers, given a prediction with the root of its covariance.
 
-Symbols     q whitened innovation, H whitened output matrix (own_covariance.py), P = F F', z the whitened deviation,
+Symbols     q whitened innovation, H whitened output matrix, P = F F', z the whitened deviation,
             x_hat = x_pred + F z; r = q - H F z the whitened residual of x_hat.  Every x_hat but that of `innovation` is
             the correction with white noise whose variances are 1 over the weights.
 student     A common weight w of all outputs, repeatedly w = (dof + m) / (dof + r' r + tr H P_hat H'), m outputs, from

@@ -1,6 +1,6 @@
 """Compiled filters in which every run has a root of its covariance of its own, with weights of the measured outputs.
 
-output_weights.py and own_covariance.py have the equations, square_root.py the correction.
+output_weights.py has the equations, square_root.py the correction.
 
 Phases
     1  orthogonal triangularisation                          _triangle

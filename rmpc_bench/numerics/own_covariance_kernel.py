@@ -1,4 +1,4 @@
-"""Compiled comparison of measurements with predictions that have a root of the covariance; own_covariance.py calls it.
+"""Compiled comparison of measurements with predictions that have a root of the covariance; output_weights.py calls it.
 
 Imported at the first step only, as it loads numba.
 """

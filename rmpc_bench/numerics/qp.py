@@ -11,7 +11,7 @@ Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of si
          the weights of the slacks are therefore divided by a power of 4, so that H is of size 1.
 Check    Stationarity, feasibility of point and multipliers, and complementarity of every answer are checked in the
          units of the problem, each one relative to its largest term.  DAQP takes nearly dependent rows for
-         dependent ones: where an answer fails, or rows are so, qp_refined.py solves the problem again.
+         dependent ones: where an answer fails, or rows are so, `refined` solves the problem again.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and reports a problem as optimal
          that has an entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and
          checks for both.

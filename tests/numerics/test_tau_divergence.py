@@ -1,4 +1,4 @@
-"""The tau family of divergences: what is derived in kl_ball.py, against its definition by other means.
+"""The tau family of divergences: what is derived in divergence.py, against its definition by other means.
 
 Definition used here, for covariances V and P = F F' with the Cholesky root F and S = F^-1 V F^-T (0 < tau < 1):
 D = tr[-S^tau / (tau (1 - tau)) + S / (1 - tau) + I / tau]; tau = 0: -log det S + tr(S - I), which is (16); tau = 1:
