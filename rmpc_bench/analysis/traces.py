@@ -134,7 +134,7 @@ class RunGroups:
 
         Returns
         -------
-        (samples, states) mean, or (samples, states, states) covariance over n - 1
+        (samples, states) mean, or (samples, states, states) covariance over n - 1, NaN for one run
         """
         found = _QUANTITY.fullmatch(quantity)
         assert found is not None
@@ -148,7 +148,8 @@ class RunGroups:
         select = self._select(found[2])
         if found[1] == "mean":
             return np.asarray((centre + shift) @ select.T)
-        covariance = (about - n * shift[..., :, None] * shift[..., None, :]) / (n - 1)
+        scatter = about - n * shift[..., :, None] * shift[..., None, :]
+        covariance = scatter / (n - 1) if n > 1 else np.full_like(scatter, np.nan)
         return np.asarray(select @ covariance @ select.T)
 
     def _select(self, signal: str) -> Array:

@@ -63,7 +63,8 @@ def test_a_large_start_is_a_design_error_at_its_first_step(servo, scale, k):
 def test_at_tau_1_a_large_start_is_defined_until_it_overflows(servo):
     """Oracle: (19) survives P_0 = 100 I and 400 I and comes to its steady gain, and overflows from 500 I on.
 
-    The numbers of 400 I are those of 800 digits (mpmath): V(2) is 7e28, which a covariance in doubles does not bear.
+    The numbers of 400 I are those of 800 digits (mpmath).  V(2) is 7e28, which a covariance in doubles does not bear;
+    its root has a rounding error of 0.06, of which the sums of one processor leave more than those of another.
     """
     start = {"x0": np.zeros(4), "theta": THETA_BAR, "tau": 1.0}
     survivor = risk_sensitive.design(servo, 3000, P0=100.0 * np.eye(4), **start)
@@ -72,7 +73,7 @@ def test_at_tau_1_a_large_start_is_defined_until_it_overflows(servo):
     assert survivor.series()["rho"][-1] < 1.0
     larger = risk_sensitive.design(servo, 8, P0=400.0 * np.eye(4), **start).extra["P_pred"]
     sizes = [400.0, 1223.0, 23080.0, 8813.0, 1565.0, 449.3, 192.0, 122.8]
-    np.testing.assert_allclose(np.linalg.norm(larger[:8], 2, axis=(1, 2)), sizes, rtol=1e-3)  # the root of 7e28
+    np.testing.assert_allclose(np.linalg.norm(larger[:8], 2, axis=(1, 2)), sizes, rtol=1e-2)
     for scale, k in ((500.0, 2), (1e10, 0)):
         with pytest.raises(DesignError, match=rf"step k = {k} .*overflows.*smaller theta"):
             risk_sensitive.design(servo, 300, P0=scale * np.eye(4), **start)

