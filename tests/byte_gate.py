@@ -4,7 +4,8 @@
     python -m byte_gate COMMIT PART   # only configurations whose path contains PART
 
 The results of a commit stay in build/bytes/<commit> and are not computed again.  Files are equal if their bytes are.
-Left out are times, git state and directory in manifest.json, and durations in sentences.  Rows of trials.sqlite are
+Left out are times, git state and directory in manifest.json, measured times in tables and sentences, and notes on the
+screen that come when something takes long.  Rows of trials.sqlite are
 compared by the keys of methods and columns: their numbers are given in the order in which blocks arrive.
 """
 
@@ -20,9 +21,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "bytes"
-OF_THE_PROCESS = {"progress.json", "published.json", "seconds.json", "trials.sqlite-wal", "trials.sqlite-shm"}
+OF_THE_PROCESS = {
+    "progress.json",
+    "published.json",
+    "seconds.json",
+    "timings.csv",
+    "trials.sqlite-wal",
+    "trials.sqlite-shm",
+}
 OF_THE_RUN = {"start", "stop", "git", "place", "blas"}
-DURATION = re.compile(rb"(?<=(?:failed|trials), )[0-9.]+ (ms|s|min|h)\b")
+DURATION = re.compile(rb"(?<=(?:failed|trials|o runs)), [0-9.]+ (ms|s|min|h)\b|(?m:^[A-Z].* \.\.\.\n)")
+"""How long a run took, which is said where it took long, and what is said of something that takes long."""
+TIMINGS = re.compile(rb"(?m)^<tr>.*<td class=\"n\">(?:step|first step|block)</td>.*</tr>$")
 LAUNCH = "import sys; from rmpc_bench.cli import main; sys.argv[0] = 'rmpc-bench'; main()"
 
 
@@ -101,7 +111,8 @@ def content(path, place):
         return rows(path)
     if path.name == "manifest.json":
         return without(json.loads(path.read_text(encoding="utf-8")), OF_THE_RUN)
-    return DURATION.sub(b"TIME", path.read_bytes().replace(str(place).encode(), b"DIRECTORY"))
+    text = path.read_bytes().replace(str(place).encode(), b"DIRECTORY")
+    return TIMINGS.sub(b"", DURATION.sub(b"", text))
 
 
 def differences(old, new):
