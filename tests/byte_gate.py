@@ -32,7 +32,7 @@ OF_THE_PROCESS = {
 OF_THE_RUN = {"start", "stop", "git", "place", "blas"}
 DURATION = re.compile(rb"(?<=(?:failed|trials|o runs)), [0-9.]+ (ms|s|min|h)\b|(?m:^[A-Z].* \.\.\.\n)")
 """How long a run took, which is said where it took long, and what is said of something that takes long."""
-TIMINGS = re.compile(rb"(?m)^<tr>.*<td class=\"n\">(?:step|first step|block|start)</td>.*</tr>$")
+TIMINGS = re.compile(rb"(?m)^<tr>.*<td class=\"n\">(?:step|first step|block|start|output)</td>.*</tr>$")
 LAUNCH = "import sys; from rmpc_bench.cli import main; sys.argv[0] = 'rmpc-bench'; main()"
 
 
