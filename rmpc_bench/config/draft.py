@@ -12,9 +12,9 @@ from annotated_types import Gt
 from jaxtyping import Float
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.keys import validate
-from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, join, locate, locate_key
+from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, locate, problem_at
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.gaussian import gaussian
@@ -74,16 +74,11 @@ class SameLaw:
         n, shifted = len(mean), mean + self.bias * self.scale * np.sqrt(np.diag(cov))
         centre = shifted.tolist()
         if self.outliers is not None:
-            law = self.outliers
-            made: Noise = outliers(
-                n, probability=law.probability, factor=law.factor, cov=cov, mean=centre, scale=self.scale
-            )
-        elif self.dof is not None:
+            return outliers(n, **vars(self.outliers), cov=cov, mean=centre, scale=self.scale)
+        if self.dof is not None:
             matrix = (self.dof - 2) / self.dof * self.scale**2 * cov
-            made = student_t(n, dof=self.dof, scale_matrix=matrix, mean=centre)
-        else:
-            made = gaussian(n, mean=centre, cov=cov, scale=self.scale)
-        return made
+            return student_t(n, dof=self.dof, scale_matrix=matrix, mean=centre)
+        return gaussian(n, mean=centre, cov=cov, scale=self.scale)
 
 
 class NoiseTerm(NamedTuple):
@@ -148,16 +143,11 @@ class ModelFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class Inherited:
-    """Which parts of a configuration are inherited: by an overridden one from its file, or from an extended file.
-
-    Parameters
-    ----------
-    path : the file
-    is_changed : whether options of the command line change the file
-    """
+    """Which parts of a configuration are inherited: by an overridden one from its file, or from an extended file."""
 
     path: Path
     is_changed: bool
+    """Whether options of the command line change the file."""
 
     def __call__(self, mark: Mark) -> bool:
         """Whether the value at a place is inherited."""
@@ -168,20 +158,14 @@ class Inherited:
 
 @dataclass
 class DraftConfig:
-    """The sections of a configuration at one point of its sweep.
-
-    Parameters
-    ----------
-    tree : the configuration
-    problems : the errors found so far
-    coordinates : swept path -> text of its value
-    title : the point in words
-    """
+    """The sections of a configuration at one point of its sweep, and the errors found so far."""
 
     tree: Map
     problems: list[Problem]
     coordinates: Mapping[str, str] = field(default_factory=dict)
+    """Swept path -> text of its value."""
     title: str = ""
+    """The point in words."""
     access: CodeAccess = NO_ACCESS
     """Which files of the user may be loaded."""
     inherited: Inherited | None = None
@@ -247,14 +231,19 @@ class DraftConfig:
         found = self.values["methods"][name]
         return found if isinstance(found, Mapping) else {}
 
+    @property
+    def with_controller(self) -> list[str]:
+        """Names of the methods that have a controller of their own."""
+        own = self.values["methods"] or {}
+        return [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
+
     def is_inherited(self, path: Sequence[str | int]) -> bool:
         """Whether the value at a path is inherited: where it does not fit, it is left out instead of refused."""
         return self.inherited is not None and self.inherited(locate(self.tree, path))
 
     def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
         """Add a problem at the value (or the key) of a path."""
-        mark = (locate_key if key else locate)(self.tree, path)
-        self.problems.append(Problem(*mark, join(path), message))
+        self.problems.append(problem_at(self.tree, path, message, key=key))
 
     def checked(self, annotation: Any, path: list[str | int]) -> Any:
         """Validate the value at a path; None where it is wrong."""
@@ -263,3 +252,17 @@ class DraftConfig:
             parent = parent[step]
         mark = locate(self.tree, path)
         return validate(annotation, parent[path[-1]], path, self.problems, mark=mark)
+
+    def component(
+        self,
+        group: str,
+        tree: Any,
+        path: Sequence[str | int],
+        *,
+        mark: tuple[str, int, int] | None = None,
+        kind: str | None = None,
+        ignore: Sequence[str] = (),
+    ) -> Component | None:
+        """Validate a component, by default with the place of its path; see `read_component`."""
+        mark = locate(self.tree, path) if mark is None else mark
+        return read_component(group, tree, path, self.problems, mark=mark, kind=kind, ignore=ignore, access=self.access)

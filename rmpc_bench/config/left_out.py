@@ -6,7 +6,7 @@ user.  What the override or the extending file itself says is checked as ever.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 from rmpc_bench.claims.claim import FINDINGS, Claim
 from rmpc_bench.config.draft import DraftConfig, Inherited
 from rmpc_bench.config.sections import section_of
-from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key, split
+from rmpc_bench.config_file.tree import Items, Map, join, locate, locate_key, split
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.types import ConfigError, Problem
@@ -32,35 +32,29 @@ def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int) -> tup
     draft that is valid in itself.  `before` is the number of problems before that check.  Claims with an error that is
     reported stay.
     """
-    found: dict[tuple[str, int], Problem] = {}
+    found: dict[str, dict[int, Problem]] = {"claims": {}, "figures": {}}
     kept, settings = draft.problems[:before], list[Problem]()
     for problem in draft.problems[before:]:
-        entry = _entry(draft, problem)
-        if entry is not None:
-            found.setdefault(entry, problem)
+        section, number = _entry(problem)
+        if number is not None and section in found and draft.is_inherited([section, number]):
+            found[section].setdefault(number, problem)
         elif _is_setting(draft, problem):
             settings.append(problem)
         else:
             kept.append(problem)
     draft.problems = kept
     _drop_entries(draft, settings)
+    draft.left_out += _lines(draft, **found)
     numbers = [number for number, keys in enumerate(draft.claims) if keys is not None]
-    for section, number in found:
-        (draft.claims if section == "claims" else draft.figures)[number] = None
-    draft.left_out += _lines(draft, found)
-    fitting = zip(numbers, claims, strict=True)
-    return tuple(claim for number, claim in fitting if ("claims", number) not in found)
+    draft.claims = [None if number in found["claims"] else keys for number, keys in enumerate(draft.claims)]
+    draft.figures = [None if number in found["figures"] else each for number, each in enumerate(draft.figures)]
+    return tuple(claim for number, claim in zip(numbers, claims, strict=True) if number not in found["claims"])
 
 
-def _entry(draft: DraftConfig, problem: Problem) -> tuple[str, int] | None:
-    """Return the inherited claim or figure that a problem is about."""
-    if not problem.path:
-        return None
-    section, *steps = split(problem.path, Mark(problem.file, problem.line, problem.column))
-    if section not in ("claims", "figures") or not steps or not steps[0].isdigit():
-        return None
-    number = int(steps[0])
-    return (section, number) if draft.is_inherited([section, number]) else None
+def _entry(problem: Problem) -> tuple[str, int | None]:
+    """Return the section that a problem is about, and the position of the entry of its list."""
+    section, *steps = problem.path.split(".")
+    return section, int(steps[0]) if steps and steps[0].isdigit() else None
 
 
 def _is_setting(draft: DraftConfig, problem: Problem) -> bool:
@@ -85,19 +79,13 @@ def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
         draft.values[section] = replace(values, **{key: kept or None if section == "report" else kept})
 
 
-def _lines(draft: DraftConfig, found: dict[tuple[str, int], Problem]) -> list[str]:
+def _lines(draft: DraftConfig, claims: Mapping[int, Problem], figures: Mapping[int, Problem]) -> list[str]:
     """Say which figures and how many claims are left out, with the reason."""
-    lines = [
-        f"figure {_kind(draft, number)}: {problem.message}"
-        for (section, number), problem in found.items()
-        if section == "figures"
-    ]
-    of_claims = [problem for (section, _), problem in found.items() if section == "claims"]
-    if of_claims:
-        first = of_claims[0]
-        n_all = len(draft.tree["claims"])
-        line = f"{len(of_claims)} of {n_all} claims ({first.path}: {first.message}"
-        lines.append(line + (f"; {len(of_claims) - 1} more)" if len(of_claims) > 1 else ")"))
+    lines = [f"figure {_kind(draft, number)}: {problem.message}" for number, problem in figures.items()]
+    if claims:
+        first, *others = claims.values()
+        line = f"{len(claims)} of {len(draft.tree['claims'])} claims ({first.path}: {first.message}"
+        lines.append(line + (f"; {len(others)} more)" if others else ")"))
     return lines
 
 
@@ -117,9 +105,9 @@ def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited
         return tree, []
     found: dict[int, Problem] = {}
     for problem in problems:
-        section, *steps = problem.path.split(".")
-        if section == "metrics" and steps and steps[0].isdigit() and inherited(locate(given, [steps[0]])):
-            found.setdefault(int(steps[0]), problem)
+        section, number = _entry(problem)
+        if section == "metrics" and number is not None and inherited(locate(given, [number])):
+            found.setdefault(number, problem)
     kept = [number for number in range(len(given)) if number not in found]
     if not found or not kept:
         return tree, []
@@ -156,8 +144,7 @@ def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
     for key in ("grid", "zip"):
         given = sweep.get(key)
         if isinstance(given, Items):
-            marks = [locate(given, [number]) for number in range(len(given))]
-            kept[key] = Items([fitting(row) for row in given], mark=given.mark, value_marks=marks)
+            kept[key] = given.like(fitting(row) for row in given)
         elif given is not None:
             kept[key] = fitting(given)
     return (result, [f"{SWEPT_PATHS}: {', '.join(gone)}"]) if gone else (tree, [])
@@ -182,12 +169,10 @@ def join_findings(path: Path, draft: DraftConfig) -> None:
             open_ids.add(keys.id)
     paper = draft.values["paper"]
     found = _findings(path, paper, open_ids) if open_ids and paper else {}
-    draft.claims = [
-        keys
-        if keys is None or keys.id not in open_ids
-        else replace(keys, elsewhere={name: each[keys.id] for name, each in found.items() if keys.id in each})
-        for keys in draft.claims
-    ]
+    for number, keys in enumerate(draft.claims):
+        if keys is not None and keys.id in open_ids:
+            elsewhere = {name: each[keys.id] for name, each in found.items() if keys.id in each}
+            draft.claims[number] = replace(keys, elsewhere=elsewhere)
 
 
 def _findings(path: Path, paper: str, ids: set[str]) -> dict[str, dict[str, str]]:

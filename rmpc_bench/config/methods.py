@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
-from rmpc_bench import registry
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.sweep import METHOD_COMPONENTS
 from rmpc_bench.config.tuned import read_tuned
-from rmpc_bench.config_file.component import Component, plain_data, read_component
+from rmpc_bench.config_file.component import Component, plain_data
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Map, locate_key, merge, plain, with_kind
 from rmpc_bench.config_file.yaml import dump, one_line
@@ -32,7 +32,7 @@ from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
 MAX_METHODS = 5000
-METHOD_KEYS = ("model", "estimator", "controller", "label", "tune", "parameters")
+METHOD_KEYS = (*METHOD_COMPONENTS, "label", "tune", "parameters")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def read_method_section(draft: DraftConfig) -> None:
     """Read all methods of one point, whose design model is read; the draft gets their components and the errors."""
     methods = draft.values["methods"]
     # An experiment without any controller has u = 0.
-    controlled = any(isinstance(own, Map) and "controller" in own for own in (methods or {}).values())
+    controlled = bool(draft.with_controller)
     if methods is not None and not methods:
         draft.note(["methods"], "there must be at least one method")
     if len(methods or {}) > MAX_METHODS:
@@ -78,7 +78,7 @@ def read_method_section(draft: DraftConfig) -> None:
 def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], controlled: bool) -> None:
     for key in own:
         if key not in METHOD_KEYS:
-            draft.note([*path, key], registry.unknown(key, METHOD_KEYS, "key"), key=True)
+            draft.note([*path, key], unknown(key, METHOD_KEYS, "key"), key=True)
     label = own.get("label")
     if "label" in own and not isinstance(label, str):
         draft.note([*path, "label"], f"must be text (got {shown(label)})")
@@ -97,9 +97,7 @@ def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], cont
 
 
 def _read_components(draft: DraftConfig, path: list[str | int], any_controlled: bool, own: Map) -> MethodComponents:
-    named = {
-        key: _read_component(draft, own, key, path, any_controlled) for key in ("model", "estimator", "controller")
-    }
+    named = {key: _read_component(draft, own, key, path, any_controlled) for key in METHOD_COMPONENTS}
     controlled = own.get("controller", draft.tree.get("controller")) is not None
     label = own.get("label")
     return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
@@ -111,18 +109,17 @@ def _read_component(
     """Merge a component of a method over the default of all methods and validate it."""
     if key not in own and key == "model":
         return draft.model
-    default = with_kind(key + "s", draft.tree.get(key))
-    tree = with_kind(key + "s", own[key]) if key in own else default
+    default = with_kind(f"{key}s", draft.tree.get(key))
+    tree = with_kind(f"{key}s", own[key]) if key in own else default
     if tree is None:
         if key != "controller" or controlled:
             draft.note(path, f"{key!r} is missing, here and as a default of all methods")
         return None
     if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
         tree = merge(default, tree)
-    mark = own.value_marks.get(key, own.mark)
     if not isinstance(tree, Map) and key not in own:
         return None
-    return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark, access=draft.access)
+    return draft.component(f"{key}s", tree, [*path, key], mark=own.places(key)[1])
 
 
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

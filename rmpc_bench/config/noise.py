@@ -13,7 +13,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm, SameLaw
 from rmpc_bench.config.sections import section_of
-from rmpc_bench.config_file.component import read_component
+from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown, validate
 from rmpc_bench.config_file.tree import FILE, Items, Map, locate
 from rmpc_bench.expressions import quantity
@@ -155,37 +155,38 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     """
     if law == "same":
         return NoiseTerm(None, SameLaw())
-    kinds = registry.names("noises")
-    if law in kinds:
-        draft.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
-        return None
-    if law == "sum":
-        draft.note(path, "'sum' needs its terms: {sum: [{..}, {..}]}")
-        return None
-    if isinstance(law, Map) and len(law) > 1 and set(law) <= {"same", *kinds}:
-        draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
-        return None
     if isinstance(law, Map) and (FILE in law or is_reference(law.get("kind"))):
-        component = read_component("noises", law, path, draft.problems, mark=law.mark, access=draft.access)
+        component = draft.component("noises", law, path, mark=law.mark)
         return None if component is None else NoiseTerm(component, None)
-    if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
-        if isinstance(law, int | float):
-            draft.note(path, f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance")
-            return None
-        named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
-        text = named if isinstance(named, str) else shown(law)
-        # {none: {}} does not mean none.
-        known = [each for each in (*words, *kinds) if each != text]
-        draft.note(path, registry.unknown(text, known, "noise law", "rmpc-bench list noises"))
+    if message := _no_law(law, words):
+        draft.note(path, message)
         return None
-    kind, value = next(iter(law.items()))
+    [(kind, value)] = law.items()
     if kind == "same":
         same: SameLaw | None = validate(SameLaw, value, [*path, kind], draft.problems, mark=locate(law, [kind]))
         return None if same is None else NoiseTerm(None, same)
-    component = read_component(
-        "noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind, access=draft.access
-    )
+    component = draft.component("noises", value, [*path, kind], mark=locate(law, [kind]), kind=kind)
     return None if component is None else NoiseTerm(component, None)
+
+
+def _no_law(law: Any, words: tuple[str, ...]) -> str:
+    """Say why a value is not a law with its parameters; empty where it is one."""
+    kinds = registry.names("noises")
+    if law == "sum":
+        return "'sum' needs its terms: {sum: [{..}, {..}]}"
+    if isinstance(law, str) and law in kinds:
+        return f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})"
+    if isinstance(law, int | float):
+        return f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance"
+    given = [*law] if isinstance(law, Map) else []
+    if given and {*given} <= {"same", *kinds}:
+        several = f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in given)}]}}"
+        return several if len(given) > 1 else ""
+    named = given[0] if len(given) == 1 else law
+    text = named if isinstance(named, str) else shown(law)
+    # {none: {}} does not mean none.
+    known = [each for each in (*words, *kinds) if each != text]
+    return registry.unknown(text, known, "noise law", "rmpc-bench list noises")
 
 
 _Vector = float | list[float]
@@ -213,10 +214,7 @@ def read_initial(draft: DraftConfig) -> None:
 class NoiseLaws:
     """Builds the noise of a draft; errors are added to its problems.
 
-    Parameters
-    ----------
-    draft : the sections of one point
-    model : returns the default design model, whose noise is `same`; None where it cannot be built
+    `model` returns the default design model, whose noise is `same`; None where it cannot be built.
     """
 
     def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
@@ -228,33 +226,37 @@ class NoiseLaws:
         The channel is ``process``, ``measurement`` or ``initial``, the deviation of the true initial state.  Laws that
         alter a measurement get the number `ny` of outputs, by default n.
         """
-        return tuple(term for law in laws for term in self._terms(law, n, channel, n if ny is None else ny))
+        found: list[Noise] = []
+        for term in laws:
+            if term.same is not None:
+                found += self._same(term.same, n, channel)
+            elif term.law is not None:
+                found += self._built(term.law, n, channel, n if ny is None else ny)
+        return tuple(found)
 
-    def _terms(self, law: NoiseTerm, n: int, channel: str, ny: int) -> tuple[Noise, ...]:
-        if law.law is not None:
-            made = law.law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step)
-            if made is None:
-                return ()
-            reason, key = _unfit(made, law.law.kind, channel)
-            if reason:
-                self.draft.problems.append(law.law.problem(reason, key))
-            return () if reason else (made,)
+    def _built(self, law: Component, n: int, channel: str, ny: int) -> list[Noise]:
+        made = law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step)
+        reason, key = ("", "") if made is None else _unfit(made, law.kind, channel)
+        if reason:
+            self.draft.problems.append(law.problem(reason, key))
+        return [] if reason or made is None else [made]
+
+    def _same(self, same: SameLaw, n: int, channel: str) -> list[Noise]:
+        """Build the noise of the design model: the stochastic part, and a set where the model has one."""
         path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
         model = self._common_model(path)
         if model is None:
-            return ()
+            return []
         mean, cov, shape = _model_law(model, n, channel)
         if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
-            self.draft.note(
-                path, f"'same' must be one law at all k, but the {channel} noise of the design model changes with k"
-            )
-            return ()
-        if len(cov) != n:
-            self.draft.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
-            return ()
-        same = law.same or SameLaw()
-        first = same.noise(mean, cov)
-        return (first, ellipsoid(n, shape=shape, scale=same.scale)) if np.any(shape) else (first,)
+            message = f"'same' must be one law at all k, but the {channel} noise of the design model changes with k"
+        elif len(cov) != n:
+            message = f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}"
+        else:
+            first = same.noise(mean, cov)
+            return [first, ellipsoid(n, shape=shape, scale=same.scale)] if np.any(shape) else [first]
+        self.draft.note(path, message)
+        return []
 
     def _common_model(self, path: list[str | int]) -> Any:
         """Return the design model of all methods; None, with an error at the path, where there is none."""
@@ -280,9 +282,8 @@ class NoiseLaws:
             return with_cross_covariance(scenario, np.atleast_2d(np.array(cross, dtype=float)), plant.nw, plant.nv)
         except DesignError as error:
             given = self.draft.tree.get("noise")
-            self.draft.note(
-                ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
-            )
+            is_given = isinstance(given, Mapping) and "cross" in given
+            self.draft.note(["noise", "cross"] if is_given else ["noise"], str(error))
             return scenario
 
 
@@ -324,30 +325,10 @@ def _varies(model: Any, channel: str, n_steps: int) -> bool:
 
 
 BRIDGING = (
-    "control-lqe",
-    "correntropy-kalman",
-    "directional-kalman",
-    "enhanced-robust",
-    "extended-kalman",
-    "fading-kalman",
-    "gated-kalman",
-    "h-infinity",
-    "huber-kalman",
-    "kalman",
-    "kalman-disturbance",
-    "kalman-predictor",
-    "lmmse",
-    "lp-window",
-    "mixed",
-    "moving-horizon",
-    "oracle",
-    "risk-sensitive",
-    "robust-h-infinity",
-    "robust-kalman",
-    "sayed-bdu",
-    "set-membership",
-    "student-kalman",
-    "unscented-kalman",
+    *("control-lqe", "correntropy-kalman", "directional-kalman", "enhanced-robust", "extended-kalman"),
+    *("fading-kalman", "gated-kalman", "h-infinity", "huber-kalman", "kalman", "kalman-disturbance"),
+    *("kalman-predictor", "lmmse", "lp-window", "mixed", "moving-horizon", "oracle", "risk-sensitive"),
+    *("robust-h-infinity", "robust-kalman", "sayed-bdu", "set-membership", "student-kalman", "unscented-kalman"),
     "wasserstein-kalman",
 )
 """Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
@@ -359,8 +340,5 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
         return
     without = [each.name for each in methods if not each.estimator.bridges_missing]
     if without:
-        draft.note(
-            ["noise", "measurement"],
-            f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one; "
-            f"some that can: {', '.join(BRIDGING)}",
-        )
+        message = f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one"
+        draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(BRIDGING)}")

@@ -59,10 +59,8 @@ def refuse_sections(draft: DraftConfig) -> None:
     """Report the sections that have no meaning beside recorded data."""
     if draft.plant is None or draft.plant.kind != DATA or not draft.plant.is_built_in:
         return
-    own = draft.values["methods"] or {}
     places: list[list[str | int]] = [["controller"]] if draft.tree.get("controller") is not None else []
-    with_controller = [name for name, each in own.items() if isinstance(each, Map) and "controller" in each]
-    places += [["methods", name, "controller"] for name in with_controller]
+    places += [["methods", name, "controller"] for name in draft.with_controller]
     for path in places:
         draft.note(path, "the recorded input is replayed, so that no controller can act; leave it out", key=True)
     if "input" in draft.tree:
@@ -102,10 +100,8 @@ def metric_problem(component: Component, metric: Metric, plant: Plant) -> str:
     """Say why a metric cannot be computed from recorded data; empty where it can."""
     if plant.recorded is None or plant.nx or metric.of_innovation or not component.is_built_in:
         return ""
-    return (
-        "needs a state or a closed loop, and the recorded data have no state (`plant.columns.x`); without it there "
-        "are nis, innovation_mse and whiteness"
-    )
+    message = "needs a state or a closed loop, and the recorded data have no state (`plant.columns.x`)"
+    return f"{message}; without it there are nis, innovation_mse and whiteness"
 
 
 def gap_warnings(draft: DraftConfig, experiment: Experiment) -> Iterator[tuple[list[str | int], str]]:
@@ -113,12 +109,8 @@ def gap_warnings(draft: DraftConfig, experiment: Experiment) -> Iterator[tuple[l
     recorded = experiment.plant.recorded
     without = [each.name for each in experiment.methods if not each.estimator.bridges_missing]
     if recorded is not None and recorded.gaps and without:
-        names = ", ".join(map(repr, without))
-        yield (
-            ["plant"],
-            f"measurements are missing ({recorded.gaps}), and the estimator of {names} does not bridge them: "
-            "these runs diverge there",
-        )
+        message = f"measurements are missing ({recorded.gaps}), and the estimator of {', '.join(map(repr, without))}"
+        yield ["plant"], f"{message} does not bridge them: these runs diverge there"
 
 
 RANGE_KEYS = ("bounds", "diverged")

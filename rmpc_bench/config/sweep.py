@@ -14,14 +14,15 @@ it does not name as it is in the file, and its ``name`` is the name of the point
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import product
+from math import prod
 from typing import Any, NamedTuple
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.inherit import FILE, PATH, compose, open_section
-from rmpc_bench.config_file.tree import Items, Map, Mark, assign, join, locate, locate_key, plain, split
+from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, locate_key, plain, problem_at, split
 from rmpc_bench.config_file.yaml import Override
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
@@ -59,6 +60,10 @@ class Axis(NamedTuple):
     paths: tuple[str, ...]
     values: list[tuple[SweptValue, ...]]
 
+    def texts(self, row: Sequence[SweptValue]) -> dict[str, str]:
+        """Return path -> text of its value in one of the rows."""
+        return {path: value.text for path, value in zip(self.paths, row, strict=True)}
+
 
 def columns(zipped: Any) -> list[str]:
     """Paths of a zip, given as a mapping from paths to lists or as a list of rows; the name first."""
@@ -67,10 +72,10 @@ def columns(zipped: Any) -> list[str]:
     return sorted(dict.fromkeys(paths), key=lambda path: path != NAME)
 
 
-def assigned(tree: Map, paths: Sequence[str], values: Sequence[SweptValue]) -> Map:
+def assigned(tree: Map, paths: Sequence[str], values: Sequence[SweptValue], without: Collection[str] = (NAME,)) -> Map:
     """Set the values of some paths; raises a ConfigError if a path leads through something that is no mapping."""
     for path, value in sorted(zip(paths, values, strict=True), key=lambda pair: pair[0] != PATH):
-        if path != NAME and not value.kept:
+        if path not in without and not value.kept:
             tree = assign(open_section(tree, path), path, value.tree, value.mark, value.key_mark)
     return tree
 
@@ -83,23 +88,16 @@ def _text(value: Any) -> str:
 
 
 class SweepReader:
-    """Reads the section and collects its problems.
-
-    Parameters
-    ----------
-    tree : the configuration
-    sweep : its section `sweep`
-    """
+    """Reads the section `sweep` of a configuration and collects its problems."""
 
     def __init__(self, tree: Map, sweep: Any) -> None:
         self.tree, self.sweep = tree, sweep
         self.problems: list[Problem] = []
-        self.refused: set[str] = set()
+        self.refused = {NAME}
 
     def note(self, path: Sequence[str | int], message: str, *, key: bool = False) -> None:
         """Add a problem at the value (or the key) of a path inside the section."""
-        where = (locate_key if key else locate)(self.tree, ["sweep", *path])
-        self.problems.append(Problem(*where, join(["sweep", *path]), message))
+        self.problems.append(problem_at(self.tree, ["sweep", *path], message, key=key))
 
     def axes(self) -> list[Axis]:
         """Read the grid and the zip."""
@@ -173,20 +171,15 @@ class SweepReader:
 
     def singles(self, base: Map, axes: Sequence[Axis]) -> list[Map]:
         """Return configurations that together contain every value that can be set, so that each one is validated."""
-        usable = []
-        for axis in axes:
-            rows = [tuple(value._replace(kept=value.kept or path in self.refused)
-                          for path, value in zip(axis.paths, row, strict=True)) for row in axis.values]  # fmt: skip
-            usable.append(Axis(axis.paths, rows))
         first = base
-        for axis in usable:
+        for axis in axes:
             with suppress(ConfigError):
-                first = assigned(first, axis.paths, axis.values[0]) if axis.values else first
+                first = assigned(first, axis.paths, axis.values[0], self.refused) if axis.values else first
         found = [first]
-        for axis in usable:
+        for axis in axes:
             for row in axis.values[1:MAX_POINTS]:
                 with suppress(ConfigError):
-                    found.append(assigned(first, axis.paths, row))
+                    found.append(assigned(first, axis.paths, row, self.refused))
         return found
 
     def _check_overlaps(self, paths: Sequence[str]) -> None:
@@ -228,14 +221,13 @@ class SweepReader:
         return [SweptValue(_text(item), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
 
     def _check_path(self, place: Sequence[str | int], path: str) -> None:
+        before = len(self.problems)
         try:
-            message = self._refusal(split(path, locate_key(self.tree, ["sweep", *place])))
+            if message := self._refusal(split(path, locate_key(self.tree, ["sweep", *place]))):
+                self.note(place, message, key=True)
         except ConfigError as error:
             self.problems += error.problems
-            self.refused.add(path)
-            return
-        if message:
-            self.note(place, message, key=True)
+        if len(self.problems) > before:
             self.refused.add(path)
 
     def _refusal(self, steps: Sequence[str]) -> str:
@@ -249,36 +241,30 @@ class SweepReader:
             return "name a method and one of its components, such as methods.NAME.estimator.c"
         if isinstance(methods, Map) and steps[1] not in methods:
             return unknown(steps[1], methods, "method")
-        return (
-            ""
-            if steps[2] in METHOD_COMPONENTS
-            else unknown(steps[2], METHOD_COMPONENTS, "component of a method that can be swept")
-        )
+        noun = "component of a method that can be swept"
+        return "" if steps[2] in METHOD_COMPONENTS else unknown(steps[2], METHOD_COMPONENTS, noun)
 
     def chosen(
         self, axes: Sequence[Axis], excluded: Sequence[Mapping[str, str]]
     ) -> Iterator[tuple[tuple[SweptValue, ...], ...]]:
         """Combine the axes and leave out excluded points."""
-        size = 1
-        for axis in axes:
-            size *= len(axis.values)
+        size = prod(len(axis.values) for axis in axes)
         if size > MAX_POINTS:
             self.note([], f"there must be at most {MAX_POINTS:,} points (got {size:,})")
             return
-        used: set[int] = set()
-        left = 0
+        unused, is_left = {*range(len(excluded))}, False
         for values in product(*(axis.values for axis in axes)):
-            there = {path: v.text for axis, row in zip(axes, values, strict=True)
-                     for path, v in zip(axis.paths, row, strict=True)}  # fmt: skip
+            there: dict[str, str] = {}
+            for axis, row in zip(axes, values, strict=True):
+                there |= axis.texts(row)
             hits = [number for number, given in enumerate(excluded) if lies_at(there, given)]
-            used.update(hits)
+            unused.difference_update(hits)
             if not hits:
-                left += 1
+                is_left = True
                 yield values
-        for number in range(len(excluded)):
-            if number not in used:
-                self.note(["exclude", number], "excludes no point")
-        if not left and used == set(range(len(excluded))):
+        for number in sorted(unused):
+            self.note(["exclude", number], "excludes no point")
+        if not is_left and not unused:
             self.note(["exclude"], "excludes every point")
 
     def excluded(self, axes: Sequence[Axis]) -> list[Mapping[str, str]]:
@@ -373,7 +359,7 @@ def _point(base: Map, axes: Sequence[Axis], values: Sequence[tuple[SweptValue, .
     for axis, row in sorted(zip(axes, values, strict=True), key=lambda pair: PATH not in pair[0].paths):
         tree = assigned(tree, axis.paths, row)
     for axis, row in zip(axes, values, strict=True):
-        texts = {path: value.text for path, value in zip(axis.paths, row, strict=True)}
+        texts = axis.texts(row)
         coordinates |= texts
         words += [texts[NAME]] if NAME in texts else [f"{path}={text}" for path, text in texts.items()]
     return SweptTree(coordinates, tree, ", ".join(words))

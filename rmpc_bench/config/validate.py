@@ -23,8 +23,8 @@ from rmpc_bench.config.stop import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen
 from rmpc_bench.config.tuned import shrink_tuning
-from rmpc_bench.config_file.component import Component, read_component
-from rmpc_bench.config_file.tree import Map, locate
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map, Mark, locate
 
 _NOTHING: Chosen = MappingProxyType({})
 
@@ -77,10 +77,10 @@ def _sections(
     draft.chosen = {**{row.method: row.values for row in draft.rows}, **chosen}
     check_required(draft)
     read_uncertainty(draft)
-    draft.plant = _component(draft, "plants", "plant", ignore=("perturb", "set", *RANGE_KEYS))
+    draft.plant = _component(draft, "plant", ignore=("perturb", "set", *RANGE_KEYS))
     read_plant_keys(draft)
-    draft.model = _component(draft, "models", "model")
-    draft.reference = _component(draft, "references", "reference")
+    draft.model = _component(draft, "model")
+    draft.reference = _component(draft, "reference")
     _input(draft)
     read_noise(draft)
     read_initial(draft)
@@ -98,16 +98,15 @@ def _sections(
 
 def _shrink(draft: DraftConfig, first: Time | None) -> None:
     """Take the size of a smoke run where it is smaller; points with another step keep the duration of the first."""
-    size, values = draft.values["smoke"], draft.values
-    if size is not None and values["runs"] is not None and values["time"] is not None:
-        time = values["time"]
-        values["runs"] = min(values["runs"], size.runs)
-        n_steps = min(time.n_steps, size.steps)
-        if first is not None and first.duration is not None:
-            n_steps = max(1, round(first.duration / time.step))
-        # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
-        length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
-        values["time"] = type(time)(step=time.step, **length)
+    size, runs, time = (draft.values[key] for key in ("smoke", "runs", "time"))
+    if size is None or runs is None or time is None:
+        return
+    n_steps = min(time.n_steps, size.steps)
+    if first is not None and first.duration is not None:
+        n_steps = max(1, round(first.duration / time.step))
+    # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
+    length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
+    draft.values |= {"runs": min(runs, size.runs), "time": Time(step=time.step, **length)}
 
 
 def _top_level(draft: DraftConfig) -> None:
@@ -133,27 +132,20 @@ def _have_own_models(methods: Any) -> bool:
     return bool(own) and all(isinstance(method, Map) and "model" in method for method in own)
 
 
-def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...] = ()) -> Component | None:
+def _component(draft: DraftConfig, name: str, ignore: tuple[str, ...] = ()) -> Component | None:
     tree = section_of(draft, name)
-    if name not in draft.tree:
-        if tree is ...:
-            return None
+    if name not in draft.tree and tree is not ...:
         tree = Map(tree, mark=draft.tree.mark)
-    if not isinstance(tree, Map):
-        return None
-    mark = locate(draft.tree, [name])
-    return read_component(group, tree, [name], draft.problems, mark=mark, ignore=ignore, access=draft.access)
+    return draft.component(f"{name}s", tree, [name], ignore=ignore) if isinstance(tree, Map) else None
 
 
 def _input(draft: DraftConfig) -> None:
     """Read the input in open loop; an experiment with a controller has none."""
     if "input" not in draft.tree:
         return
-    draft.input = _component(draft, "inputs", "input")
-    own = draft.values["methods"] or {}
-    with_controller = [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
-    if "controller" in draft.tree or with_controller:
-        where = "controller" if "controller" in draft.tree else f"methods.{with_controller[0]}.controller"
+    draft.input = _component(draft, "input")
+    if "controller" in draft.tree or draft.with_controller:
+        where = "controller" if "controller" in draft.tree else f"methods.{draft.with_controller[0]}.controller"
         draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
 
 
@@ -165,15 +157,11 @@ def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
         draft.note([group], "there must be at least one metric")
     for number, entry in enumerate(entries if isinstance(entries, list) else []):
         path: list[str | int] = [group, number]
-        mark = locate(draft.tree, path)
-        if isinstance(entry, str):
-            if registry.is_known(group, entry) or is_reference(entry):
-                tree = Map(mark=type(draft.tree.mark)(*mark))
-                components.append(
-                    read_component(group, tree, path, draft.problems, mark=mark, kind=entry, access=draft.access)
-                )
-            else:
-                draft.note(path, registry.unknown_kind(entry, group))
+        if not isinstance(entry, str):
+            components.append(draft.component(group, entry, path))
+        elif registry.is_known(group, entry) or is_reference(entry):
+            tree = Map(mark=Mark(*locate(draft.tree, path)))
+            components.append(draft.component(group, tree, path, kind=entry))
         else:
-            components.append(read_component(group, entry, path, draft.problems, mark=mark, access=draft.access))
+            draft.note(path, registry.unknown_kind(entry, group))
     return components

@@ -208,6 +208,11 @@ def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
     return _follow(tree, path)[0]
 
 
+def problem_at(tree: Map | Items, path: Sequence[str | int], message: str, *, key: bool = False) -> Problem:
+    """Return a problem at the value (or the key) of a path."""
+    return Problem(*(locate_key if key else locate)(tree, path), join(path), message)
+
+
 def assign(tree: Map, path: str, value: Any, mark: Mark, key_mark: Mark | None = None) -> Map:
     """Return a tree with another value at a dotted path; it shares the unchanged values with the given one.
 
@@ -224,11 +229,8 @@ def _assigned(node: Any, steps: list[str], done: int, value: Any, marks: tuple[M
         return value
     step, last, mark = steps[done], done + 1 == len(steps), marks[0]
     if not isinstance(node, Map | Items):
-        _fail(
-            mark,
-            steps[:done],
-            f"is {node!r}; {join(steps)} can be set only if this is a mapping or a list: replace it first",
-        )
+        way_out = "can be set only if this is a mapping or a list: replace it first"
+        _fail(mark, steps[:done], f"is {node!r}; {join(steps)} {way_out}")
     try:
         child, key_mark, value_mark = _child(node, step)
     except KeyError:
