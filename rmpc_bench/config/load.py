@@ -43,6 +43,9 @@ from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import ConfigError
 
+_AS_GIVEN = ("name", "paper", "title", "statistics", "execution", "stop", "report")
+"""Sections that a configuration has as they were validated."""
+
 
 def canonicalise(
     path: Path,
@@ -72,26 +75,25 @@ def canonicalise(
         warnings=(*draft.warnings, *own.warnings),
         own=own,
         model_facts=draft.model_facts,
-        name=values["name"],
-        paper=values["paper"],
-        title=values["title"],
         points=tuple(points),
         axes=sweep.axes,
-        statistics=values["statistics"],
-        execution=values["execution"],
-        stop=values["stop"],
-        report=values["report"],
+        **{key: values[key] for key in _AS_GIVEN},
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
-        labels={
-            name: label + (" (oracle)" if name in experiment.oracles and "oracle" not in label else "")
-            for name, label in draft.labels.items()
-        },
+        labels=_labels(draft, experiment),
         figures=tuple(figure for figure in draft.figures if figure is not None),
         claims=claims,
         resolved=_with_sweep(first_point, sweep, own),
         first_point=first_point,
     )
+
+
+def _labels(draft: DraftConfig, experiment: Experiment) -> dict[str, str]:
+    """Return the labels; that of a method which knows the plant says so."""
+    return {
+        name: label + (" (oracle)" if name in experiment.oracles and "oracle" not in label else "")
+        for name, label in draft.labels.items()
+    }
 
 
 def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:
@@ -149,14 +151,6 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
     if stop is not None:
         # A rule has taken its largest number of runs for that of the experiment.
         head |= {"runs": stop.first_look, "stop": plain_data(stop)}
-    methods = {}
-    for name, components in draft.methods.items():
-        # The values that tuning has chosen stand under `tune`.
-        data = method_data(draft, draft.defaults.get(name, components))
-        named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
-        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
-        # A template stays one, so that an override of the resolved configuration changes the label too.
-        methods[name] = named if components.label is None else {"label": components.label, **named}
     return {
         **head,
         "time": {"step": time.step, **length},
@@ -167,7 +161,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "initial": {**_true_start(draft, experiment), **start_data(draft)},
         "reference": draft.reference.resolved() if draft.reference else {},
         **({"input": draft.input.resolved()} if draft.input else {}),
-        "methods": methods,
+        "methods": _methods(draft),
         **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
@@ -180,6 +174,19 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "execution": plain_data(values["execution"]),
         "smoke": plain_data(values["smoke"]),
     }
+
+
+def _methods(draft: DraftConfig) -> dict[str, Any]:
+    """Return the methods with the defaults of all of them merged in."""
+    methods = {}
+    for name, components in draft.methods.items():
+        # The values that tuning has chosen stand under `tune`.
+        data = method_data(draft, draft.defaults.get(name, components))
+        named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
+        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
+        # A template stays one, so that an override of the resolved configuration changes the label too.
+        methods[name] = named if components.label is None else {"label": components.label, **named}
+    return methods
 
 
 def _tune(draft: DraftConfig) -> dict[str, Any]:
