@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -20,11 +20,41 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.extras import library
-from rmpc_bench.models.agreement import difference
-from rmpc_bench.models.dynamics import LinearDynamics, OdeDynamics
+from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, LinearDynamics, OdeDynamics
 from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.numerics.integration import EDGE
 from rmpc_bench.types import Array, DesignError, SolverError
+
+TRIALS = 20
+"""States and inputs at which the functions are compared."""
+AGREES = 1e-9
+"""Largest difference, relative to the largest state: rounding of two implementations of sin or exp."""
+
+
+def difference(model: NonlinearModel, name: str, made: Callable[..., Array], arguments: Sequence[str]) -> str:
+    """Say where a function gives other numbers than that of the model; empty where it does not.
+
+    Both are called at the operating point and at random states and inputs within the bounds of the plant.  Points at
+    which the model is not defined are left out.
+    """
+    rng, names = np.random.Generator(np.random.PCG64(5)), model.dynamics.names
+    for trial in range(TRIALS):
+        size = 10.0 ** rng.uniform(-2.0, 1.0)
+        x, u = size * np.abs(rng.standard_normal(model.nx)), rng.standard_normal(model.nu)
+        if trial == 0 and model.operating_point is not None:
+            x, u = model.operating_point.x, model.operating_point.u
+        at: dict[str, Any] = {"x": np.clip(x, *model.limits), "u": np.clip(u, *model.dynamics.limits(names.inputs))}
+        given = [{**at, "k": trial}[each] for each in arguments]
+        try:
+            with np.errstate(all="ignore"):
+                wanted: Array = getattr(model, name)(*given)
+        except OUTSIDE_DOMAIN:
+            continue
+        found, largest = made(*given), max(np.abs(at["x"]).max(), np.abs(wanted).max())
+        if np.isfinite(wanted).all() and not (np.abs(found - wanted) <= AGREES * largest).all():
+            return f"{found.tolist()} instead of {wanted.tolist()} at x = {at['x'].tolist()}"
+    return ""
+
 
 # CasADi functions called as the functions of a user are: with numbers of a run, rows of a block, or symbols.
 

@@ -19,7 +19,7 @@ from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import largest_share
 from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.metric import Requirement
 
 SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max did_not_occur".split()
 

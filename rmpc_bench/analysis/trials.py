@@ -14,7 +14,7 @@ from rmpc_bench.analysis.levels import PlannedLook
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import RunGroups, Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
-from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.metric import Requirement
 from rmpc_bench.types.tuning import Tuning
 
 

@@ -228,7 +228,7 @@ def _mixed_units(config: ExperimentConfig) -> Iterator[str]:
     """Yield the metrics that add errors of components with different units."""
     from rmpc_bench.metrics.estimation import EstimationMse
     from rmpc_bench.metrics.tracking import ErrorMetric
-    from rmpc_bench.types.plant_info import PlantInfo
+    from rmpc_bench.types.plant import PlantInfo
 
     info = PlantInfo.of(config.experiment.plant)
     for metric in config.experiment.metrics:

@@ -16,7 +16,7 @@ from rmpc_bench.expressions.quantity import QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import NonNegative
-from rmpc_bench.types.requirement import OPERATORS, Limit, Requirement
+from rmpc_bench.types.metric import OPERATORS, Limit, Requirement
 
 Text = Annotated[str, Len(1)]
 DEFAULT_RELEVANT = 0.01

@@ -26,7 +26,7 @@ from rmpc_bench.simulation.recording import design_series, kept
 from rmpc_bench.simulation.scenario import Experiment, random_besides
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Method
-from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.metric import Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")

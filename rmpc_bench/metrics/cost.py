@@ -71,13 +71,7 @@ class Cost(WindowMetric):
 
 
 def weight(key: str, value: Matrix, n: int) -> Float[Array, "n n"]:
-    """Expand a weight to a symmetric positive semidefinite n x n matrix.
-
-    Raises
-    ------
-    DesignError
-        Naming the key, if it does not fit or is not positive semidefinite.
-    """
+    """Expand a weight to a symmetric positive semidefinite n x n matrix."""
     try:
         return as_covariance(value, n)
     except ValueError as error:

@@ -88,18 +88,7 @@ class Entry(NamedTuple):
 
 
 def entry_of(model: Model, disturbance: Disturbance) -> Entry:
-    """Return how the disturbances of a configuration enter a model.
-
-    Parameters
-    ----------
-    model : design model, for its sizes and the places that it names
-    disturbance : keys of the configuration
-
-    Raises
-    ------
-    DesignError
-        If a place is unknown, or a size does not fit.
-    """
+    """Return how the disturbances of a configuration enter a model."""
     places = disturbance.at if isinstance(disturbance.at, list) else [disturbance.at]
     if not places:
         raise DesignError("names no place; leave out `disturbance` for none", "at")
@@ -174,13 +163,7 @@ def _number(n: int, noun: str) -> str:
 
 
 def augmented(now: LinearModel, entry: Entry) -> LinearModel:
-    """Return the linear model of [x; d].
-
-    Parameters
-    ----------
-    now : linear model of x
-    entry : how d enters it
-    """
+    """Return the linear model of [x; d]."""
     nx, nd = now.nx, entry.nd
     return LinearModel(
         np.block([[now.A, entry.B_d(now.B)], [np.zeros((nd, nx)), np.eye(nd)]]),
@@ -211,10 +194,6 @@ def rank_and_size(
 ) -> tuple[int, int]:
     """Return the rank of [A - I, B_d; C, C_d] and the rank nx + nd that it must have.
 
-    Parameters
-    ----------
-    A, B_d, C, C_d : matrices of a model with nd disturbances
-
     Examples
     --------
     >>> integrator = np.eye(1), np.ones((1, 1)), np.ones((1, 1))
@@ -233,18 +212,7 @@ def rank_and_size(
 
 
 def refuse_undetectable(models: Sequence[LinearModel], entry: Entry) -> tuple[int, int]:
-    """Refuse disturbances that no estimator can tell apart from the state, and return the rank and the one needed.
-
-    Parameters
-    ----------
-    models : linear model of x, at one k or at several
-    entry : how d enters it
-
-    Raises
-    ------
-    DesignError
-        If the rank of [A - I, B_d; C, C_d] is too small for each of the models.
-    """
+    """Refuse disturbances that no estimator can tell apart from the state, and return the rank and the one needed."""
     rank, needed = max(rank_and_size(now.A, entry.B_d(now.B), now.C, entry.C_d) for now in models)
     if rank == needed:
         return rank, needed

@@ -354,13 +354,7 @@ class DisturbedUncertain(Augmented, UncertainModel):
 
 
 def augmented_system(system: UncertainSystem, entry: Entry) -> UncertainSystem:
-    """Return the uncertain system of [x; d] with the noise [w; xi].
-
-    Parameters
-    ----------
-    system : of a model, or of the plant for an oracle estimator
-    entry : how d enters it
-    """
+    """Return the uncertain system of [x; d] with the noise [w; xi]."""
     m, nd = system.over_time, entry.nd
     A, B_d = _same_times(m.A, entry.B_d(m.B))
     below = np.zeros((len(A), nd, A.shape[2]))

@@ -69,18 +69,7 @@ class ParametricSystem:
     key: str
 
     def sampled(self, values: Mapping[str, float], Ts: float) -> SampledSystem:
-        """Return the matrices over a sampling period for some parameters.
-
-        Parameters
-        ----------
-        values : name -> value of every parameter
-        Ts : sampling time [s]
-
-        Raises
-        ------
-        DesignError
-            If the system has a direct feedthrough, another sampling time, or a matrix that is not finite.
-        """
+        """Return the matrices over a sampling period for some parameters."""
         A, B, C, D, own, *_ = self.make(values)
         if not all(np.isfinite(matrix).all() for matrix in (A, B, C, D)):
             raise DesignError("has a matrix that is not finite", self.key)
@@ -90,13 +79,7 @@ class ParametricSystem:
         return SampledSystem(*(discretise(A, B, Ts) if own == 0.0 else (A, B)), C)
 
     def signals(self, bounds: Mapping[str, tuple[float, float]]) -> Signals:
-        """Return the names of the nominal system, with bounds by these names.
-
-        Raises
-        ------
-        DesignError
-            If a name cannot be used.
-        """
+        """Return the names of the nominal system, with bounds by these names."""
         made = self.make(self.nominal)
         states, inputs = names_of(made.states, self.key, "x")[0], names_of(made.inputs, self.key, "u")[0]
         refuse_shared(states, inputs, self.key)
@@ -104,26 +87,13 @@ class ParametricSystem:
 
 
 def refuse_feedthrough(what: str, key: str) -> None:
-    """Raise a DesignError: the output depends on the input of the same sample.
-
-    Parameters
-    ----------
-    what : how this was seen
-    key : of the configuration
-    """
+    """Raise a DesignError: the output depends on the input of the same sample."""
     reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"
     raise DesignError(f"{what}: {reason}; describe the actuator or the sensor as a further state", key)
 
 
 def refuse_other_step(own: float | None, Ts: float, key: str) -> None:
-    """Raise a DesignError if a discrete system has another sampling time than the experiment.
-
-    Parameters
-    ----------
-    own : sampling time of the system [s]; 0 of a continuous one, None where it has none
-    Ts : that of the experiment [s]
-    key : of the configuration
-    """
+    """Refuse another sampling time [s] than that of the experiment; `own` is 0 of a continuous system or None."""
     if own and abs(own - Ts) > SAME_STEP * max(own, Ts):
         raise DesignError(f"has the sampling time {own:g} s, and time.step is {Ts:g} s; they must be equal", key)
 
@@ -131,20 +101,7 @@ def refuse_other_step(own: float | None, Ts: float, key: str) -> None:
 def parametric_system(
     given: Any, read: Callable[[Any], Realisation], parameters: Mapping[str, float], key: str
 ) -> ParametricSystem:
-    """Return a system, or what a function of parameters returns, as a parametric system.
-
-    Parameters
-    ----------
-    given : the system, or a function whose arguments are the parameters
-    read : a system of the library -> its state-space form
-    parameters : values of arguments, as given in the configuration
-    key : of the configuration that names the system
-
-    Raises
-    ------
-    DesignError
-        If a parameter is unknown or has no value, or the nominal system cannot be read.
-    """
+    """Return a system, or what a function of parameters returns, as a parametric system."""
     if not inspect.isroutine(given):
         for name in parameters:
             text = f"a linear system has no parameters; name a function of {name} that returns the system as `{key}`"
@@ -201,19 +158,7 @@ def refuse_unknown(parameters: Mapping[str, float], known: Mapping[str, float] |
 
 
 def design_model(system: ParametricSystem, Ts: float, noise: DesignNoise) -> LinearModel:
-    """Return the nominal system as a linear design model.
-
-    Parameters
-    ----------
-    system : the system
-    Ts : sampling time [s]
-    noise : covariances of the noise of the sampled model
-
-    Raises
-    ------
-    DesignError
-        If the system cannot be sampled, or the noise is no covariance.
-    """
+    """Return the nominal system as a linear design model."""
     A, B, C = system.sampled(system.nominal, Ts)
     return LinearModel(A, B, C, *noise.covariances(len(A), len(C)))
 
@@ -246,18 +191,7 @@ class Equation(NamedTuple):
         return self.measured(0.0, x, np.zeros((count(self.inputs), *shape)), p)
 
     def keys(self, key: str, x0: Any = None) -> dict[str, Any]:
-        """Return the keys of an ODE plant or an ODE model.
-
-        Parameters
-        ----------
-        key : of the configuration that names the system
-        x0 : (nx,) a plausible state
-
-        Raises
-        ------
-        DesignError
-            If the output depends on the input or on the time.
-        """
+        """Return the keys of an ODE plant or an ODE model."""
         found: dict[str, Any] = {
             "ode": self.rhs if self.timed else Untimed(self.rhs),
             "states": self.states,

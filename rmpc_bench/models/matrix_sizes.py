@@ -64,20 +64,7 @@ def expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "
 
 
 def refuse_flat(name: str, values: Array, sizes: Mapping[str, int], names: tuple[str, str]) -> None:
-    """Refuse a flat list for a matrix that is not square by its meaning; both of its meanings are shown.
-
-    Parameters
-    ----------
-    name : name of the matrix
-    values : (n,) the list
-    sizes : the sizes that are known
-    names : names of the number of rows and of columns
-
-    Raises
-    ------
-    DesignError
-        Always.
-    """
+    """Refuse a flat list for a matrix that is not square by its meaning; both of its meanings are shown."""
     known = [sizes.get(size) for size in names]
     fits = [
         matrix

@@ -79,14 +79,7 @@ class ModelSeries(NamedTuple):
 
 
 def model_series(model: Model, n_steps: int, *, in_states: bool) -> ModelSeries:
-    """Return the design model at k = 0..N with the input and the root of its process noise.
-
-    Parameters
-    ----------
-    model : design model
-    n_steps : number of control periods N
-    in_states : whether the coordinates of the noise are those of the state, also for an `UncertainModel`
-    """
+    """Return the design model at k = 0..N; the noise of an `UncertainModel` is in coordinates of x if `in_states`."""
     systems = design_systems(model, n_steps)
     systems = systems[:1] if all(each is systems[0] for each in systems) else systems
     now = [each.nominal for each in systems]
@@ -108,20 +101,7 @@ def model_series(model: Model, n_steps: int, *, in_states: bool) -> ModelSeries:
 def window_bounds(
     model: Model, series: ModelSeries, n_steps: int, *, w: Pairs | None, v: Pairs | None, x: Pairs | None
 ) -> WindowBounds:
-    """Return bounds of process noise, measurement noise and state, those of the noises without their means.
-
-    Parameters
-    ----------
-    model : design model
-    series : the same over k, with the coordinates of the process noise that `w` bounds
-    n_steps : number of control periods N
-    w, v, x : bounds of the noises, means included, and of the state
-
-    Raises
-    ------
-    DesignError
-        If bounds do not fit, or no noise satisfies them.
-    """
+    """Return bounds of w, v and x; means are included in the given bounds of the noises, not in those returned."""
     nw, ny, nx = series.W_root.shape[1], *series.C.shape[1:]
     w_mean, v_mean = np.zeros(nw), model.v_law[0]
     if w is not None:

@@ -152,12 +152,7 @@ class MovingSlideModel(StateDependentModel):
 
 
 def kernel_numbers(p: Mapping[str, float]) -> Float[Array, " 8"]:
-    """Return the parameters in the order of the kernel, masses multiplied by `mass`.
-
-    Parameters
-    ----------
-    p : the parameters of `NUMBERS`, and `mass`
-    """
+    """Return the parameters in the order of the kernel, masses multiplied by `mass`."""
     return np.array([p[name] * (p["mass"] if name in MASSES else 1.0) for name in NUMBERS])
 
 

@@ -123,13 +123,7 @@ class DesignNoise:
     measurement: Matrix
 
     def covariances(self, nx: int, ny: int) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
-        """Return Q_w and R_v.
-
-        Raises
-        ------
-        DesignError
-            If a size does not fit, or a matrix is not positive semidefinite.
-        """
+        """Return Q_w and R_v."""
         found = []
         for name, n in (("process", nx), ("measurement", ny)):
             try:

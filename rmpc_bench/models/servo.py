@@ -96,12 +96,6 @@ def shaft_torque(
 ) -> Float[Array, "runs samples"]:
     """Return a torque of the shaft [N m] with the parameters of every run.
 
-    Parameters
-    ----------
-    name : `LOAD_TORQUE` or `MOTOR_TORQUE`
-    k_theta, rho : torsional rigidity [N m/rad] and gear ratio
-    x : states, which begin with th_l, w_l, th_m
-
     Examples
     --------
     >>> x, two = np.array([[[0.1, 0.0, 4.0, 0.0]]]), np.array([20.0])
@@ -211,13 +205,7 @@ def with_current(p: Mapping[str, float]) -> tuple[Float[Array, "5 5"], Float[Arr
 
 
 def surely_slow_enough(linear: Float[Array, "runs 9"], Ts: float) -> Bool[Array, " runs"]:
-    """Whether a bound of the fastest mode, the largest sum of a row of the matrix, is half the limit or less.
-
-    Parameters
-    ----------
-    linear : first array of `coefficients`
-    Ts : sampling time [s]
-    """
+    """Whether a bound of the fastest mode, the largest sum of a row of the matrix, is half the limit or less."""
     l_0, l_1, l_2, m_3, m_4, m_5, i_6, i_7, _ = linear.T
     sums = [np.ones_like(l_0), l_1 * (1.0 + l_0) + l_2, m_3 * (1.0 + l_0) + m_4 + m_5, i_6 + i_7]
     # False for NaN.
@@ -225,13 +213,7 @@ def surely_slow_enough(linear: Float[Array, "runs 9"], Ts: float) -> Bool[Array,
 
 
 def slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, " runs"]:
-    """Whether the fastest mode of the linear part of each run is within the range of the kernel.
-
-    Parameters
-    ----------
-    rows : parameters of every run
-    Ts : sampling time [s]
-    """
+    """Whether the fastest mode of the linear part of each run is within the range of the kernel."""
     if not rows:
         return np.ones(0, dtype=bool)
     A = np.stack([with_current(p)[0] for p in rows])

@@ -19,15 +19,7 @@ NO_SIZES = np.zeros(1, dtype=np.int64)
 def compiled_servo(
     linear: Float[Array, "runs 9"], friction: Float[Array, "runs 2 3"], Ts: float, tolerance: float, status: Statuses
 ) -> CompiledPlant:
-    """Return the plant for the compiled simulation.
-
-    Parameters
-    ----------
-    linear, friction : coefficients of every run, see `models.servo.coefficients`
-    Ts : sampling time [s]
-    tolerance : bound of the last terms of a Taylor series relative to its largest term
-    status : of every run, from its parameters
-    """
+    """Return the plant for the compiled simulation; `tolerance` bounds the last terms of a Taylor series, relative."""
     own = np.zeros((len(linear), 3, 9))
     own[:, 0], own[:, 1:, :3] = linear, friction
     return CompiledPlant(servo_advance, first_state, own, np.array([[Ts, tolerance]]), NO_SIZES, WORK, status)
@@ -36,13 +28,7 @@ def compiled_servo(
 def servo_step(
     plant: CompiledPlant, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
 ) -> tuple[Float[Array, "runs 5"], Statuses]:
-    """Return the states one sample later and the statuses of the kernel.
-
-    Parameters
-    ----------
-    plant : the plant with the coefficients of the runs
-    x, u, w : states, voltages [V] and process noise
-    """
+    """Return the states one sample later, for voltages u [V], and the statuses of the kernel."""
     x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
     rows = ready(rows_kernel, ROWS)
     arrays = (as_compiled(each) for each in (x, u, w, plant.own, plant.shared))
@@ -79,14 +65,7 @@ def servo_flow(
 def servo_between(
     plant: CompiledPlant, x: Float[Array, "runs steps 5"], u: Float[Array, "runs steps 1"], parts: int
 ) -> Float[Array, "runs steps parts 5"]:
-    """Return the states at the ends of equal parts of every control period, without process noise.
-
-    Parameters
-    ----------
-    plant : the plant whose sampling time is one part of a period
-    x, u : states at the beginning of the periods, and voltages [V]
-    parts : number of parts per period
-    """
+    """Return the states at the ends of equal parts, the steps of `plant`, of every period, without process noise."""
     states, w = np.empty((*x.shape[:2], parts, x.shape[2])), np.zeros((len(x), 4))
     for k in range(x.shape[1]):
         now = x[:, k]

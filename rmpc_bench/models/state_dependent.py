@@ -52,13 +52,7 @@ class StateDependentModel(Model):
         return np.inf
 
     def at(self, k: int, /) -> Any:
-        """Refuse: the matrices depend on the state, not on k alone.
-
-        Raises
-        ------
-        DesignError
-            Always.
-        """
+        """Refuse: the matrices depend on the state, not on k alone."""
         raise DesignError(
             "the model depends on the state: choose what linearises at the estimate, the estimator kalman or the "
             "controller gpc",

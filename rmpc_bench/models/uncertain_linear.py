@@ -174,14 +174,7 @@ class DesignSystem(NamedTuple):
 
 
 def design_systems(model: Model, n_steps: int, scale: float = 1.0) -> list[DesignSystem]:
-    """Return the design model at k = 0..N, one shared object as long as nothing varies.
-
-    Parameters
-    ----------
-    model : an `UncertainModel`; any other model has no uncertainty
-    n_steps : number of control periods N
-    scale : factor of all uncertainty
-    """
+    """Return the design model at k = 0..N, one shared object as long as nothing varies."""
     found: list[DesignSystem] = []
     if isinstance(model, UncertainModel):
         system = model.system.scaled(scale)

@@ -221,13 +221,7 @@ ENTRANCES = {"nu": {"B"}, "nw": {"Bw", "Dw", "w"}, "nv": {"Bv", "Dv", "v"}}
 
 
 def facts(system: UncertainSystem, law: Mapping[str, tuple[float, float]] | None = None) -> list[Fact]:
-    """Describe a system: pairs of a label and a text of one or more lines.
-
-    Parameters
-    ----------
-    system : the system; a system that varies is evaluated at k = 0
-    law : channel (``x``, ``w``, ``v``) -> mean and variance of the entries of its F, if F is white
-    """
+    """Describe a system at k = 0 by labels and texts; `law`: channel -> mean and variance of entries of a white F."""
     m = system.at(0)
     known = [("sizes", _sizes(system)), *_matrices(system)]
     if system.varies:

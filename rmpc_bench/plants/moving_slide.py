@@ -241,12 +241,7 @@ def robot_at(y: Float[Array, " 3"], a: float, b: float) -> tuple[Float[Array, " 
 
 
 def robot_on_its_path(a: float, b: float) -> tuple[Panel, Panel]:
-    """Plot records of the robot at the start and at half time, and of the reference with a mark at every second.
-
-    Parameters
-    ----------
-    a, b : half sides of the squares of the base joints and of the platform [m]
-    """
+    """Plot records of the robot at start and half time, and of the reference with a mark every second; a, b [m]."""
     t, half = np.linspace(0.0, DURATION, POINTS), DURATION / 2
     path, seconds = s_curve(t), np.arange(DURATION + 1.0)
     marks, base = s_curve(seconds), a * CORNERS

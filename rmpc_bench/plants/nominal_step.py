@@ -34,13 +34,7 @@ class NominalStep:
 
     @classmethod
     def of(cls, plant: Plant) -> NominalStep:
-        """Return the functions of a plant.
-
-        Raises
-        ------
-        DesignError
-            If the plant has a memory besides its state, or replays recorded runs.
-        """
+        """Return the functions of a plant; refuse one with a memory besides its state, or of recorded runs."""
         if plant.recorded is not None or (plant.starts_runs and not isinstance(plant, ParametricLinear)):
             raise DesignError("a plant with recorded runs, or with a memory besides its state, is no system of states")
         system: UncertainSystem | None = plant.system
@@ -51,14 +45,7 @@ class NominalStep:
         return step if linear is None or plant.limits_inputs or not step._equals(linear) else cls(plant, linear)
 
     def advance(self, k: int, x: Array, u: Array, parameters: Mapping[str, float]) -> Float[Array, " nx"]:
-        """Return x(k+1); NaN where the plant is not defined.
-
-        Parameters
-        ----------
-        k : sample
-        x, u : (nx,), (nu,) state and input
-        parameters : values that replace nominal ones
-        """
+        """Return x(k+1); NaN where the plant is not defined."""
         if self.plant.system is not None:
             now = self.plant.system.at(k)
             return np.asarray(now.A @ x + now.B @ u)

@@ -19,17 +19,18 @@ Linear  This module also contains the plant `servo-linear`, without dry friction
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.models.servo import (
     FRICTION,
     INDUCTANCE,
     MOST_RATE,
+    MUST_BE_POSITIVE,
     TABLE_1,
     TOLERANCE,
     TORQUE_UNITS,
@@ -41,12 +42,11 @@ from rmpc_bench.models.servo import (
     with_current,
 )
 from rmpc_bench.numerics.linalg import discretise, mv
-from rmpc_bench.plants.servo_friction import friction_profiles
-from rmpc_bench.plants.servo_linear_part import admissible, linear_between, linear_part
 from rmpc_bench.types import (
     Array,
     CompiledPlant,
     DesignError,
+    Line,
     LinearPlant,
     Motion,
     NonNegative,
@@ -56,6 +56,78 @@ from rmpc_bench.types import (
     Status,
     Statuses,
 )
+
+POINTS = 200
+BODIES = (("l", "load", r"\ell"), ("m", "motor", "m"))
+
+
+def friction_torque(w: Float[Array, " points"], a0: float, a1: float, a2: float) -> Float[Array, " points"]:
+    """Friction torque of a slipping body [N m] with a0, a1 [N m] and a2 [s/rad]; w = 0 [rad/s] counts as positive.
+
+    At w = 0 it takes the value of the interval between the two limits that keeps the body at rest.
+    """
+    return (a0 + a1 * np.exp(-a2 * np.abs(w))) * np.where(w < 0.0, -1.0, 1.0)  # (20), (21)
+
+
+def friction_profile(name: str, index: str, alpha: tuple[float, float, float]) -> Panel:
+    """Plot record of the friction of one body."""
+    a0, a1, a2 = alpha
+    # exp(-a2 w) is below 1 % at the end of the axis.
+    fastest = 5.0 / a2 if a2 > 0.0 and a1 > 0.0 else 1.0
+    w = np.linspace(0.0, fastest, POINTS)
+    T = friction_torque(w, a0, a1, a2)
+    limit = a0 + a1
+    slipping = Line("slipping", np.concatenate([-w[::-1], [0.0], w]), np.concatenate([-T[::-1], [np.nan], T]))
+    at_rest = Line("at rest", np.zeros(2), np.array([-limit, limit]))
+    title = rf"{name}: sticks up to {limit:g} N m"
+    return Panel(title, rf"$\dot{{\theta}}_{index}$ [rad/s]", rf"$T_{{f_{index}}}$ [N m]", (slipping, at_rest))
+
+
+def friction_profiles(nominal: Mapping[str, float]) -> tuple[Panel, ...]:
+    """Plot records of the friction of load and motor: (20) and (21) of zenere2018, its Fig. 2."""
+    return tuple(
+        friction_profile(name, index, (nominal[f"alpha_{b}0"], nominal[f"alpha_{b}1"], nominal[f"alpha_{b}2"]))
+        for b, name, index in BODIES
+    )
+
+
+def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, " runs"]:
+    """Whether the parameters of each run are valid: divisors are positive, no parameter is negative."""
+    good = np.ones(len(next(iter(parameters.values()))), dtype=bool)
+    for name, values in parameters.items():
+        positive = name in (*MUST_BE_POSITIVE, "L")
+        good &= np.isfinite(values) & ((values > 0.0) if positive else (values >= 0.0))
+    return good
+
+
+def linear_part(
+    continuous: Callable[[Mapping[str, float]], tuple[Array, Array]], parameters: Mapping[str, float], Ts: float
+) -> LinearPlant | None:
+    """Sample the linear part with a zero-order hold of the voltage.
+
+    The first four states are those of the model; the fifth, the armature current, is not part of it.
+    """
+    if not admissible({name: np.array([value]) for name, value in parameters.items()})[0]:
+        return None
+    A, B = discretise(*continuous(parameters), Ts)
+    return LinearPlant(A, B[:, :1], np.eye(1, len(A)), np.eye(4, len(A)))
+
+
+def linear_between(
+    E: Float[Array, "runs nx nx"],
+    G: Float[Array, "runs nx nu"],
+    x: Float[Array, "runs steps nx"],
+    u: Float[Array, "runs steps nu"],
+    parts: int,
+) -> Float[Array, "runs steps parts nx"]:
+    """Return the states at the ends of equal parts of every control period."""
+    states = np.empty((*x.shape[:2], parts, x.shape[2]))
+    for k in range(x.shape[1]):
+        now, driven = x[:, k], mv(G, u[:, k])
+        for part in range(parts):
+            now = mv(E, now) + driven
+            states[:, k, part] = now
+    return states
 
 
 class LinearDelta(NamedTuple):

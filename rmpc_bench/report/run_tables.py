@@ -28,7 +28,7 @@ from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.point_tables import PointSummary, columns_from, markdown_page, markdown_table, stacked_points
 from rmpc_bench.report.run_notes import counted, show_command
 from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.metric import Requirement
 
 
 def ensemble_rows(trials: Trials) -> list[dict[str, str]]:

@@ -23,8 +23,7 @@ from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.store.store import Store, StoredMethod, each_once
 from rmpc_bench.types import MetricInfo
-from rmpc_bench.types.metric import Direction
-from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.metric import Direction, Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:

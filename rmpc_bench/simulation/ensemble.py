@@ -44,14 +44,7 @@ def groups(
     ok: Bool[Array, " runs"],
     runs: range,
 ) -> list[Group]:
-    """Reduce the runs of a block: groups that lie in it, and one by one the runs of those that it cuts.
-
-    Parameters
-    ----------
-    x, x_hat : true state and estimate
-    ok : which runs ended well
-    runs : their indices
-    """
+    """Reduce the runs of a block: groups that lie in it, and one by one the runs of those that it cuts."""
     found = list[Group]()
     for start, members in groupby(range(len(runs)), key=lambda row: start_of_group(runs[row])):
         rows = list(members)
@@ -83,12 +76,7 @@ def _single(run: int, x: Float[Array, "samples nx"], x_hat: Float[Array, "sample
 
 
 def gathered(singles: Sequence[Group]) -> Group:
-    """Reduce single runs of one group, by the arithmetic of a block that holds them all.
-
-    Parameters
-    ----------
-    singles : runs in their order, not empty; runs that are not there count like failed ones
-    """
+    """Reduce single runs of one group, by the arithmetic of a block that holds them all; missing runs count as failed."""
     good = [single.mean for single in singles if single.n]
     z = np.array(good) if good else np.zeros((0, *singles[0].mean.shape))
     # A block is reduced on one thread as well.
@@ -97,12 +85,7 @@ def gathered(singles: Sequence[Group]) -> Group:
 
 
 def joined(parts: Sequence[Group]) -> tuple[int, Float[Array, "samples nz"], Float[Array, "samples nz nz"]]:
-    """Return the number of runs, their mean and their covariance (over n - 1; NaN of less than two runs).
-
-    Parameters
-    ----------
-    parts : groups and single runs in the order of the runs, not empty
-    """
+    """Return the number of runs, their mean and their covariance (over n - 1; NaN of less than two runs)."""
     by_group = (list(members) for _, members in groupby(parts, key=lambda part: start_of_group(part.first)))
     whole = [gathered(members) if members[0].is_single else members[0] for members in by_group]
     # A group without a run that ended well adds nothing, and the width of its moments may not be known.

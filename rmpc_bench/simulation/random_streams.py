@@ -36,14 +36,7 @@ def words_of(name: str) -> tuple[int, int]:
 
 
 def stream(seed: int, run: int, name: str) -> np.random.Generator:
-    """Random generator of one run and one quantity.
-
-    Parameters
-    ----------
-    seed : seed of the experiment
-    run : index of the run, from 0
-    name : name of the quantity, such as ``uncertainty/eps_min`` or ``v/0``
-    """
+    """Random generator of one run and one quantity, named as ``uncertainty/eps_min`` or ``v/0``."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, *words_of(name)))))
 
 

@@ -72,25 +72,13 @@ def has_bursts(scenario: Scenario) -> bool:
 
 
 def with_bursts(recording: Recording, *, bursts: bool) -> Recording:
-    """Record bursts where there are some and anything is recorded; nowhere else.
-
-    Parameters
-    ----------
-    recording : what is asked for
-    bursts : whether a law of the measurement noise has some
-    """
+    """Record bursts where there are some and anything is recorded; nowhere else."""
     signals = tuple(name for name in recording.signals if name != BURSTS)
     return recording._replace(signals=(*signals, BURSTS) if bursts and recording.n_runs else signals)
 
 
 def kept(experiment: Experiment, name: str) -> Recording:
-    """What is kept of the runs of one method: a signal that it does not report leaves no trace.
-
-    Parameters
-    ----------
-    experiment : what it runs in
-    name : of the method
-    """
+    """What is kept of the runs of one method: a signal that it does not report leaves no trace."""
     recording = experiment.recording
     there = {*SIGNALS, BURSTS, COVARIANCE, *experiment.plant.extra_signals, *experiment.method(name).reports}
     return recording._replace(signals=tuple(signal for signal in recording.signals if signal in there))
@@ -100,15 +88,6 @@ def design_series(method: Method) -> dict[str, Array]:
     """Return the series of the estimator of a method, axis 0 = k.
 
     With disturbances in the design model, P and M are those of x, and P_d and M_d those of d.
-
-    Parameters
-    ----------
-    method : the pair
-
-    Raises
-    ------
-    DesignError
-        If a series is not an array of numbers with an axis of time.
     """
     found: dict[str, Array] = {}
     for name, values in method.estimator.series().items():

@@ -65,13 +65,7 @@ class RunStart(NamedTuple):
         return init(n_runs, runs=self._runs("controller", shared)) if controller.starts_runs else init(n_runs)
 
     def note_steps(self, step_status: Statuses | None, shared: RunState) -> None:
-        """Count the failed steps of runs that go on.
-
-        Parameters
-        ----------
-        step_status : of every run; None where no step has failed
-        shared : says which runs have not failed
-        """
+        """Count the failed steps of runs that go on."""
         if step_status is None:
             return
         for row in np.flatnonzero((step_status != OK) & shared.alive).tolist():

@@ -61,13 +61,7 @@ def one_by_one(
 
 
 def initial_state(value: float | list[float], n: int) -> Float[Array, " n"]:
-    """Expand a number (in every coordinate) or one per coordinate.
-
-    Raises
-    ------
-    DesignError
-        If the length does not fit.
-    """
+    """Expand a number (in every coordinate) or one per coordinate."""
     try:
         return as_vector(value, n)
     except ValueError as error:
@@ -75,13 +69,7 @@ def initial_state(value: float | list[float], n: int) -> Float[Array, " n"]:
 
 
 def initial_covariance(value: Matrix, n: int) -> Float[Array, "n n"]:
-    """Expand a number (times the identity), a diagonal or a matrix.
-
-    Raises
-    ------
-    DesignError
-        If the size does not fit, or the result is not a covariance.
-    """
+    """Expand a number (times the identity), a diagonal or a matrix."""
     try:
         return as_covariance(value, n)
     except ValueError as error:
@@ -393,13 +381,7 @@ class Draws(NamedTuple):
         return any(law.omits_measurements for law, _ in self.alterations)
 
     def altered(self, k: int, y: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
-        """Return what is measured at k, as the laws that alter measurements leave it.
-
-        Parameters
-        ----------
-        k : sample
-        y : outputs with all noise that adds to them
-        """
+        """Return what is measured at k, as the laws that alter measurements leave it."""
         for law, drawn in self.alterations:
             y = np.array(law.altered(y, drawn[:, k]))
         return y
@@ -446,16 +428,7 @@ def _copied(value: Any) -> Any:
 
 
 def random_besides(experiment: Experiment) -> tuple[str, ...]:
-    """Name what differs from run to run and is not stored as an uncertain quantity.
-
-    Parameters
-    ----------
-    experiment : the experiment at one point of its sweep
-
-    Returns
-    -------
-    some of ``noise``, ``initial state``, ``matrices of the plant`` and ``random numbers of a component``
-    """
+    """Name what differs from run to run and is not stored as an uncertain quantity."""
     scenario, plant = experiment.scenario, experiment.plant
     designs = (plant, *(design for method in experiment.methods for design in (method.estimator, method.controller)))
     found = {

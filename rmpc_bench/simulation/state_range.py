@@ -95,14 +95,7 @@ class RunLimits:
 
 
 def first_failure(status: Statuses, reported: Statuses, fits: Bool[Array, "runs n"]) -> Statuses:
-    """Keep the first failure of every run: the status so far, the one reported, or values that do not fit.
-
-    Parameters
-    ----------
-    status : so far
-    reported : by the component
-    fits : whether every value is a number within its limit
-    """
+    """Keep the first failure of every run: the status so far, the one reported, or values that do not fit."""
     if not reported.any() and fits.all():
         return status
     news = np.where(reported != OK, reported, np.where(fits.all(axis=1), OK, DIVERGED))

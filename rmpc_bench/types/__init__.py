@@ -23,8 +23,7 @@ from rmpc_bench.types.basics import (
     UserFunctionOrText,
     attribute,
 )
-from rmpc_bench.types.compiled import CompiledFilter, CompiledLaw, CompiledPlant
-from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.controller import Controller, Method
 from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
@@ -42,7 +41,6 @@ from rmpc_bench.types.errors import (
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.exogenous import InputSignal, Noise, Reference
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
-from rmpc_bench.types.method import Method
 from rmpc_bench.types.metric import (
     Bound,
     Direction,
@@ -55,12 +53,14 @@ from rmpc_bench.types.metric import (
 )
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.ode import Ode, Parameters
-from rmpc_bench.types.plant import Line, Panel, Plant, RecordedRuns
-from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
+from rmpc_bench.types.plant import Line, Panel, Plant, PlantInfo, RecordedRuns, SignalLimits
 from rmpc_bench.types.records import (
     DISTURBANCES,
     Channel,
     Command,
+    CompiledFilter,
+    CompiledLaw,
+    CompiledPlant,
     Estimate,
     GainSchedule,
     LawState,

@@ -48,20 +48,7 @@ one is reported like every other error of a configuration, at its place and with
 
 
 def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
-    """Return a design after checking its class, what it defines and its sizes.
-
-    Parameters
-    ----------
-    group, kind : of the registry
-    made : what the design function has returned
-    provided : what it was given by the bench: ``model`` for estimators and controllers, ``ny`` for references, ``nu``
-        for inputs, ``n`` for noises; sizes are compared with it where it is there
-
-    Raises
-    ------
-    DesignError
-        Naming the component and what is wrong with it, at the key ``kind``.
-    """
+    """Return a design after checking its class, what it defines, and its sizes where `provided` has them."""
     base = BASES[group]
     name = f"the {group.removesuffix('s')} {kind!r}"
     if not isinstance(made, base):

@@ -1,15 +1,15 @@
-"""Base class of controllers."""
+"""Base class of controllers, and the pair of an estimator and a controller."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array, Design, attribute
-from rmpc_bench.types.compiled import CompiledLaw
-from rmpc_bench.types.records import Command, Estimate, LinearLaw
+from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.records import DISTURBANCES, Command, CompiledLaw, Estimate, LinearLaw
 
 
 class Controller(Design):
@@ -115,3 +115,22 @@ class Controller(Design):
     def series(self) -> Mapping[str, Array]:
         """Series of the design over k (axis 0), such as its gains, for programs; series.csv has those of estimators."""
         return {}
+
+
+class Method(NamedTuple):
+    """An estimator-controller pair under the name the user gave it."""
+
+    name: str
+    estimator: Estimator
+    controller: Controller
+    n_disturbances: int = 0
+    """Number of disturbances that the design model has as its last states; see `types.estimate_of_x`."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about the pair, which warnings and tables show."""
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """Entries of `info` of the estimator and of the controller: name -> shape of the entry of one run."""
+        disturbances = {DISTURBANCES: (self.n_disturbances,)} if self.n_disturbances else {}
+        reported = (*disturbances.items(), *self.estimator.reports.items(), *self.controller.reports.items())
+        return {name: tuple(shape) for name, shape in reported}

@@ -122,10 +122,6 @@ _WORD = re.compile(rf"(\S{{{MAX_QUOTED}}})\S{{8,}}")
 def shortened(message: str) -> str:
     """Return a message in which the text of a value has at most 200 characters.
 
-    Parameters
-    ----------
-    message : quotes values in quotation marks or after ``got``, or contains names of any length
-
     Examples
     --------
     >>> print(shortened("must be a number (got '" + 300 * "x" + "')").replace(200 * "x", "x..x"))

@@ -8,8 +8,7 @@ from typing import Any, Literal
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array, Design, attribute
-from rmpc_bench.types.compiled import CompiledFilter
-from rmpc_bench.types.records import Estimate, GainSchedule
+from rmpc_bench.types.records import CompiledFilter, Estimate, GainSchedule
 
 
 class Estimator(Design):

@@ -1,20 +1,20 @@
-"""Base class of metrics, the trajectories that metrics read, and the data of the experiment that they use."""
+"""Base class of metrics, what metrics read, and requirements on the metric of a run, such as settling_time < 20."""
 
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.types.basics import Array, NonNegative, attribute
-from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.controller import Controller, Method
 from rmpc_bench.types.errors import DesignError, Issue, issues_of
-from rmpc_bench.types.method import Method
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.records import Estimate
 from rmpc_bench.types.run_info import RunInfo
@@ -309,3 +309,45 @@ class WindowMetric(Metric):
                 f"{unit}"
             )
         return SampleWindow(first, last)
+
+
+OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A comparison of the metric with a number, the metric on the left."""
+
+    operator: str
+    number: float
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """Limits that the metric of a run must keep.
+
+    Parameters
+    ----------
+    text : as written in the configuration
+    metric : name of the metric
+    limits : all of them must hold
+    absolute : whether the absolute value of the metric is meant
+    """
+
+    text: str
+    metric: str
+    limits: tuple[Limit, ...] = field(default=())
+    absolute: bool = False
+
+    def passed(self, values: Array) -> Array:
+        """Return which runs meet the requirement."""
+        shown = np.abs(values) if self.absolute else values
+        found = ~np.isnan(values)
+        for limit in self.limits:
+            found &= OPERATORS[limit.operator](shown, limit.number)
+        return np.asarray(found)

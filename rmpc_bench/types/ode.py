@@ -126,23 +126,11 @@ class Ode(NamedSignals):
         return _collected("rhs", values, "state", self.states, x.shape[1:])
 
     def as_state(self, function: str, values: Any) -> Float[Array, " nx"]:
-        """Copy the state of one run that a user's function has returned.
-
-        Raises
-        ------
-        ValueError
-            If it is anything but nx numbers.
-        """
+        """Copy the state of one run that a user's function has returned."""
         return _collected(function, values, "state", self.states, ())
 
     def measure(self, x: Float[Array, nx * runs], p: Parameters) -> Float[Array, ny * runs]:
-        """Call output with its own copy of x.
-
-        Raises
-        ------
-        ValueError
-            If it returns anything but ny numbers, or rows over the runs.
-        """
+        """Call output with its own copy of x."""
         values = x if self.output is None else self.output(x.copy(), p)
         return _collected("output", values, "output", self.outputs, x.shape[1:])
 

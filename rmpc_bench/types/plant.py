@@ -1,4 +1,4 @@
-"""Base class of plants: the true system, simulated for many runs at once; and the data that it provides for plots."""
+"""Base class of plants, simulated for many runs at once, and the nominal data of a plant that a component may know."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array, Design, attribute
-from rmpc_bench.types.compiled import CompiledPlant
 from rmpc_bench.types.exogenous import InputSignal
 from rmpc_bench.types.ode import Ode
-from rmpc_bench.types.records import LinearPlant, Motion, Period
+from rmpc_bench.types.records import CompiledPlant, LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
 from rmpc_bench.types.signals import NamedSignals
 
@@ -324,3 +323,57 @@ class Plant(Design):
     def plots(self) -> tuple[Panel, ...]:
         """Panels that show the plant itself, such as its friction; `describe --plot` draws them."""
         return ()
+
+
+class SignalLimits(NamedTuple):
+    """Lower and upper limits of the signals of the plant; infinite where there is none."""
+
+    u: tuple[Float[Array, " nu"], Float[Array, " nu"]]
+    x: tuple[Float[Array, " nx"], Float[Array, " nx"]]
+
+
+class PlantInfo(NamedTuple):
+    """Sizes, names, units and nominal parameters of the plant."""
+
+    nx: int
+    nu: int
+    ny: int
+    Ts: float
+    states: tuple[str, ...]
+    """Names; ``x.0``, ``x.1``, .. where the plant has none."""
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: Mapping[str, str]
+    """Name of a signal, or of a component such as ``y.2`` -> unit."""
+    parameters: Mapping[str, float]
+    """Nominal values of what `perturb` and `set` may name."""
+    limits: SignalLimits
+
+    @classmethod
+    def of(cls, plant: Plant) -> PlantInfo:
+        """Read a plant."""
+        own = plant.signals
+        names = (own.states, own.inputs, own.outputs) if own else (_numbered(plant, signal) for signal in "xuy")
+        units = {**plant.units, **(own.units if own else {})}
+        units |= {name: unit for name, unit in (("y", plant.y_unit), ("u", plant.u_unit)) if unit}
+        u, x = (own.limits(own.inputs), own.limits(own.states)) if own else (_free(plant.nu), _free(plant.nx))
+        states, inputs, outputs = names
+        nominal = {name: float(value) for name, value in plant.nominal.items()}
+        sizes = plant.nx, plant.nu, plant.ny, float(plant.Ts)
+        return cls(*sizes, states, inputs, outputs, units, nominal, SignalLimits(_locked(u), _locked(x)))
+
+
+def _numbered(plant: Plant, signal: str) -> tuple[str, ...]:
+    return tuple(f"{signal}.{i}" for i in range(int(getattr(plant, f"n{signal}"))))
+
+
+def _locked(limits: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return limits that cannot be changed: all runs have the same."""
+    low, high = (np.array(each) for each in limits)
+    for each in (low, high):
+        each.setflags(write=False)
+    return low, high
+
+
+def _free(n: int) -> tuple[Array, Array]:
+    return np.full(n, -np.inf), np.full(n, np.inf)

@@ -69,12 +69,7 @@ class Journal:
 
     @contextmanager
     def user_code(self, *, floating: bool = True) -> Iterator[None]:
-        """Run a user's code with NumPy's own settings, and count its warnings instead of printing them.
-
-        Parameters
-        ----------
-        floating : whether floating-point warnings are given; otherwise they are off, as in the simulation itself
-        """
+        """Run a user's code with NumPy's own settings, and count its warnings instead of printing them."""
         on: Literal["warn", "ignore"] = "warn" if floating else "ignore"
         with (
             np.errstate(divide=on, over=on, under="ignore", invalid=on),
@@ -104,14 +99,7 @@ class Watch:
         """Note that the control period k of a block begins."""
 
     def call(self, run: int, k: int | None, used: float) -> None:
-        """Note that a call for one run begins.
-
-        Parameters
-        ----------
-        run : index of the run
-        k : sample; None before the first one
-        used : time that earlier calls for this run have taken [s]
-        """
+        """Note that a call for one run begins; `used`: time of earlier calls for this run [s]; no k before the first."""
 
     def end(self) -> None:
         """Note that the simulation of the block has ended."""

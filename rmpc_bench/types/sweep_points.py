@@ -41,13 +41,7 @@ def lies_at(there: Mapping[str, str], wanted: Mapping[str, str]) -> bool:
 
 
 def no_such_point(points: Sequence[Mapping[str, str]], wanted: Mapping[str, str]) -> str:
-    """Say why no point of a sweep has the wanted values; empty if one has them, or if no point is known.
-
-    Parameters
-    ----------
-    points : path -> text of the value, of every point; an experiment without a sweep has one point without paths
-    wanted : path -> text of the value
-    """
+    """Say why no point of a sweep has the wanted values; empty if one has them, or if no point is known."""
     if not points or any(lies_at(point, wanted) for point in points):
         return ""
     known = list(points[0])
@@ -63,13 +57,7 @@ def no_such_point(points: Sequence[Mapping[str, str]], wanted: Mapping[str, str]
 
 
 def relevant_paths(rows: Sequence[tuple[Mapping[str, str], str]], axes: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the swept paths on which something depends.
-
-    Parameters
-    ----------
-    rows : for every point, its coordinates and what is found there
-    axes : the swept paths, those that change together as one axis; earlier axes are dropped first
-    """
+    """Return the swept paths on which something depends; those of earlier axes are dropped first."""
     needed = list(axes)
     for axis in axes:
         rest = [path for other in needed if other is not axis for path in other]

@@ -82,11 +82,6 @@ class TuningProtocol:
 def level_of(statistic: str) -> float | None:
     """Return the level of a quantile, 0.5 for the median, None for the mean.
 
-    Raises
-    ------
-    ValueError
-        If the text is no statistic.
-
     Examples
     --------
     >>> level_of("quantile 90%"), level_of("mean")
@@ -235,13 +230,7 @@ class Tuning:
     parameters: Mapping[str, str]
 
     def search(self, method: str, point: str = "") -> TuningSearch:
-        """Return the search of a method at a point.
-
-        Raises
-        ------
-        KeyError
-            If the method is not tuned, or there is no such point.
-        """
+        """Return the search of a method at a point."""
         found = [each for each in self.searches if (each.method, each.point) == (method, point)]
         if not found:
             raise KeyError((method, point))

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.verdict import largest_share
-from rmpc_bench.types.requirement import Limit, Requirement
+from rmpc_bench.types.metric import Limit, Requirement
 
 NAN, INF = np.nan, np.inf
 

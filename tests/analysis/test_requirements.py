@@ -9,7 +9,7 @@ from scipy import optimize, stats
 
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.superiority import shares_interval
-from rmpc_bench.types.requirement import Limit, Requirement
+from rmpc_bench.types.metric import Limit, Requirement
 
 INF = np.inf
 SETTLES = Requirement("t < 20", "t", (Limit("<", 20.0),))

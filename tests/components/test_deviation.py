@@ -10,7 +10,7 @@ from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import LinearisedModel
 from rmpc_bench.types import Estimate, OperatingPoint, PlantInfo
-from rmpc_bench.types.plant_info import SignalLimits
+from rmpc_bench.types.plant import SignalLimits
 
 STEPS = 10
 SHIFTED = {"rtol": 0.0, "atol": 1e-11}

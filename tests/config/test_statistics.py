@@ -7,7 +7,7 @@ from rmpc_bench import load_config, publish, requirements, run
 from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.expressions.tokens import ExpressionError
 from rmpc_bench.types import ConfigError
-from rmpc_bench.types.requirement import Limit
+from rmpc_bench.types.metric import Limit
 
 METRICS = ("mse", "settling_time", "error")
 

@@ -15,8 +15,7 @@ from rmpc_bench.models.disturbed import DisturbedLinear
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.servo import TABLE_1
 from rmpc_bench.numerics.linalg import van_loan
-from rmpc_bench.plants.servo import with_current
-from rmpc_bench.plants.servo_linear_part import linear_part
+from rmpc_bench.plants.servo import linear_part, with_current
 from rmpc_bench.types import LinearPlant
 
 N = 5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.plants import servo
-from rmpc_bench.plants.servo_friction import friction_profile, friction_profiles
+from rmpc_bench.plants.servo import friction_profile, friction_profiles
 
 TABLE_2 = {"load": (0.5, 10.0, 0.5), "motor": (0.1, 2.0, 0.5)}
 

@@ -12,7 +12,7 @@ from rmpc_bench.report.latex_text import width_of
 from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.types import DesignError, MetricInfo
-from rmpc_bench.types.requirement import Limit, Requirement
+from rmpc_bench.types.metric import Limit, Requirement
 
 
 def rows_in(text: str) -> list[list[str]]:

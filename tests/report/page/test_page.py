@@ -20,7 +20,7 @@ from rmpc_bench.report.run_tables import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
-from rmpc_bench.types.requirement import Limit, Requirement
+from rmpc_bench.types.metric import Limit, Requirement
 
 FOLDS = ["Other metrics", "Worst runs", "Signals", "Figure boxplot", "Settings", "Limits of this comparison"]
 
