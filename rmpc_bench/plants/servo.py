@@ -62,10 +62,7 @@ BODIES = (("l", "load", r"\ell"), ("m", "motor", "m"))
 
 
 def friction_torque(w: Float[Array, " points"], a0: float, a1: float, a2: float) -> Float[Array, " points"]:
-    """Friction torque of a slipping body [N m] with a0, a1 [N m] and a2 [s/rad]; w = 0 [rad/s] counts as positive.
-
-    At w = 0 it takes the value of the interval between the two limits that keeps the body at rest.
-    """
+    """Friction torque of a slipping body [N m] with a0, a1 [N m] and a2 [s/rad]; w = 0 [rad/s] counts as positive."""
     return (a0 + a1 * np.exp(-a2 * np.abs(w))) * np.where(w < 0.0, -1.0, 1.0)  # (20), (21)
 
 
@@ -106,6 +103,7 @@ def linear_part(
     """Sample the linear part with a zero-order hold of the voltage.
 
     The first four states are those of the model; the fifth, the armature current, is not part of it.
+    None if a parameter is out of range.
     """
     if not admissible({name: np.array([value]) for name, value in parameters.items()})[0]:
         return None

@@ -76,7 +76,7 @@ def _single(run: int, x: Float[Array, "samples nx"], x_hat: Float[Array, "sample
 
 
 def gathered(singles: Sequence[Group]) -> Group:
-    """Reduce single runs of one group, by the arithmetic of a block that holds them all; missing runs count as failed."""
+    """Reduce single runs of one group, by the arithmetic of a block of them all; missing runs count as failed."""
     good = [single.mean for single in singles if single.n]
     z = np.array(good) if good else np.zeros((0, *singles[0].mean.shape))
     # A block is reduced on one thread as well.

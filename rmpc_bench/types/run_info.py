@@ -99,7 +99,7 @@ class Watch:
         """Note that the control period k of a block begins."""
 
     def call(self, run: int, k: int | None, used: float) -> None:
-        """Note that a call for one run begins; `used`: time of earlier calls for this run [s]; no k before the first."""
+        """Note that a call for one run begins; `used`: time of its earlier calls [s]; no k before the first."""
 
     def end(self) -> None:
         """Note that the simulation of the block has ended."""
