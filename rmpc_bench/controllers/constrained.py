@@ -160,13 +160,7 @@ def with_fallback(
 ) -> Command:
     """Return the command of a constrained law, with the entry `qp` and the statuses of failed steps.
 
-    Parameters
-    ----------
-    u : input of every run; that of a failed step is replaced
-    clipped : clipped unconstrained minimiser, for `clip` and `stop`
-    u_previous : u(k-1), for `hold`
-    steps : values of `OptimisedStep`
-    fallback : what is applied where the step failed; None for `clip`
+    `clipped` is the clipped unconstrained minimiser, for `clip` and `stop`; `u_previous` is u(k-1), for `hold`.
     """
     statuses, info = np.zeros(len(u), dtype=np.int8), {"qp": steps.astype(float)}
     if not (steps >= OptimisedStep.INFEASIBLE).any():

@@ -41,13 +41,7 @@ class InputLimits:
     fallback: Fallback | None
 
     def clipped(self, u: Float[Array, "runs nu"], u_previous: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
-        """Return the inputs with the increment clipped first, then the input; inputs within the limits keep their bits.
-
-        Parameters
-        ----------
-        u : inputs
-        u_previous : inputs before them
-        """
+        """Return inputs with the increment clipped first, then the input; inputs within the limits keep their bits."""
         if np.isfinite(self.du).any():
             u = np.clip(u, u_previous + self.du.low, u_previous + self.du.high)
         return np.clip(u, *self.u)
@@ -59,15 +53,7 @@ class InputLimits:
         steps: Int8[Array, " runs"] | None,
         u_previous: Float[Array, "runs nu"],
     ) -> Command:
-        """Return the command; the solver satisfies the limits to its tolerance only, clipping to the last bit.
-
-        Parameters
-        ----------
-        u : inputs of the programs
-        free : first inputs of the minima without limits
-        steps : values of `OptimisedStep`; None without programs
-        u_previous : inputs before them
-        """
+        """Return the command; the solver satisfies the limits to its tolerance only, clipping to the last bit."""
         clipped = self.clipped(free, u_previous)
         if steps is None:
             return Command(clipped)
@@ -101,15 +87,7 @@ class GpcLimits:
         u_previous: Float[Array, "runs nu"],
         w: Float[Array, "N ny"],
     ) -> Command:
-        """Return the command of a constant law, with the inputs as deviations from the operating point.
-
-        Parameters
-        ----------
-        free : first inputs of the minima without limits
-        x : states
-        u_previous : inputs before them
-        w : desired outputs
-        """
+        """Return the command of a constant law, with the inputs as deviations from the operating point."""
         if self.program is None:
             return self.inputs.command(free, free, None, u_previous)
         assert isinstance(self.program, ConstantProgram)
@@ -125,15 +103,7 @@ class GpcLimits:
         u_previous: Float[Array, "runs nu"],
         w: Float[Array, "N ny"],
     ) -> tuple[Command, Float[Array, " runs"]]:
-        """Return the command of any other law and the minimal costs without limits.
-
-        Parameters
-        ----------
-        k : sample
-        now : model, whose A and B have axis 0 = run, of length 1 if shared
-        Q_yw : roots of the output weight, one for every run or one for all
-        x, u_previous, w : as for `constant`
-        """
+        """Return the command of any other law and the minimal costs without limits."""
         assert self.horizon is not None and isinstance(self.program, VaryingProgram)
         path, u, steps = self.program.inputs(now, Q_yw, self.horizon.at(k), x, u_previous, w)
         return self.inputs.command(u, path.U[:, 0], steps, u_previous), path.loss
@@ -147,21 +117,7 @@ def limits_of(
     N: int,
     plant_info: PlantInfo | None,
 ) -> GpcLimits | None:
-    """Return the limits without a program, None without limits.
-
-    Parameters
-    ----------
-    limits, soft : keys of the controller
-    model : design model
-    nx : number of states of the predictions
-    N : horizon [samples]
-    plant_info : names of the plant
-
-    Raises
-    ------
-    DesignError
-        If the keys do not go together, a size or a bound does not fit, or a signal is unknown.
-    """
+    """Return the limits without a program, None without limits."""
     if limits is None and not soft:
         return None
     limits = limits or Limits()

@@ -31,19 +31,7 @@ class LimitRows(NamedTuple):
 
 
 def limit_rows(model: Model, limits: Mapping[str, Pairs], plant_info: PlantInfo | None = None) -> LimitRows:
-    """Return the limits as rows of x - x_op and u - u_op.
-
-    Parameters
-    ----------
-    model : a model that is the same at all k
-    limits : name of a signal -> one pair [low, high], or one per input or row
-    plant_info : the names of the plant, where they may be used
-
-    Raises
-    ------
-    DesignError
-        If there is no limit, a signal is unknown, or the operating point is not inside a limit.
-    """
+    """Return the limits of signals, one pair or one per row, as rows of x - x_op and u - u_op."""
     if not limits:
         raise DesignError("needs a limit, such as `u: [-1, 1]`", "limits")
     parts = []

@@ -93,30 +93,12 @@ class SoftRows(NamedTuple):
 
 
 def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
-    """Return bounds of n signals; infinite without pairs.
-
-    Parameters
-    ----------
-    pairs : one pair for all, or one per signal
-    n : number of signals
-    key : the key, for messages
-
-    Raises
-    ------
-    DesignError
-        If the number of pairs does not fit, a lower bound is not below the upper one, or no bound is finite.
-    """
+    """Return bounds of n signals, the lower ones below the upper ones; infinite without pairs."""
     return Bounds(*interval_of(pairs, n, key, distinct=True))
 
 
 def refuse_unused(limits: Limits, soft: Mapping[str, SoftLimit] | None) -> None:
-    """Refuse keys that have no effect without a quadratic program, and limits without a bound.
-
-    Raises
-    ------
-    DesignError
-        At the key that has no effect.
-    """
+    """Refuse keys that have no effect without a quadratic program, and limits without a bound."""
     if soft and limits.enforce != "qp":
         raise DesignError("needs `limits: {enforce: qp}`: clipping limits inputs only", "soft")
     if limits.fallback is not None and limits.enforce != "qp":
@@ -152,17 +134,8 @@ def key_of(section: str, name: str) -> str:
 def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, unnamed: int = 0) -> Signal:
     """Return the rows of a signal that the design model names.
 
-    Parameters
-    ----------
-    name : one of `model.extra_signals`, a place such as ``x.0`` or ``y.1``, or the name of a state or an output
-    model : a model that is the same at all k
-    plant_info : the names of the plant, where they may be used
-    unnamed : number of the last states that have no names, such as disturbances
-
-    Raises
-    ------
-    DesignError
-        If there is no such signal, with the nearest known name.
+    The name is one of `model.extra_signals`, a place such as ``x.0`` or ``y.1``, or that of a state or an output;
+    the last `unnamed` states, such as disturbances, have none.  A DesignError gives the nearest known name.
     """
     if name in model.extra_signals:
         Z = np.array(model.extra_signals[name], dtype=float)
@@ -188,21 +161,7 @@ def soft_rows(
     plant_info: PlantInfo | None = None,
     unnamed: int | None = None,
 ) -> dict[str, SoftRows]:
-    """Return the soft limits with the rows of their signals.
-
-    Parameters
-    ----------
-    soft : name of the signal -> its limit
-    model : the design model
-    horizon : largest number of predicted samples
-    plant_info : the names of the plant, where they may be used
-    unnamed : number of the last states that have no names: the disturbances of the model if not given
-
-    Raises
-    ------
-    DesignError
-        If a signal is unknown, or a size, a bound or a number of steps does not fit.
-    """
+    """Return the soft limits with the rows of their signals; the model's disturbances are unnamed if not given."""
     unnamed = model.n_disturbances if unnamed is None else unnamed
     found = {}
     for name, limit in soft.items():

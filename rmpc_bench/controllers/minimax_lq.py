@@ -85,12 +85,7 @@ class MinimaxLq(Regulator):
     ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
         """Return rho and the largest cost found for admissible noise, both minus the minimal cost without noise.
 
-        Parameters
-        ----------
-        k : sample
-        x_hat : estimates; the sets are those of the design
-        starts : number of starts of the search for the worst noise
-        shared : whether the search admits noise in one ellipsoid for all stages only
+        With `shared` the search admits noise in one ellipsoid for all stages only.
         """
         assert self.M_roots is not None, "`certificate` needs `certifies`"
         window, M_root = slice(k, k + self.horizon), at_sample(self.M_roots, k)

@@ -107,13 +107,7 @@ class Triangle(NamedTuple):
 
 
 def fitted(e: Float[Array, "runs samples n"], z: Float[Array, "runs samples n"]) -> Triangle:
-    """Minimise the largest |e_i + sum_{j>i} T_ij z_j| over the samples, row by row of T.
-
-    Parameters
-    ----------
-    e : residuals to be bounded
-    z : signals that the correlation multiplies
-    """
+    """Minimise the largest |e_i + sum_{j>i} T_ij z_j| over the samples, row by row of T."""
     runs, samples, n = e.shape
     T, width, one_group = np.tile(np.eye(n), (runs, 1, 1)), np.empty((runs, n)), np.zeros(samples, dtype=np.int64)
     for i in range(n):
@@ -123,12 +117,7 @@ def fitted(e: Float[Array, "runs samples n"], z: Float[Array, "runs samples n"])
 
 
 def uncorrelated(e: Float[Array, "runs samples n"]) -> Triangle:
-    """Return the largest |e_i| over the samples, with T = I.
-
-    Parameters
-    ----------
-    e : residuals to be bounded; NaN or inf makes the half-width of its component NaN, as in `fitted`
-    """
+    """Return the largest |e_i| over the samples, with T = I; NaN or inf makes the half-width NaN, as in `fitted`."""
     runs, _, n = e.shape
     width = np.abs(e).max(axis=1)
     return Triangle(np.tile(np.eye(n), (runs, 1, 1)), np.where(np.isfinite(width), width, np.nan))
@@ -196,14 +185,7 @@ class NoiseTuning:
     def penalties(
         self, k: int, window: Float[Array, "runs samples numbers"], Q_yw: Float[Array, "runs ny ny"]
     ) -> tuple[Float[Array, "runs ny ny"], dict[str, Array]]:
-        """Return the output weights at k and the solution of LP2; weights without a solution do not change.
-
-        Parameters
-        ----------
-        k : sample
-        window : samples up to k
-        Q_yw : output weights of the previous sample
-        """
+        """Return the output weights at k and the solution of LP2; weights without a solution do not change."""
         runs = len(window)
         if k < self.start:
             return Q_yw, {name: np.full((runs, *shape), np.nan) for name, shape in self.reports.items()}

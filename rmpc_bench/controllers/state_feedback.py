@@ -260,13 +260,7 @@ def game_gain(
 
 
 def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix) -> Stages:
-    """Return the matrices of the model and the weights from k = 0 to the end of the window of k = n_steps - 1.
-
-    Raises
-    ------
-    DesignError
-        If a weight is not admissible, or the model is undefined within the horizon.
-    """
+    """Return the matrices of the model and the weights from k = 0 to the end of the window of k = n_steps - 1."""
     models = [_ahead(model.at, k) for k in range(n_steps + horizon - 1)]
     A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
     weights = []
@@ -308,13 +302,7 @@ def refuse_mean(model: Model, estimator: Estimator, stages: Stages) -> None:
 
 
 def noise_roots(model: Model, estimator: Estimator, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
-    """Return the roots of the estimator's sets of the process noise, or of 95 % ellipsoids of the model's covariances.
-
-    Raises
-    ------
-    DesignError
-        If noise grows beyond 1e100 over the horizon.
-    """
+    """Return roots of the estimator's sets of the process noise, or of 95 % ellipsoids of the model's covariances."""
     sets = estimator.sets or stochastic_sets(model)
     G = psd_sqrt(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
     # Negated, so that NaN counts as an overflow.

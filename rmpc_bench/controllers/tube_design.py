@@ -45,13 +45,7 @@ class Feedback(NamedTuple):
 
 
 def feedback(A: Float[Array, "nx nx"], B: Float[Array, "nx nu"], Q_x: Matrix, R_u: Matrix) -> Feedback:
-    """Solve the Riccati equation of the infinite horizon.
-
-    Raises
-    ------
-    DesignError
-        If a weight is not admissible, no input reaches an unstable mode, or the cost leaves a state free.
-    """
+    """Solve the Riccati equation of the infinite horizon, for inputs that reach all unstable modes."""
     from scipy.linalg import solve_discrete_are
 
     weights = []

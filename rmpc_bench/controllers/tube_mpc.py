@@ -216,13 +216,7 @@ def design(
 
 
 def constant_model(model: Model, estimator: Estimator | None) -> LinearModel:
-    """Return the model of deviations from the operating point.
-
-    Raises
-    ------
-    DesignError
-        If it varies with k, has a constant part, or the estimator estimates one.
-    """
+    """Return the model of deviations from the operating point; it must not vary with k or have a constant part."""
     # A state-dependent model raises a DesignError here.
     found: LinearModel = model.deviation.at(0)
     if model.varies:

@@ -90,11 +90,6 @@ def design(
 def decrease(k: float, eps: float | None = None) -> float:
     """Return (1 - eps) (1 - 2 Phi(-k)), the decrease of P by a clipped innovation relative to that of an unclipped one.
 
-    Parameters
-    ----------
-    k : corner of Huber's function
-    eps : share of outliers; None for that for which k is minimax
-
     Examples
     --------
     >>> round(decrease(1.345), 3), decrease(40.0)

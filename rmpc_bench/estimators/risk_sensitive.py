@@ -95,13 +95,7 @@ def _penalised(k: int, root: Array, theta: float, tau: float) -> Inflation:
 
 
 def steady_theta(model: Model, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:
-    """Return the steady multiplier of the robust Kalman filter, for the model at k = 0 and right side ``c`` of (16).
-
-    Raises
-    ------
-    DesignError
-        If theta has not converged after 100,000 steps.
-    """
+    """Return the steady multiplier of the robust Kalman filter, for the model at k = 0 and right side ``c`` of (16)."""
     now, root, last, quiet = model.at(0), root_of(P0), 0.0, 0
     for _ in range(_MAX_STEPS):
         V_root, theta = inflate_to_radius(root, c, tau)  # (13), (16)

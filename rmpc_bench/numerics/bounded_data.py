@@ -56,13 +56,7 @@ class BoundedStep(NamedTuple):
     def multiplier(
         self, x_hat: Float[Array, "runs nx"], P: Float[Array, "runs nx nx"], b: Float[Array, "runs ny"]
     ) -> Float[Array, " runs"]:
-        """Return mu = 1/lam of every run.
-
-        Parameters
-        ----------
-        x_hat, P : estimate at k and its matrix
-        b : innovation of the nominal prediction at k+1
-        """
+        """Return mu = 1/lam of every run; b is the innovation of the nominal prediction at k+1."""
         (sx, nx), (sw, nw), ny = self.G_x.shape, self.G_w.shape, len(self.C)
         of_x = np.vstack([self.G_x, np.zeros((sw, nx)), self.C.dot(self.A)])
         of_w = np.vstack([np.zeros((sx, nw)), self.G_w, self.C.dot(self.Bw)])
@@ -97,14 +91,9 @@ def _shrunk(
 def search(
     fixed: Float[Array, "rows n n"], slope: Float[Array, "n n"], d: Float[Array, "rows n"], lam_l: float
 ) -> Float[Array, " rows"]:
-    """Return mu = 1/lam of every problem, with lam between (1 + NEAREST) and FARTHEST times its lower bound.
+    """Return mu = 1/lam of every problem, with lam between (1 + NEAREST) and FARTHEST times its lower bound lam_l.
 
-    Parameters
-    ----------
-    fixed : (rows, n, n) N at mu = 0
-    slope : (n, n) derivative diag(I, -H H') of N by mu, the same for all problems
-    d : (rows, n) data [E_b; b]; a row with NaN gives NaN
-    lam_l : lower bound of lam, > 0
+    `fixed` is N at mu = 0, `slope` its derivative diag(I, -H H') by mu, d = [E_b; b]; a row with NaN gives NaN.
     """
     low, high = 1.0 / (FARTHEST * lam_l), 1.0 / ((1.0 + NEAREST) * lam_l)
     middle = 0.5 * (low + high)

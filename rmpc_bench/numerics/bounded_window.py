@@ -73,15 +73,7 @@ class WindowFits(NamedTuple):
 def fit_free(
     window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, process: float = PROCESS
 ) -> WindowFits:
-    """Fit the last points without a state equation of the first one.
-
-    Parameters
-    ----------
-    window : data of the window
-    C : (1 or points, ny, nx) output matrices
-    points : number of points, at least two
-    process : weight of process noise in the second objective
-    """
+    """Fit the last points, two or more, without a state equation of the first one; C for all of them or one each."""
     path, d = predicted(window, C, points, anchored=False)
     F, moved = reduced(window, C, points)
     fits = fit(F, d, np.tile(np.arange(C.shape[1]), points))
@@ -194,12 +186,9 @@ def least_noise_fit(
 ) -> tuple[Float[Array, " p"], Float[Array, " groups"]] | None:
     """Return the minimax fit with the least weighted sum of absolute residuals.
 
-    The unknowns are x, the positive and the negative parts of the residuals, and the bounds.
+    None if the solver fails, or if the sizes of the outputs differ by more than `WIDEST`.
 
-    Returns
-    -------
-    tuple or None
-        x and the bounds; None if the solver fails, or if the sizes of the outputs differ by more than `WIDEST`.
+    The unknowns are x, the positive and the negative parts of the residuals, and the bounds.
     """
     n, p = F.shape
     scale, groups = float(np.abs(d).max()), int(group.max()) + 1

@@ -27,12 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(**options: Any) -> Callable[[F], F]:
-    """Return a decorator that compiles a kernel at its first call.
-
-    Parameters
-    ----------
-    options : of ``numba.njit``, such as ``error_model="numpy"``
-    """
+    """Return a decorator that compiles a kernel at its first call, with options of ``numba.njit``."""
 
     def decorate(function: F) -> F:
         kernel: Any

@@ -124,10 +124,7 @@ def _log_stretch(m: float, g: float, x_max: float, tau: float) -> float:
 def inflate(F: Float[Array, "n r"], theta: float, tau: float = 0.0) -> Inflation:
     """V = F (I - theta (1 - tau) F'F)^(-1/(1 - tau)) F', (13), (19), by eigenvalues: a singular P is no obstacle.
 
-    Raises
-    ------
-    ValueError
-        If theta * (1 - tau) * lambda_max(P) >= 1, where V is undefined, or V is too large for its gains.
+    A ValueError says that theta (1 - tau) lambda_max(P) >= 1, where V is undefined, or V is too large for its gains.
     """
     lam, W = _spectrum(F)
     x, a = theta * lam, 1.0 - tau
@@ -184,12 +181,9 @@ def _stretched(F: Float[Array, "n r"], W: Float[Array, "r r"], stretch: Float[Ar
 def covariance_part(K_true: Float[Array, "*batch n n"], K: Float[Array, "*#batch n n"]) -> Float[Array, "*batch"]:
     """Return the part that does not depend on the means; infinite where K~ is singular.
 
-    It is the sum of (lam - 1 - ln lam) / 2 over the eigenvalues lam of K^-1 K~: no term is negative, so none cancels.
+    K~ is the covariance of the true density, K that of the nominal one, positive definite.
 
-    Parameters
-    ----------
-    K_true : (..., n, n) covariance K~ of the true density
-    K : (..., n, n) covariance of the nominal density, positive definite
+    It is the sum of (lam - 1 - ln lam) / 2 over the eigenvalues lam of K^-1 K~: no term is negative, so none cancels.
     """
     excess = np.maximum(np.linalg.eigvalsh(_whitened(K_true, K)), 0.0) - 1.0
     with np.errstate(divide="ignore"):
@@ -198,13 +192,7 @@ def covariance_part(K_true: Float[Array, "*batch n n"], K: Float[Array, "*#batch
 
 
 def mean_part(moment: Float[Array, "*batch n n"], K: Float[Array, "*#batch n n"]) -> Float[Array, "*batch"]:
-    """Return the expectation of dm' K^-1 dm / 2.
-
-    Parameters
-    ----------
-    moment : (..., n, n) expectation of dm dm'
-    K : (..., n, n) covariance of the nominal density, positive definite
-    """
+    """Return the expectation of dm' K^-1 dm / 2 from that of dm dm'."""
     return np.asarray(0.5 * np.trace(_whitened(moment, K), axis1=-2, axis2=-1))
 
 

@@ -91,6 +91,8 @@ def intersection(
 ) -> Intersection:
     """Enclose the points x with x' M^-1 x <= 1 and (e - C x)' R^-1 (e - C x) <= 1 by their smallest combination.
 
+    M may be singular, R may not; e are measurements minus the outputs at the centres of the first sets.
+
     With M = F F', R^-1/2 C F = U diag(s) W' and z = U' R^-1/2 e, these are the points x = F W xi with |xi| <= 1 and
     |z - s xi| <= 1, for any rank of M or C.  For every lam in [0, 1] they satisfy
     (1 - lam) |xi|^2 + lam |z - s xi|^2 <= 1.  Completing the square gives an ellipsoid of shape delta2 diag(1 / t) with
@@ -101,13 +103,6 @@ def intersection(
     eps of C F, e and the singular values changes z - s xi by eps times `reach`, the size of their products, which is
     added to the scale.  The rounding of the centre remains: x may be outside by about 1e-13 of the half-widths
     sqrt(M_ii) of the first set.
-
-    Parameters
-    ----------
-    M : shapes of the first sets, singular ones included
-    C, R : output matrix, and regular shape of the set of the measurement noise
-    e : measurements minus the outputs at the centres of the first sets
-    criterion : size that is minimised, the trace of the shape or the volume
     """
     (m, n), (F, _), (_, root) = C.shape, _root(M), _root(R)
     A = np.einsum("ki,rij->rkj", root @ C, F)

@@ -35,20 +35,7 @@ class Interval(NamedTuple):
 
 
 def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False) -> Interval:
-    """Return bounds of n coordinates; infinite without pairs.
-
-    Parameters
-    ----------
-    pairs : one pair for all coordinates, or one each
-    n : number of coordinates
-    key : the key, for messages
-    distinct : whether a lower bound must be below the upper one; else they may be equal
-
-    Raises
-    ------
-    DesignError
-        If the number of pairs does not fit, a lower bound is too large, a bound is not a number or infinite on
-        the wrong side, or no bound is finite.
+    """Return bounds of n coordinates, infinite without pairs; with `distinct` no lower bound equals the upper one.
 
     Examples
     --------

@@ -42,17 +42,8 @@ def largest_invariant(
 ) -> InvariantRows:
     """Return the states from which H x(t) <= b_t for all t.
 
-    Parameters
-    ----------
-    A : matrix of x+ = A x, with eigenvalues inside the unit circle
-    H : limits, one per row
-    bounds : function that returns b_t; it must not increase with t
-    b_inf : (rows,) lower bound of all b_t, positive
-
-    Raises
-    ------
-    ValueError
-        If a bound is not positive, or the set is not found within `MOST_STEPS` steps.
+    A has its eigenvalues inside the unit circle, b_t = bounds(t) does not increase with t and is at least b_inf > 0.
+    A ValueError says that a bound is not positive, or the set not found within `MOST_STEPS` steps.
 
     Examples
     --------

@@ -56,12 +56,7 @@ def sizes_of_coordinates(x: Float[Array, " n"]) -> Float[Array, " n"]:
 
 
 def jacobian(function: Function, x: Float[Array, " n"]) -> Float[Array, "m n"]:
-    """Return the Jacobian at x.
-
-    Parameters
-    ----------
-    function : maps (n,) to (m,); called 4 n times, with arrays of its own
-    x : (n,) point
+    """Return the Jacobian at x, by 4 n calls with arrays of their own.
 
     Examples
     --------
@@ -77,13 +72,7 @@ def jacobian(function: Function, x: Float[Array, " n"]) -> Float[Array, "m n"]:
 
 
 def derivative(function: Function, x: Float[Array, " n"]) -> Derivative:
-    """Return the Jacobian at x, and the coordinates in whose direction the function has a kink at x.
-
-    Parameters
-    ----------
-    function : maps (n,) to (m,); called 8 n + 1 times, with arrays of its own
-    x : (n,) point
-    """
+    """Return the Jacobian at x and the coordinates in whose direction there is a kink at x, by 8 n + 1 calls."""
     J = jacobian(function, x)
     size, f = sizes_of_coordinates(x), _at(function, x)
     # Terms that cancel at a steady state leave their rounding error.

@@ -55,13 +55,7 @@ def at_sample(schedule: Array, k: int) -> Array:
 
 
 def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Expand a number (times the identity), a list (the diagonal) or a matrix to ``(n, n)``.
-
-    Raises
-    ------
-    ValueError
-        If the shape does not fit, with both shapes.
-    """
+    """Expand a number (times the identity), a list (the diagonal) or a matrix to ``(n, n)``."""
     M = np.asarray(value, dtype=float)
     if M.ndim == 0:
         return float(M) * np.eye(n)
@@ -73,13 +67,7 @@ def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
 
 
 def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Expand as in `as_matrix` and check that the result is symmetric and positive semidefinite.
-
-    Raises
-    ------
-    ValueError
-        If the shape does not fit, the matrix is not symmetric or an eigenvalue is negative.
-    """
+    """Expand as in `as_matrix` and check that the result is symmetric and positive semidefinite."""
     M = as_matrix(value, n)
     if not np.isfinite(M).all():
         raise ValueError("must be finite")
@@ -92,13 +80,7 @@ def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
 
 
 def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
-    """Expand a number (in every entry) or a list to ``(n,)``.
-
-    Raises
-    ------
-    ValueError
-        If the length does not fit, with both lengths.
-    """
+    """Expand a number (in every entry) or a list to ``(n,)``."""
     v = np.asarray(value, dtype=float)
     if v.ndim == 0:
         return np.full(n, float(v))
@@ -160,10 +142,7 @@ def discretise(
 ) -> tuple[Float[Array, "n n"], Float[Array, "n m"]]:
     """Sample x' = A x + B u with u held over ``Ts`` seconds, by one exponential of the block matrix [[A, B], [0, 0]].
 
-    Returns
-    -------
-    tuple
-        e^(A Ts) and the integral of e^(A s) B over s in [0, Ts].
+    The results are e^(A Ts) and the integral of e^(A s) B over s in [0, Ts].
     """
     from scipy.linalg import expm
 

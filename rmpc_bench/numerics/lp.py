@@ -115,14 +115,7 @@ class LpResult(NamedTuple):
 
 
 def solve(c: Float[Array, " n"], bounds: Bounds, options: Mapping[str, Any] | None = None) -> LpResult:
-    """Solve a linear program.
-
-    Parameters
-    ----------
-    c : (n,) cost vector
-    bounds : feasible set
-    options : options of HiGHS, in addition to those of this module
-    """
+    """Solve a linear program, with options of HiGHS in addition to those of this module."""
     if not _is_a_program(c, bounds):
         return _no_result(bounds, LpStatus.NOT_FINITE)
     result = _run(c, bounds, {**PRIMAL, **(options or {})})
@@ -168,18 +161,7 @@ def _violation(x: Array, bounds: Bounds) -> float:
 
 
 def lexicographic(first: Float[Array, " n"], second: Float[Array, " n"], bounds: Bounds) -> LpResult:
-    """Minimise one objective and, over its optima, a second one.
-
-    Parameters
-    ----------
-    first, second : (n,) objectives
-    bounds : feasible set
-
-    Returns
-    -------
-    LpResult
-        Objective and duals are those of the first program; the status is that of the last program solved.
-    """
+    """Minimise one objective and, over its optima, a second one; objective and duals are those of the first program."""
     found = solve(first, bounds)
     if found.status is not LpStatus.OPTIMAL:
         return found

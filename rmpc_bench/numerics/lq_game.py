@@ -70,29 +70,16 @@ def smallest_multiplier(game: Game) -> float:
 
 
 def solve(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
-    """Solve the game with a common multiplier of the noise at all stages.
-
-    Parameters
-    ----------
-    game : the game
-    M_root : root of the set of e
-    x : estimate x_hat
-    """
+    """Solve the game with a common multiplier of the noise at all stages; M_root is the root of the set of e."""
     return solve_from(game, M_root, np.array(x, dtype=float), smallest_multiplier(game), 0.0)
 
 
 def solve_from(
     game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"], tau_min: float, guess: float
 ) -> Solution:
-    """Solve the game as `solve` does, from a known smallest multiplier and a first guess of s.
+    """Solve the game as `solve` does, from the smallest multiplier and a guess of s = log(tau_2 / tau_min - 1).
 
-    Parameters
-    ----------
-    game : the game
-    M_root : root of the set of e
-    x : estimate x_hat, contiguous and writable, as the compiled code is made for such arrays
-    tau_min : smallest multiplier of the noise
-    guess : s = log(tau_2 / tau_min - 1) at which the search starts
+    The compiled code is made for a contiguous and writable x.
     """
     from rmpc_bench.numerics.game_kernel import backward_kernel, first_error_kernel, optimum_kernel
 
@@ -107,14 +94,7 @@ def solve_from(
 
 
 def plan(game: Game, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
-    """Return all controls of a game, of which the first one is applied.
-
-    Parameters
-    ----------
-    game : the game
-    feedback : R^-1 B' of every stage
-    solution : solution of the game
-    """
+    """Return all controls of a game, of which the first one is applied; `feedback` is R^-1 B' of every stage."""
     from rmpc_bench.numerics.game_kernel import backward_kernel
 
     N, n = game.A.shape[:2]
@@ -161,13 +141,7 @@ class Tables(NamedTuple):
 
 
 def tables(games: Sequence[Game], M_roots: Float[Array, "k n n"]) -> Tables:
-    """Compute the tables of all k.
-
-    Parameters
-    ----------
-    games : the games of k = 0..
-    M_roots : roots of the sets of e(k), of length 1 if they are the same at all k
-    """
+    """Compute the tables of all k; one root if the sets of e(k) are the same at all k."""
     found = [_table(game, M_roots[k if len(M_roots) > 1 else 0]) for k, game in enumerate(games)]
     tau_min, s, series, usable = zip(*found, strict=True)
     return Tables(np.array(tau_min), np.array(s), np.array(series), np.array(usable))

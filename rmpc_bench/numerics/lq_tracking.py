@@ -85,13 +85,7 @@ def integral_gain(
     Q_i: Float[Array, "nz nz"],
     R_u: Float[Array, "nu nu"],
 ) -> IntegralGain:
-    """Return the stationary gain of the model augmented by the sums q of z; C without rows gives none.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the Riccati equation has no stabilising solution.
-    """
+    """Return the stationary gain of the model augmented by the sums q of z; C without rows gives none."""
     # Imported here because of its cost.
     from scipy.linalg import block_diag, solve_discrete_are
 

@@ -39,14 +39,7 @@ class WindowLaw(NamedTuple):
 
 
 def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> WindowLaw:
-    """Return the first controls of all windows.
-
-    Parameters
-    ----------
-    stages : system and weights
-    horizon : length N of a window
-    F : matrix of the known vector d in x(t+1)
-    """
+    """Return the first controls of all windows; F is the matrix of the known vector d in x(t+1)."""
     n_windows = len(stages.A) - horizon + 1
     S, s = stages.Q[horizon - 1 :], np.zeros((n_windows, *F.shape[1:]))
     K = K_d = np.zeros(0)
@@ -66,17 +59,7 @@ def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> Windo
 def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipliers: Float[Array, " k"]) -> Array:
     """Return the first gains R^-1 B' Pi_1 T of the games of all windows: u = -L x.
 
-    Parameters
-    ----------
-    stages : system and weights
-    G : roots of the sets of the noise
-    horizon : length N of a window
-    multipliers : multipliers of the noise, one per window, above the smallest ones
-
-    Raises
-    ------
-    ValueError
-        If a game is not bounded.
+    G are roots of the sets of the noise; a ValueError says that a game is not bounded by its multiplier.
     """
     first, bounded = _game(stages, G, horizon, multipliers)
     if not bounded.all():

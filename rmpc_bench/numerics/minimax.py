@@ -47,19 +47,7 @@ class Fits(NamedTuple):
 
 
 def fit(F: Float[Array, "rows n p"], d: Float[Array, "rows n"], group: Int[Array, " n"]) -> Fits:
-    """Fit every row; no row depends on the others.
-
-    Parameters
-    ----------
-    F : (rows, n, p) one row per point, p >= 0
-    d : (rows, n) data
-    group : (n,) group of every point, counted from 0
-
-    Returns
-    -------
-    Fits
-        A row with NaN or inf has the outcome `FAILED`.
-    """
+    """Fit every row; no row depends on the others, and one with NaN or inf has the outcome `FAILED`."""
     from rmpc_bench.numerics.minimax_kernel import minimax_kernel
 
     rows, n, p = F.shape

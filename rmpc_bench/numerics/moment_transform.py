@@ -131,10 +131,6 @@ def _evaluated(f: Map, x: Float[Array, "runs n"], steps: Float[Array, "runs p n"
 def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n"], Bool[Array, " runs"]]:
     """Return S with S S' = P for every run, and whether P is indefinite, so that only its positive part has the root.
 
-    Parameters
-    ----------
-    P : covariances; NaN in a run gives NaN there
-
     Examples
     --------
     >>> root, indefinite = covariance_root(np.array([[[4.0, 0.0], [0.0, 1.0]], [[4.0, 0.0], [0.0, -1.0]]]))

@@ -59,13 +59,7 @@ def spectrum(GPG: Float[Array, "s s"]) -> tuple[Float[Array, " s"], Float[Array,
 
 
 def widen(GPG: Float[Array, "s s"], excess: Excess) -> Widening:
-    """Choose a for G P G' and invert a I - G P G'.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If the excess is 0 although the uncertainty has an effect.
-    """
+    """Choose a for G P G' and invert a I - G P G'; a ZeroDivisionError if the excess is 0 but has an effect."""
     if len(GPG) == 1:
         largest = max(GPG.item(), 0.0)
         t = excess.over(largest)
@@ -88,13 +82,7 @@ def _seeing_nothing(largest: float, s: int) -> Widening:
 
 
 def keep_a(old: Widening, difference: Float[Array, "s s"]) -> Widening | None:
-    """Use the same a for another covariance; None if a is too small for it.
-
-    Parameters
-    ----------
-    old : the multiplier with its gap for G P G'
-    difference : G P G' minus the same of the other covariance
-    """
+    """Use the same a for another covariance, smaller by `difference` in G P G'; None if a is too small for it."""
     if not difference.any():
         return old
     gap = old.gap + difference
@@ -106,12 +94,6 @@ def best_excess(lam: Float[Array, " s"], p: Float[Array, " s"], q: float) -> flo
     """Return the t = a - lambda_max that minimises sum_i p_i / (a - lam_i) + q a.
 
     The derivative is 0 where sum_i p_i / (a - lam_i)^2 = q; with one eigenvalue t = sqrt(p / q).
-
-    Parameters
-    ----------
-    lam : eigenvalues, ascending
-    p : weights, not negative
-    q : weight of a, not negative
     """
     largest = float(lam[-1])
     floor, ceiling = _FLOOR * largest, _CEILING * largest
@@ -125,11 +107,6 @@ def no_worse(lam: Float[Array, " s"], p: Float[Array, " s"], q: float, t0: float
 
     The sum is convex in t, so that t0 is one end.  With d_i = lambda_max - lam_i, the other end solves
     sum_i p_i / ((t0 + d_i) (t + d_i)) = q; with one eigenvalue it is t = p / (q t0).
-
-    Parameters
-    ----------
-    lam, p, q : as in `best_excess`
-    t0 : > 0
     """
     if q <= 0.0:
         return (t0 if p.any() else 0.0), math.inf
@@ -188,13 +165,7 @@ class NoiseChannel:
         return rule.over(float(self.lam[-1])) if self.present else 0.0  # Step 1, (86), (87)
 
     def best(self, T: Float[Array, "nx nz"], within: tuple[float, float] = (0.0, math.inf)) -> float:
-        """Return the t that minimises trace(T bound T'); 0 if the infimum is at t -> 0.
-
-        Parameters
-        ----------
-        T : (nx, nz) linear map that is applied to the bound
-        within : smallest and largest admissible t
-        """
+        """Return the admissible t that minimises trace(T bound T'); 0 if the infimum is at t -> 0."""
         if not self.present or not self.cross.any():
             return 0.0
         return min(max(best_excess(self.lam, *self._coefficients(T)), within[0]), within[1])
@@ -213,13 +184,7 @@ class NoiseChannel:
         return float(self.lam[-1]) + t if self.present else 0.0  # Step 1, (48), (49)
 
     def nominal(self, t: float) -> Float[Array, "nz nz"]:
-        """Return M Wc M'.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If t = 0 although the nominal noise shares directions with the uncertainty.
-        """
+        """Return M Wc M'; ZeroDivisionError if t = 0 although nominal noise shares directions with the uncertainty."""
         if not self.present or not self.cross.any():
             return self.base
         if not t > 0.0:
@@ -277,12 +242,6 @@ class NoisePair(NamedTuple):
         The compared sizes are the trace of the bound and the traces of G A^j times the bound times its transpose for
         j = 0..nx-1: the combinations of the states that F_x multiplies, at the next nx steps.  An excess of 0, for
         which there may be no bound, is replaced by gamma = 1.
-
-        Parameters
-        ----------
-        A : transition of x
-        G : combination of the states that F_x multiplies
-        w, v : rules of the given excesses
         """
         nx, nz = len(A), len(self.w.base)
         rows = [np.eye(nx), G]

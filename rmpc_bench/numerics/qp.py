@@ -219,13 +219,7 @@ class QuadraticProgram:
     iteration_limit: int = MOST_ITERATIONS
 
     def solve(self, f: Any, low: Any, high: Any) -> QpSolution:
-        """Solve one problem.
-
-        Parameters
-        ----------
-        f : (n,) linear part of the cost
-        low, high : (rows,) bounds of the rows; infinite where there is none
-        """
+        """Solve one problem with the linear part f of the cost; bounds of rows are infinite where there is none."""
         f, low, high = (np.array(each, dtype=float)[None] for each in (f, low, high))
         (x,), (lam,), (status,) = self._solved(f, low, high)
         eps = self._slacks(mv(self._matrices[1], x[None]), low, high)[0]

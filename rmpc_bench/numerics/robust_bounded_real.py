@@ -66,12 +66,7 @@ class OutOfRangeError(ValueError):
 def bounded_real_step(system: Uncertain, bounds: Bounds, limits: Limits) -> BoundedRealStep:
     """Return the gains at k and the bounds at k+1.
 
-    Raises
-    ------
-    OutOfRangeError
-        With `alpha` if alpha I > N X N' does not hold, with `theta` if I > theta^2 L P L' does not.
-    numpy.linalg.LinAlgError
-        If the covariance of the innovation is singular, or, with uncertainty, A or X.
+    An OutOfRangeError names `alpha` if alpha I > N X N' does not hold, `theta` if I > theta^2 L P L' does not.
     """
     (A, C, _, R), nx = system, len(system.A)
     M, joint, X = np.vstack([A, C]), R, None

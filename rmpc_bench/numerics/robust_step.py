@@ -173,14 +173,7 @@ def is_covariance(
 ) -> Float[Array, " steps"]:
     """Return at which k the P of Table 2, evaluated line by line, is a covariance matrix.
 
-    Parameters
-    ----------
-    P0 : (nx, nx) covariance of the initial state
-    channels : of x, w and v at k = 0..N
-
-    Returns
-    -------
-    1 as long as P is finite, symmetric to 0.1 % and positive semidefinite, and 0 from the first k at which it is not
+    1 as long as P is finite, symmetric to 0.1 % and positive semidefinite; 0 from the first k at which it is not.
     """
     found, P = np.zeros(len(channels)), P0
     for k, (x, w, v) in enumerate(channels):

@@ -21,15 +21,7 @@ def s_curve(
     height: float = HEIGHT,
     angle: float = ANGLE,
 ) -> Float[Array, "samples 3"]:
-    """Return x, y and the angle at some times; it is constant before the start and after the end.
-
-    Parameters
-    ----------
-    t : (samples,) times [s]
-    duration : from rest to rest [s]
-    width, height : largest |x| and |y| [m]
-    angle : turn at half time [rad]
-    """
+    """Return x, y and the angle [m, m, rad] at times in seconds; it is constant before the start and after the end."""
     s = np.clip(t / duration, 0.0, 1.0)
     g = s * s * s * (10.0 - s * (15.0 - 6.0 * s))
     f = (1.25 * g - 0.125) * np.pi

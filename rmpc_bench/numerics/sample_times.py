@@ -14,24 +14,12 @@ ROUNDING = 1e-9
 
 
 def at_least(time: float, Ts: float) -> int:
-    """Return the smallest k with time <= k Ts.
-
-    Parameters
-    ----------
-    time : in seconds
-    Ts : sampling time [s]
-    """
+    """Return the smallest k with time <= k Ts."""
     return math.ceil(time / Ts - ROUNDING)
 
 
 def at_most(time: float, Ts: float) -> int:
-    """Return the largest k with k Ts <= time.
-
-    Parameters
-    ----------
-    time : in seconds
-    Ts : sampling time [s]
-    """
+    """Return the largest k with k Ts <= time."""
     return math.floor(time / Ts + ROUNDING)
 
 
@@ -60,18 +48,7 @@ class Span(NamedTuple):
 
 
 def spans_of(bursts: Sequence[Burst], Ts: float) -> tuple[Span, ...]:
-    """Return the samples of bursts at given times.
-
-    Parameters
-    ----------
-    bursts : intervals in seconds
-    Ts : sampling time [s]
-
-    Raises
-    ------
-    DesignError
-        If a burst ends before it begins or contains no sample.
-    """
+    """Return the samples of bursts, intervals in seconds; each must contain a sample."""
     spans = tuple(Span(*samples_of(each.from_, each.to, Ts), each.factor) for each in bursts)
     for number, (burst, span) in enumerate(zip(bursts, spans, strict=True)):
         if burst.to < burst.from_:

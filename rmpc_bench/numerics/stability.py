@@ -61,13 +61,6 @@ def hinf_peak(
     that are uncontrollable or unobservable have no effect on it, stable or not; quadratic stability also requires
     rho(A) < 1.  The relative error is 1e-10, or that of the rounding of A: about 1e-15 divided by the distance of the
     poles from the unit circle.
-
-    Parameters
-    ----------
-    A : (n, n) state matrix
-    B : (n, m) input matrix
-    C : (p, n) output matrix
-    D : (p, m) feedthrough, zero if not given
     """
     D = np.zeros((len(C), B.shape[1])) if D is None else D
     A, B, C = balanced(A, B, C)
@@ -175,13 +168,7 @@ def mean_square_radius(
 ) -> float:
     """Return the spectral radius of X -> E (A + H F G) X (A + H F G)'.
 
-    Parameters
-    ----------
-    A : (n, n) state matrix
-    H : (n, r) how F enters
-    G : (s, n) combination of the states that F multiplies; F is (r, s), diagonal, with independent entries
-    mean : mean of an entry of F
-    variance : variance of an entry of F
+    F is diagonal, with independent entries of the given mean and variance.
     """
     n_entries = min(H.shape[1], len(G))
     H, G = H[:, :n_entries], G[:n_entries]

@@ -64,16 +64,12 @@ class StageMultipliers(NamedTuple):
 def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
     """Solve the game with one multiplier per stage.
 
+    game.G is the root of the set of w(t) at each stage, M_root that of e.
+
     The duality gap at the end is below 1e-9 rho; this held for all 4000 test states, with singular sets, missing noise,
     A_0 = 0 and N up to 100.  If the search does not improve it, the result is the solution with a common multiplier
     for the set N M_w.  Noise without effect has the multiplier 1e-20 rho.  With a singular M, the recursion with these
     multipliers may give another tau_1, which changes rho by up to 2e-7 by rounding.
-
-    Parameters
-    ----------
-    game : the game; G is the root of the set of w(t) at each stage
-    M_root : root of the set of e
-    x : estimate x_hat
     """
     x, (N, n) = np.ascontiguousarray(x, dtype=float), game.A.shape[:2]
     start = solve(game._replace(G=game.G * np.sqrt(N)), M_root, x)
@@ -96,14 +92,7 @@ def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"])
 
 
 def make_form(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Form:
-    """Write the game as a single step.
-
-    Parameters
-    ----------
-    game : the game
-    M_root : root of the set of e
-    x : estimate x_hat
-    """
+    """Write the game as a single step."""
     T = _reach(game, M_root, game.G)
     alone = _reach(game, x[:, None], psd_sqrt(game.S_B))
     E = alone[:, 1:]
@@ -114,13 +103,7 @@ def make_form(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) ->
 def search(
     T: Float[Array, "states noises"], F: Float[Array, "states noises"], f: Float[Array, " states"], n: int
 ) -> StageMultipliers:
-    """Compute the multipliers of the blocks of noise by a primal-dual method.
-
-    Parameters
-    ----------
-    T, F, f : the form
-    n : size of a block
-    """
+    """Compute the multipliers of the blocks of noise, of size n, by a primal-dual method."""
     C, S, h = symmetrise(T.T @ T), symmetrise(T.T @ F), T.T @ f
     size = np.sqrt(_traces(C, n))
     # In the interior of the domain, by the Cauchy-Schwarz inequality.

@@ -41,11 +41,7 @@ class Zero(NamedTuple):
 def find_zero(function: Function, x: Float[Array, " n"], low: Float[Array, " n"], high: Float[Array, " n"]) -> Zero:
     """Find a zero of a function inside bounds.
 
-    Parameters
-    ----------
-    function : maps (n,) to (m,); may be NaN outside of its domain, but not at the first point
-    x : (n,) first point, inside the bounds
-    low, high : (n,) bounds; infinite where there are none
+    The function may be NaN outside of its domain, but not at the first point, which is inside the bounds.
 
     Examples
     --------

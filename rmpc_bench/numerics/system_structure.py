@@ -25,15 +25,7 @@ System = tuple[Array, Array, Array, Array]
 def zeros(
     A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
 ) -> Complex[Array, " zeros"]:
-    """Return the finite zeros in any order, including uncontrollable or unobservable modes that lower the rank.
-
-    Parameters
-    ----------
-    A : (n, n) state matrix
-    B : (n, m) input matrix
-    C : (p, n) output matrix
-    D : (p, m) feedthrough, zero if not given
-    """
+    """Return the finite zeros in any order, including uncontrollable or unobservable modes that lower the rank."""
     from scipy.linalg import eigvals
 
     system = _scaled(A, B, C, np.zeros((len(C), B.shape[1])) if D is None else D)
@@ -97,10 +89,6 @@ RANK = 1e-9
 def observable_states(A: Float[Array, "n n"], C: Float[Array, "ny n"]) -> int:
     """Return the rank of [C; C A; C A^2; ..], the number of observable states.
 
-    Parameters
-    ----------
-    A, C : matrices of states that are scaled to similar sizes
-
     Examples
     --------
     >>> observable_states(np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0, 1.0]]))
@@ -117,10 +105,5 @@ def observable_states(A: Float[Array, "n n"], C: Float[Array, "ny n"]) -> int:
 
 
 def controllable_states(A: Float[Array, "n n"], B: Float[Array, "n nu"]) -> int:
-    """Return the rank of [B, A B, A^2 B, ..], the number of controllable states.
-
-    Parameters
-    ----------
-    A, B : matrices of states that are scaled to similar sizes
-    """
+    """Return the rank of [B, A B, A^2 B, ..], the number of controllable states."""
     return observable_states(A.T, B.T)

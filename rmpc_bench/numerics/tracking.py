@@ -155,14 +155,7 @@ def track(
 ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
     """Return the first inputs and the minimal costs of many runs; inputs are NaN if the cost does not determine them.
 
-    Parameters
-    ----------
-    A, B : of every run, or one for all
-    f, C : rest of the model
-    Q_yw : roots of the weights of every run, or one for all
-    R_u : upper triangular root of the inputs' weight, R_u' R_u = Q_u' Q_u
-    w : desired outputs at the samples 1..N
-    x : states
+    A, B and the roots Q_yw of the weights are of every run, or one for all; R_u' R_u = Q_u' Q_u; w is of samples 1..N.
     """
     from rmpc_bench.numerics.tracking_kernel import tracking_kernel
 

@@ -241,11 +241,7 @@ class WindowProgram:
     ) -> WindowFit:
         """Return the most probable last state of every run.
 
-        Parameters
-        ----------
-        x_bar : prediction of the last state
-        r : innovations, 0 where a measurement is missing
-        base : values with bounds before the measurement of their sample
+        r are innovations, 0 where a measurement is missing; `base` are values with bounds before the measurement.
         """
         x = x_bar + mv(self.L[-1], r[:, -self.L.shape[2] :])
         status = [QpStatus.OPTIMAL] * len(r)

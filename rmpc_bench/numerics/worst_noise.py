@@ -30,17 +30,9 @@ def worst_cost(
     *,
     shared: bool = False,
 ) -> float:
-    """Return the largest cost found from several starts.
+    """Return the largest cost found from several starts, random ones that are the same at every call.
 
-    Parameters
-    ----------
-    stages : system and weights over the horizon
-    U : controls
-    x : estimate x_hat
-    M_root : root of the set of e
-    G : roots of the sets of w(t)
-    starts : number of random initial noises, the same at every call
-    shared : whether all w(t) are in one ellipsoid, and not each in its own
+    With `shared` all w(t) are in one ellipsoid, else each is in its own.
     """
     N, nx = stages.A.shape[:2]
     generator = np.random.Generator(np.random.PCG64(starts))

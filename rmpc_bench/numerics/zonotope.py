@@ -71,13 +71,7 @@ class Zonotope:
 
     @property
     def area(self) -> float:
-        """Area of a set in the plane: 4 sum |det [g_i, g_j]| over all pairs of generators.
-
-        Raises
-        ------
-        ValueError
-            If the set is not in the plane.
-        """
+        """Area of a set in the plane: 4 sum |det [g_i, g_j]| over all pairs of generators."""
         if len(self.generators) != 2:
             raise ValueError(f"only a set in the plane has an area; this one has {len(self.generators)} dimensions")
         x, y = self.generators
@@ -90,13 +84,7 @@ class Zonotope:
         return comb(m, n - 1)
 
     def facets(self) -> Facets:
-        """Return the set as {z : -bounds <= normals z <= bounds}.
-
-        Raises
-        ------
-        ValueError
-            If the set has no interior.
-        """
+        """Return the set as {z : -bounds <= normals z <= bounds}."""
         n = len(self.generators)
         if np.linalg.matrix_rank(self.generators) < n:
             raise ValueError("the set has no interior")
@@ -149,17 +137,7 @@ def robust_invariant(
 ) -> InvariantSet:
     """Return a robust invariant set of x+ = A x + w, with w in a box.
 
-    Parameters
-    ----------
-    A : matrix whose eigenvalues are inside the unit circle
-    half_widths : (n,) of the box, all positive
-    largest_alpha : accuracy, below 1: terms are added until alpha is at most this number
-    most_terms : largest number of terms
-
-    Raises
-    ------
-    ValueError
-        If so many terms do not reach the accuracy.
+    Terms are added until alpha is at most `largest_alpha` < 1; a ValueError says that `most_terms` are not enough.
 
     Examples
     --------
