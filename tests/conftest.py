@@ -22,12 +22,10 @@ COMPILED = {
     "bounded_window_kernel",
     "compiled_step",
     "game_kernel",
-    "game_lookup",
     "linear_loop_kernel",
     "minimax_kernel",
     "moving_slide_kernel",
     "output_weights_kernel",
-    "own_covariance_kernel",
     "servo_kernel",
     "tracking_kernel",
 }

@@ -391,11 +391,9 @@ def test_compiled_code_calls_nothing_from_another_file():
         "models/servo_kernel.py",
         "numerics/bounded_window_kernel.py",
         "numerics/game_kernel.py",
-        "numerics/game_lookup.py",
         "numerics/linear_loop_kernel.py",
         "numerics/minimax_kernel.py",
         "numerics/output_weights_kernel.py",
-        "numerics/own_covariance_kernel.py",
         "numerics/tracking_kernel.py",
     }
     strays = {file: {*own_imports(trees()[file])} - {("numerics", "compiled")} for file in compiled}

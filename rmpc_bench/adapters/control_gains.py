@@ -23,8 +23,8 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.state_feedback import Lqr, refuse_mean, stages_of
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter
+from rmpc_bench.estimators.kalman import stationary_filter
 from rmpc_bench.estimators.kalman_predictor import STABLE
-from rmpc_bench.estimators.stationary import stationary_filter
 from rmpc_bench.extras import library
 from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -200,3 +200,23 @@ def _places(model: Model, plant_info: PlantInfo | None, unnamed: int) -> dict[st
     # A state and an output with one name: the output is the measured state, and the state is meant.
     names = [(name, f"y.{i}") for i, name in enumerate(plant_info.outputs)] + names
     return {name: place for name, place in names if name != place}
+
+
+AntiWindup: TypeAlias = Literal["back-calculation", "clamping", "none"]
+
+
+@dataclass(frozen=True)
+class InputLimits:
+    """Bounds of the input.
+
+    Parameters
+    ----------
+    u : [low, high] for every input, or one pair per input, in the unit of the input
+    """
+
+    u: Pairs
+
+
+def common_limits(bounds: Bounds) -> tuple[float, float] | Bounds | None:
+    """Return the lower and the upper limit of all inputs, or of each; None where there are none."""
+    return None if np.isinf(bounds).all() else one_for_all(bounds)

@@ -36,8 +36,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.input_limits import AntiWindup, InputLimits
-from rmpc_bench.controllers.limits import bounds_of
+from rmpc_bench.controllers.limits import AntiWindup, InputLimits, bounds_of
 from rmpc_bench.controllers.lqg_law import Lqg
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.input_limits import AntiWindup, common_limits
-from rmpc_bench.controllers.limits import Bounds
+from rmpc_bench.controllers.limits import AntiWindup, Bounds, common_limits
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint, Status
 

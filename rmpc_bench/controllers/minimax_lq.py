@@ -139,7 +139,7 @@ class MinimaxLq(Regulator):
         return tables(self._games(), self.M_roots)
 
     def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
-        from rmpc_bench.numerics.game_lookup import lookup_kernel
+        from rmpc_bench.numerics.game_kernel import lookup_kernel
 
         x, holds = as_compiled(x), np.zeros(len(x), dtype=bool)
         first = np.full_like(x, np.nan)

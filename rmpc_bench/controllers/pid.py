@@ -28,8 +28,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.input_limits import AntiWindup, InputLimits, common_limits
-from rmpc_bench.controllers.limits import Bounds, bounds_of
+from rmpc_bench.controllers.limits import AntiWindup, Bounds, InputLimits, bounds_of, common_limits
 from rmpc_bench.numerics.linalg import as_vector, mv
 from rmpc_bench.types import (
     Array,

@@ -25,8 +25,7 @@ import numpy as np
 from annotated_types import Gt
 from jaxtyping import Float
 
-from rmpc_bench.controllers.input_limits import InputLimits, common_limits
-from rmpc_bench.controllers.limits import Bounds, bounds_of
+from rmpc_bench.controllers.limits import Bounds, InputLimits, bounds_of, common_limits
 from rmpc_bench.models.noise_sets import stochastic_sets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
 from rmpc_bench.numerics.lq_game import Game

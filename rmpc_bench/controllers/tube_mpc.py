@@ -34,10 +34,8 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
-from rmpc_bench.controllers.input_limits import common_limits
-from rmpc_bench.controllers.limit_rows import LimitRows, limit_rows
-from rmpc_bench.controllers.limits import Bounds, Fallback
-from rmpc_bench.controllers.tube_design import Tightening, TubeDesign, feedback
+from rmpc_bench.controllers.limits import Bounds, Fallback, common_limits
+from rmpc_bench.controllers.tube_design import LimitRows, Tightening, TubeDesign, feedback, limit_rows
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.linalg import as_vector, mv

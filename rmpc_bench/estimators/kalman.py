@@ -16,17 +16,25 @@ Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependen
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
+from rmpc_bench.estimators.bridging import RiccatiRecursion
+from rmpc_bench.estimators.gain_schedule import (
+    Form,
+    GainScheduleFilter,
+    predictor_schedule,
+    riccati_schedule,
+    singular_innovation,
+    uncorrelated,
+)
+from rmpc_bench.models.noise_sets import NoiseKind, stochastic_sets, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.riccati import predicted_root
+from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
@@ -175,3 +183,29 @@ def _relinearised(
     except np.linalg.LinAlgError:
         raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "") from None
     return (TrajectoryFilter if model.has_offsets else RelinearisedFilter)(model, x0, P0, use_y0)
+
+
+def stationary_filter(
+    model: Model,
+    x0: Float[Array, " nx"],
+    K: Float[Array, "nx ny"],
+    P_pred: Float[Array, "nx nx"],
+    form: Form,
+) -> GainScheduleFilter:
+    """Return the filter with the gain K and the solution P_pred of the Riccati equation of its one-step predictor.
+
+    A run has gains of its own after a missing measurement.  A DesignError says that the model depends on k, its noises
+    are correlated, or the covariance of the innovation is singular.
+    """
+    if model.varies:
+        raise DesignError("stationary gains need a design model that does not depend on k; use kalman")
+    now = uncorrelated(model, 0)[0]
+    try:
+        step = filter_step(now.A, now.C, now.Q_w, now.R_v, root_of(P_pred))
+    except np.linalg.LinAlgError:
+        raise singular_innovation(0) from None
+    S = symmetrise(now.C @ P_pred @ now.C.T + now.R_v)
+    predictor = replace(predictor_schedule([now], x0, [K], [P_pred]), sets=stochastic_sets(model), S=S[None])
+    own = RiccatiRecursion([now], corrects=form == "filter")
+    predictor = replace(predictor, root=root_of(P_pred)[None], recursion=own)
+    return predictor if form == "predictor" else replace(predictor, L=step.L[None], P=step.P[None])

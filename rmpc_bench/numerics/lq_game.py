@@ -118,7 +118,7 @@ TINY = 1e-300
 MIDDLE, HALF = 0.5 * (ABOVE - BELOW), 0.5 * (ABOVE + BELOW)
 
 
-# Tables of games: the functions of s that all runs share; game_lookup.py evaluates them.
+# Tables of games: the functions of s that all runs share; game_kernel.py evaluates them.
 #
 # At the boundary of the domain, tau_1 = lambda_max(M^1/2 Y_0 M^1/2), the slope D is a quadratic form and the first
 # control a linear form of the state, whose matrices depend on s alone.  Chebyshev series of these matrices with `NODES`
@@ -136,7 +136,7 @@ class Tables(NamedTuple):
     s: Float[Array, " k"]
     """Optimal s = log(tau / tau_min - 1) for x_hat = 0."""
     series: Float[Array, "k rows nodes"]
-    """Chebyshev coefficients; game_lookup.py describes the rows."""
+    """Chebyshev coefficients; game_kernel.py describes the rows."""
     usable: Bool[Array, " k"]
 
 

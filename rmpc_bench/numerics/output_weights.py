@@ -84,7 +84,7 @@ def measured(
     y: Float[Array, "runs ny"],
 ) -> Measured:
     """Compare y, NaN where it is missing, with the predictions C x + d; T is of every run, or a single one for all."""
-    from rmpc_bench.numerics.own_covariance_kernel import measure_kernel
+    from rmpc_bench.numerics.output_weights_kernel import measure_kernel
 
     (runs, nx), ny = state.x.shape, len(C)
     found = Measured(np.empty((runs, ny)), np.empty((runs, ny, ny)), np.empty((runs, ny)), np.empty((runs, ny, nx)))

@@ -8,6 +8,7 @@ Phases
     3  weights of several outputs, or of x - x_pred, too     _fit, _diagonalise, _student, _bounded, _reweigh
     4  correction with weights                               _correct, correct_kernel
     5  next sample                                           predict_kernel
+    6  comparison of measurements with predictions           measure_kernel
 
 F is the root of the predicted covariance, q the whitened innovation, H the whitened output matrix, T = H F, and z the
 whitened deviation: x - x_pred = F z.  No weight is inverted, so that it may be 0.  G = T T' is not formed where there
@@ -387,3 +388,39 @@ def predict_kernel(
         for i in range(n):
             for s in range(n):
                 F_next[run, i, s] = W[s, i]
+
+
+@compiled(error_model="numpy")
+def measure_kernel(
+    C: Any, d: Any, R: Any, whitening: Any, x: Any, F: Any, y: Any, e: Any, S: Any, q: Any, H: Any
+) -> None:  # pragma: no cover
+    """Write innovations of all outputs with their covariance; whitened ones and H of the outputs that are there."""
+    runs, n = x.shape
+    ny = len(C)
+    T = np.empty((ny, n))
+    for run in range(runs):
+        root = whitening[run if len(whitening) > 1 else 0]
+        for o in range(ny):
+            for s in range(n):
+                T[o, s] = 0.0
+                for j in range(n):
+                    T[o, s] += C[o, j] * F[run, j, s]
+        for o in range(ny):
+            e[run, o] = y[run, o] - d[o]
+            for j in range(n):
+                e[run, o] -= C[o, j] * x[run, j]
+            for p in range(o, ny):
+                total = 0.5 * (R[o, p] + R[p, o])
+                for j in range(n):
+                    total += T[o, j] * T[p, j]
+                S[run, o, p] = S[run, p, o] = total
+        for i in range(ny):
+            q[run, i] = 0.0
+            for j in range(n):
+                H[run, i, j] = 0.0
+            for o in range(i + 1):
+                if np.isnan(y[run, o]) or np.isnan(y[run, i]):
+                    continue
+                q[run, i] += root[i, o] * e[run, o]
+                for j in range(n):
+                    H[run, i, j] += root[i, o] * C[o, j]

@@ -15,8 +15,7 @@ from rmpc_bench.conformance.results import run_checks
 from rmpc_bench.conformance.stages import Setting
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.conformance.systems import LinearSystem
-from rmpc_bench.controllers.input_limits import InputLimits
-from rmpc_bench.controllers.limits import Limits
+from rmpc_bench.controllers.limits import InputLimits, Limits
 from rmpc_bench.controllers.mpc import Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman

@@ -6,7 +6,7 @@ from conftest import random_model, servo_model
 from loaded_configs import loaded
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.controllers.input_limits import InputLimits
+from rmpc_bench.controllers.limits import InputLimits
 from rmpc_bench.controllers.lqg import design
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.diagnostics.stability import linear_pair, spectral_radius

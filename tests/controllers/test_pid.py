@@ -5,7 +5,7 @@ import pytest
 from conftest import ROUND, random_model
 from scipy.signal import lfilter
 
-from rmpc_bench.controllers.input_limits import InputLimits
+from rmpc_bench.controllers.limits import InputLimits
 from rmpc_bench.controllers.pid import design
 from rmpc_bench.diagnostics.stability import linear_pair, spectral_radius
 from rmpc_bench.estimators.kalman import design as kalman

@@ -6,7 +6,7 @@ from conftest import ROUND, random_model
 from controllers import minimax_oracles as oracles
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.controllers.input_limits import InputLimits
+from rmpc_bench.controllers.limits import InputLimits
 from rmpc_bench.controllers.state_feedback import game_gain, lqr
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbance

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from rmpc_bench.components.designs import estimator
 from rmpc_bench.estimators.bridging import RunByRun
-from rmpc_bench.estimators.stationary import stationary_filter
+from rmpc_bench.estimators.kalman import stationary_filter
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model

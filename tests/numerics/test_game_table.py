@@ -5,7 +5,7 @@ import pytest
 from controllers import minimax_oracles as oracles
 
 from rmpc_bench.controllers.state_feedback import game_of
-from rmpc_bench.numerics.game_lookup import lookup_kernel
+from rmpc_bench.numerics.game_kernel import lookup_kernel
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import HALF, MIDDLE, solve, tables
 from rmpc_bench.numerics.lq_windows import Stages
