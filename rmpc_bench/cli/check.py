@@ -64,35 +64,41 @@ def check(
         return _check_component(component, keys, model, group, seconds)
     if component is not None or not configs:
         raise click.UsageError("give one or more configurations, or --component FILE:NAME")
-    from rmpc_bench.cli.config_text import full_lines, short_lines
-    from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
-    from rmpc_bench.types.texts import folded
 
     code = 0
     for path in configs:
         try:
-            config = load_config(path, allow_code=allow_code)
-            measured = (deep or shards is not None) and "runs" in config.evaluate
-            lines = short_lines(path, config, full=full, measured=measured)
-            lines += full_lines(config) if full else []
-            if measured:
-                from rmpc_bench.cli.deep_check import measured_lines
-
-                lines += measured_lines(path, config, allow_code, shards)
-            if deep:
-                from rmpc_bench.cli.deep_check import mismatch_lines, own_component_lines
-
-                lines += mismatch_lines(config)
-                own, failed = own_component_lines(config)
-                lines += own
-                code = max(code, exits.FINDING_DIFFERS if failed else 0)
-            click.echo("\n".join(folded(lines, screen_width())))
+            code = max(code, _check_config(path, allow_code, deep=deep, full=full, shards=shards))
         except ConfigError as error:
             # The other files are checked all the same.
             click.echo(str(error), err=True)
             code = exits.USAGE
     return code
+
+
+def _check_config(path: Path, allow_code: tuple[Path, ...], *, deep: bool, full: bool, shards: int | None) -> int:
+    """Show what a configuration is; the exit code says whether a check of an own component fails."""
+    from rmpc_bench.cli.config_text import full_lines, short_lines
+    from rmpc_bench.config.load import load_config
+    from rmpc_bench.types.texts import folded
+
+    config, failed = load_config(path, allow_code=allow_code), False
+    measured = (deep or shards is not None) and "runs" in config.evaluate
+    lines = short_lines(path, config, full=full, measured=measured)
+    lines += full_lines(config) if full else []
+    if measured:
+        from rmpc_bench.cli.deep_check import measured_lines
+
+        lines += measured_lines(path, config, allow_code, shards)
+    if deep:
+        from rmpc_bench.cli.deep_check import mismatch_lines, own_component_lines
+
+        lines += mismatch_lines(config)
+        own, failed = own_component_lines(config)
+        lines += own
+    click.echo("\n".join(folded(lines, screen_width())))
+    return exits.FINDING_DIFFERS if failed else 0
 
 
 def _check_component(component: str, keys: str | None, model: str | None, group: str | None, seconds: float) -> int:

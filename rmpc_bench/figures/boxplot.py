@@ -9,8 +9,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rmpc_bench.figures.axes import FAR, Log, scaled_axis, set_axis
-from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import LINEAR, literal, metric_label, name_of, names_of_columns, wrapped
+from rmpc_bench.figures.labels import (
+    LINEAR,
+    literal,
+    metric_label,
+    name_of,
+    names_of_columns,
+    quantity,
+    runs_sentence,
+    sentence,
+    short_title,
+    wrapped,
+)
 from rmpc_bench.figures.palette import DIM
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import FONT_SIZE, POINTS_PER_INCH, fix_layout, new_figure, style

@@ -11,8 +11,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import dress_small
-from rmpc_bench.figures.captions import at_point, joined, sentence
-from rmpc_bench.figures.labels import name_of, symbol
+from rmpc_bench.figures.labels import at_point, joined, name_of, sentence, symbol
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.palette import are_rough, line_styles, sample
 from rmpc_bench.figures.points import point_at

@@ -12,9 +12,18 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import at_point, joined, quantity, runs_sentence, sentence
 from rmpc_bench.figures.curves import Curve, components
-from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of, name_of
+from rmpc_bench.figures.labels import (
+    DID_NOT_OCCUR,
+    at_point,
+    joined,
+    metric_label,
+    metric_of,
+    name_of,
+    quantity,
+    runs_sentence,
+    sentence,
+)
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.palette import DIM, LineStyle, grouped, line_styles, paler, sample
 from rmpc_bench.figures.points import point_at

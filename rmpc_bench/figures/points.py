@@ -8,8 +8,7 @@ from weakref import WeakKeyDictionary
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.figures.captions import short_title
-from rmpc_bench.figures.labels import metric_of
+from rmpc_bench.figures.labels import metric_of, short_title
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import PointValues, SweepFigure
 from rmpc_bench.types.result_layout import texts_of

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rmpc_bench.figures.axes import Log
-from rmpc_bench.figures.captions import quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import literal, name_of, on_two_lines, shortened
+from rmpc_bench.figures.labels import (
+    literal,
+    name_of,
+    on_two_lines,
+    quantity,
+    runs_sentence,
+    sentence,
+    short_title,
+    shortened,
+)
 from rmpc_bench.figures.points import first_tables, shown_rows
 from rmpc_bench.figures.style import POINTS_PER_INCH, fix_layout, lay_out, new_figure, style
 from rmpc_bench.types.errors import Issue

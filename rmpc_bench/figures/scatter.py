@@ -13,8 +13,19 @@ from rmpc_bench.analysis.intervals import quantile, standard_error
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import joined, quantity, runs_sentence, sentence, short_title
-from rmpc_bench.figures.labels import LINEAR, literal, metric_of, name_of, typeset, with_unit
+from rmpc_bench.figures.labels import (
+    LINEAR,
+    joined,
+    literal,
+    metric_of,
+    name_of,
+    quantity,
+    runs_sentence,
+    sentence,
+    short_title,
+    typeset,
+    with_unit,
+)
 from rmpc_bench.figures.legend import Handle, Label, finish, write
 from rmpc_bench.figures.palette import DIM, GROUND, LineStyle, line_styles, paler, sample
 from rmpc_bench.figures.points import points_at

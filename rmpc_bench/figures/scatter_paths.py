@@ -10,9 +10,8 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
-from rmpc_bench.figures.captions import at_point, joined, sentence, short_title
 from rmpc_bench.figures.curves import limits_of
-from rmpc_bench.figures.labels import name_of, unit_of
+from rmpc_bench.figures.labels import at_point, joined, name_of, sentence, short_title, unit_of
 from rmpc_bench.figures.legend import Handle, Label, finish, write
 from rmpc_bench.figures.palette import BAND, DIM, GROUND, PRINT, grouped, line_styles, sample
 from rmpc_bench.figures.quantities import Quantity, issue_of, methods_with, n_rows, quantities

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import Log
-from rmpc_bench.figures.captions import sentence
-from rmpc_bench.figures.labels import metric_of
+from rmpc_bench.figures.labels import metric_of, sentence
 from rmpc_bench.figures.points import points_at, tables_of
 from rmpc_bench.figures.sweep_content import POINTS, Show, SweepContent, content_of
 from rmpc_bench.types import DesignError
@@ -90,8 +89,7 @@ class Sweep(SweepFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw lines or cells; see `Figure.draw`."""
-        from rmpc_bench.figures.cell_panels import draw_cells
-        from rmpc_bench.figures.line_panels import draw_lines
+        from rmpc_bench.figures.sweep_panels import draw_cells, draw_lines
 
         content = self._content(results)
         if content.is_lines:
@@ -119,7 +117,7 @@ class Sweep(SweepFigure):
 def page_drawings(tables: Sequence[ResultTable]) -> dict[str, str]:
     """Draw the changes of a sweep of one number for the page, class of the drawing -> SVG; empty for other sweeps."""
     from rmpc_bench.figures.files import page_svg
-    from rmpc_bench.figures.line_panels import draw_lines
+    from rmpc_bench.figures.sweep_panels import draw_lines
 
     content = content_of(tables)
     if not content.is_lines or not content.methods:

@@ -11,8 +11,7 @@ import numpy as np
 
 from rmpc_bench.analysis.shown_numbers import MINUS, Estimate
 from rmpc_bench.figures.axes import WIDE, Log, value_axis
-from rmpc_bench.figures.captions import short_title
-from rmpc_bench.figures.labels import literal, width
+from rmpc_bench.figures.labels import literal, short_title, width
 from rmpc_bench.figures.points import common_form, shown_change
 from rmpc_bench.figures.style import POINTS_PER_INCH
 from rmpc_bench.types import Array

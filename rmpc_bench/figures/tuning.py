@@ -10,8 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import few_ticks, make_logarithmic, stacked_panels
-from rmpc_bench.figures.captions import at_point, sentence
-from rmpc_bench.figures.labels import literal, typeset
+from rmpc_bench.figures.labels import at_point, literal, sentence, typeset
 from rmpc_bench.figures.legend import finish
 from rmpc_bench.figures.palette import DIM, line_styles, sample
 from rmpc_bench.figures.points import point_at

@@ -25,10 +25,9 @@ from rmpc_bench.publishing.table_files import experiment_record
 from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.page.context import answer_of, page_context
+from rmpc_bench.report.page.context import KINDS, IndexEntry, answer_of, index_context, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
-from rmpc_bench.report.page.statements import KINDS, IndexEntry, index_context
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.screen import WIDTH, Screen

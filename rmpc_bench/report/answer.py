@@ -21,7 +21,7 @@ from rmpc_bench.analysis.result_rows import (
 from rmpc_bench.analysis.shown_numbers import is_per_cent, mean_text
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.figures.captions import joined
+from rmpc_bench.figures.labels import joined
 from rmpc_bench.figures.sweep_content import SweepAxis, axis_of
 from rmpc_bench.report.run_notes import counted
 

@@ -113,6 +113,14 @@ class ComparisonTable:
         return "\n".join([*self.sentences, *self.notes])
 
 
+def _check_ranges(relevant: float | None, confidence: float | None) -> None:
+    """Refuse a relevant change or a level that is no share."""
+    if confidence is not None and not 0 < confidence < 1:
+        raise DesignError(f"must lie between 0 and 1 (got {confidence:g})", "confidence")
+    if relevant is not None and not 0 <= relevant < 1:
+        raise DesignError(f"must be at least 0 and below 1 (got {relevant:g})", "relevant")
+
+
 def comparison_table(
     trials: Trials,
     *,
@@ -123,10 +131,7 @@ def comparison_table(
     confidence: float | None = None,
 ) -> ComparisonTable:
     """Compare methods with a baseline run by run, at every point of a sweep; see `rmpc_bench.compare`."""
-    if confidence is not None and not 0 < confidence < 1:
-        raise DesignError(f"must lie between 0 and 1 (got {confidence:g})", "confidence")
-    if relevant is not None and not 0 <= relevant < 1:
-        raise DesignError(f"must be at least 0 and below 1 (got {relevant:g})", "relevant")
+    _check_ranges(relevant, confidence)
     infos = {info.name: info for info in trials.metrics}
     chosen = trials.baseline if baseline is None else baseline
     for key, name, known in [

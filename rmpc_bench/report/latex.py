@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.captions import printed, short_title
-from rmpc_bench.figures.labels import typeset, wrapped
+from rmpc_bench.figures.labels import printed, short_title, typeset, wrapped
 from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
 from rmpc_bench.report.point_tables import PointSummary, average_of, columns_of, value_text
 from rmpc_bench.types import MetricInfo

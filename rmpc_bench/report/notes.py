@@ -15,7 +15,7 @@ from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.analysis.verdict import FACTOR
-from rmpc_bench.figures.captions import printed
+from rmpc_bench.figures.labels import printed
 from rmpc_bench.report import latex
 from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.latex import WIDTH, capitalised, paper_table

@@ -20,7 +20,7 @@ from rmpc_bench.analysis.trial_differences import Largest, MetricDifference, Tri
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.analysis.verdict import Verdict
-from rmpc_bench.figures.captions import joined
+from rmpc_bench.figures.labels import joined
 from rmpc_bench.report.comparison_table import AVERAGES, verb_and_size
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types import MetricInfo

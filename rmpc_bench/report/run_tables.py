@@ -21,8 +21,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.captions import short_title
-from rmpc_bench.figures.labels import marked
+from rmpc_bench.figures.labels import marked, short_title
 from rmpc_bench.report.latex import Body, PaperTable, fitting_body, paper_table, row_label, stacked, title_of
 from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.point_tables import PointSummary, columns_from, markdown_page, markdown_table, stacked_points

@@ -16,7 +16,7 @@ from rmpc_bench.analysis.result_rows import FAILS_MORE, NOT_COMPUTED, ResultRow,
 from rmpc_bench.analysis.shown_numbers import Estimate, plain, short
 from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.captions import quantity
+from rmpc_bench.figures.labels import quantity
 from rmpc_bench.report.answer import ORDER, sweep_of
 from rmpc_bench.report.run_notes import ran_counts
 from rmpc_bench.report.run_tables import ensemble_rows

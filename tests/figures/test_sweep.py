@@ -11,12 +11,12 @@ from matplotlib.patches import Rectangle
 
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.statistics import summary
-from rmpc_bench.figures.line_panels import apart, draw_lines
 from rmpc_bench.figures.palette import DIM, METHODS, line_styles
 from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep import PAGE, Sweep, page_drawings
 from rmpc_bench.figures.sweep_content import APART, content_of, main_paths
+from rmpc_bench.figures.sweep_panels import apart, draw_lines
 from rmpc_bench.types import DesignError, MetricInfo
 
 LENGTH, GAP = MetricInfo("length", "m", "lower"), MetricInfo("gap", "m", "zero")

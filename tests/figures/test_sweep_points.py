@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from rmpc_bench.figures.boxplot import Boxplot
-from rmpc_bench.figures.captions import short_title
+from rmpc_bench.figures.labels import short_title
 from rmpc_bench.figures.points import point_at, points_at
 from rmpc_bench.types import DesignError
 

@@ -19,7 +19,7 @@ from rmpc_bench.analysis.shown_numbers import short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import is_tuned, parameter_groups, parameter_text
 from rmpc_bench.claims.claim import Finding
-from rmpc_bench.figures.captions import quantity, short_title
+from rmpc_bench.figures.labels import quantity, short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from

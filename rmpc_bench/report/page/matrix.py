@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rmpc_bench.analysis.result_rows import BETTER, WORSE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import short
-from rmpc_bench.figures.captions import printed, short_title
+from rmpc_bench.figures.labels import printed, short_title
 from rmpc_bench.figures.sweep_content import NAME, main_paths
 from rmpc_bench.report.point_tables import columns_from
 

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORS
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, Tick, change_axis, scaled_axis, spaced
-from rmpc_bench.figures.captions import quantity
+from rmpc_bench.figures.labels import quantity
 from rmpc_bench.figures.points import shown_change
 from rmpc_bench.report.point_tables import columns_of, other_average
 from rmpc_bench.report.ranks_table import part_columns

@@ -12,10 +12,9 @@ from comparison_tables import extent_of
 from page_reader import Page, faults
 from tuned_searches import constant, search, tuning
 
-from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.context import ClaimItem, n_open, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure
-from rmpc_bench.report.page.statements import ClaimItem, n_open
 from rmpc_bench.report.run_tables import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
