@@ -71,7 +71,13 @@ class Cost(WindowMetric):
 
 
 def weight(key: str, value: Matrix, n: int) -> Float[Array, "n n"]:
-    """Expand a weight to a symmetric positive semidefinite n x n matrix."""
+    """Expand a weight to a symmetric positive semidefinite n x n matrix.
+
+    Raises
+    ------
+    DesignError
+        Naming the key, if it does not fit or is not positive semidefinite.
+    """
     try:
         return as_covariance(value, n)
     except ValueError as error:

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.reductions import squared
+from rmpc_bench.metrics.means import squared
 from rmpc_bench.types import Array, Count, Direction, Issue, MetricLayout, Record, WindowMetric
 
 INNOVATION, COVARIANCE = "e", "S"

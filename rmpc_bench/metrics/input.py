@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric, burst_samples
-from rmpc_bench.metrics.reductions import mean_square, mean_sum, peak, per_run, rms, squared, time_mean
+from rmpc_bench.metrics.means import mean_square, squared, time_mean
+from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
 from rmpc_bench.types import Array, Direction, MetricLayout, Record, WindowMetric
 
 

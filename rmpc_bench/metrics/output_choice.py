@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 from annotated_types import Ge
 from jaxtyping import Float
 
-from rmpc_bench.metrics.reductions import moving_mean
+from rmpc_bench.metrics.means import moving_mean
 from rmpc_bench.types import Array, DesignError, Issue, MetricLayout, Record
 
 Index: TypeAlias = Annotated[int, Ge(0)]
@@ -17,7 +17,14 @@ Index: TypeAlias = Annotated[int, Ge(0)]
 def control_error(
     record: Record, components: Sequence[int] | None = None, smooth: float = 0.0
 ) -> Float[Array, "runs samples n"]:
-    """Return r - y at all samples, or its moving mean of length `smooth` [s]."""
+    """Return r - y at all samples, or its moving mean.
+
+    Parameters
+    ----------
+    record : the trajectories
+    components : outputs that count, from 0; None for all
+    smooth : length of the moving mean [s]; 0 for none
+    """
     error: Array = record.r - record.y
     if components is not None:
         error = error[:, :, list(components)]

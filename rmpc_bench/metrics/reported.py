@@ -13,7 +13,7 @@ from annotated_types import Ge
 from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric
-from rmpc_bench.metrics.reductions import per_run
+from rmpc_bench.metrics.norms import per_run
 from rmpc_bench.types import (
     Array,
     DesignError,

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.estimation import check_state_lengths, estimate_error, first_estimates
+from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error, first_estimates
 from rmpc_bench.types import (
     Array,
     DesignError,
@@ -40,7 +40,13 @@ class SignalComponent:
 
 
 def signal_component(of: str) -> SignalComponent:
-    """Read the name of a component."""
+    """Read the name of a component.
+
+    Raises
+    ------
+    DesignError
+        If the text does not name a component.
+    """
     found = re.fullmatch(r"(x|x_hat|e|y|u|u_command)\.([0-9]+)", of)
     if found is None:
         raise DesignError(f"must be x.I, x_hat.I, e.I, y.I, u.I or u_command.I, I from 0 on (got {of!r})", "of")

@@ -14,9 +14,10 @@ from annotated_types import Le
 from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric
-from rmpc_bench.metrics.estimation import check_state_lengths, estimate_error
+from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
+from rmpc_bench.metrics.means import mean_absolute, mean_square, squared, time_mean
+from rmpc_bench.metrics.norms import NORMS, Norm, per_run
 from rmpc_bench.metrics.output_choice import Index, check_components, control_error, unit_and_scale
-from rmpc_bench.metrics.reductions import NORMS, Norm, mean_absolute, mean_square, per_run, squared, time_mean
 from rmpc_bench.types import (
     Array,
     Direction,
@@ -198,7 +199,15 @@ def settling_times(
     band: float,
     Ts: float,
 ) -> Float[Array, " runs"]:
-    """Return the times [s] after which y stays in its band, relative to the step; inf if outside at the last sample."""
+    """Return the times after which the outputs stay in their bands [s]; inf if one is outside at the last sample.
+
+    Parameters
+    ----------
+    y, r : outputs and reference over the window
+    r_before : reference one sample before the window
+    band : half-width of the band relative to the step
+    Ts : sampling time [s]
+    """
     edge = r[0] - r_before
     step = np.where(edge != 0.0, np.abs(edge), np.abs(r[-1] - y[:, 0]))
     outside = np.asarray((np.abs(y - r) > (band * step)[:, None, :]).any(axis=2))

@@ -6,7 +6,7 @@ from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.estimation_errors import ErrorMoments, average_of_moments, chi_square_band, normalised_squares
-from rmpc_bench.metrics.estimation import Nees
+from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.types import Record
 
 

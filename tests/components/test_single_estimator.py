@@ -10,7 +10,8 @@ from conftest import EXACT, ROUND
 from rmpc_bench import SolverError
 from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import single_run
-from rmpc_bench.metrics.estimation import EstimationMse, Nees
+from rmpc_bench.metrics.consistency import Nees
+from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.simulation.closed_loop import simulate_block
 from rmpc_bench.types import Status, TimeLimit
 

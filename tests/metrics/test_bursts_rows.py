@@ -8,7 +8,7 @@ from conftest import EXACT
 from metrics.burst_records import INPUTS, PARTS, Mixed, Ts, trajectories
 
 from rmpc_bench.metrics.departures import Departures
-from rmpc_bench.metrics.reductions import NORMS
+from rmpc_bench.metrics.norms import NORMS
 from rmpc_bench.metrics.singular_poses import NearSingular
 from rmpc_bench.metrics.tracking import Tracking
 from rmpc_bench.types import MetricLayout

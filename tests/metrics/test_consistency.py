@@ -6,7 +6,8 @@ from conftest import ROUND, random_model, random_psd, within_stat
 from metrics.estimate_records import LAYOUT, NX, trajectories
 
 from rmpc_bench.components import designs
-from rmpc_bench.metrics.estimation import EstimationMse, Nees
+from rmpc_bench.metrics.consistency import Nees
+from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.types import Record

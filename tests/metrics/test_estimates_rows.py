@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from metrics.estimate_records import trajectories
 
+from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.cost import Cost
-from rmpc_bench.metrics.estimation import EstimationMse, Nees
+from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.sample import Sample
 from rmpc_bench.metrics.sets import Inside
 from rmpc_bench.metrics.tracking import Mae, Mse, Rmse

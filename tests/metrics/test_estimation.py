@@ -6,7 +6,8 @@ from conftest import ROUND
 from metrics.estimate_records import LAYOUT, TOY, N, method, plant, trajectories
 from metrics.issue_checks import no_issue, only_issue
 
-from rmpc_bench.metrics.estimation import EstimationMse, Nees
+from rmpc_bench.metrics.consistency import Nees
+from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.input import InputPower
 from rmpc_bench.metrics.tracking import Mae, Mse, Rmse
 from rmpc_bench.types import DesignError, Estimator, Method, MetricLayout

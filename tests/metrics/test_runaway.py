@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from metrics.issue_checks import no_issue, only_issue
 
-from rmpc_bench.metrics.departures import Runaway
 from rmpc_bench.metrics.optimised_steps import QpShare
+from rmpc_bench.metrics.runaway import Runaway
 from rmpc_bench.plants.linear import design as linear
 from rmpc_bench.types import Controller, Estimator, Method, MetricLayout, OptimisedStep, Record
 

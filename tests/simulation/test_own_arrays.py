@@ -10,7 +10,7 @@ from simulation.toy import Delta, Halfway, Proportional, Walk
 from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.engines.choice import serial
 from rmpc_bench.engines.tasks import Task
-from rmpc_bench.metrics.estimation import Nees
+from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.simulation.closed_loop import simulate
