@@ -62,7 +62,7 @@ class TooLong(PassedOn):
 def limited() -> Iterator[None]:
     """End Python code that takes longer than `LIMIT` with a TooLong; compiled code and other threads go on.
 
-    Time in which the processors are busy with other programs does not count.
+    Time in which the processors are busy with other programs does not count, nor does the compilation by numba.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -94,12 +94,23 @@ class _Alarm:
     def ring(self, number: int, frame: FrameType | None) -> None:
         """Raise the exception, again and again where it is caught."""
         now, used = time.monotonic(), time.process_time()
+        if _compiles(frame):
+            self.start = self.start[0], used
         computes = used - self.last[1] > _COMPUTING * (now - self.last[0])
         is_early = used - self.start[1] < self.limit and now - self.start[0] < PATIENCE * self.limit
         self.last = now, used
         if self.has_ended or not (computes and is_early):
             self.has_ended = True
             raise self.too_long
+
+
+def _compiles(frame: FrameType | None) -> bool:
+    """Whether numba compiles, which a user does not write and which happens once."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).startswith(("numba.core.compiler", "numba.core.codegen")):
+            return True
+        frame = frame.f_back
+    return False
 
 
 _BENCH = f"{Path(__file__).resolve().parents[1]}{os.sep}"

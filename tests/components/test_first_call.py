@@ -325,6 +325,29 @@ def test_a_busy_machine_gives_more_time(monkeypatch, seconds, used, goes_on):
     assert ended is not goes_on
 
 
+@pytest.mark.parametrize(("module", "goes_on"), [("numba.core.compiler_machinery", True), ("filters", False)])
+def test_compilation_by_numba_does_not_count(monkeypatch, module, goes_on):
+    """The same 12 s of a processor, in a frame of numba's compiler and in one of the user."""
+    now = {"monotonic": 0.0, "process_time": 0.0}
+    for name in now:
+        monkeypatch.setattr(user_code.time, name, lambda name=name: now[name])
+    alarm, ended = user_code._Alarm(), False
+    now["monotonic"] = now["process_time"] = 12.0
+    found = {"__name__": module}
+    exec("import sys\ndef frame(): return sys._getframe()", found)
+    try:
+        alarm.ring(signal.SIGALRM, found["frame"]())
+        # What comes after it has a limit of its own.
+        now["monotonic"] = now["process_time"] = 21.0
+        alarm.ring(signal.SIGALRM, None)
+    except user_code.TooLong:
+        ended = True
+    assert ended is not goes_on
+    now["monotonic"] = now["process_time"] = 22.5
+    with pytest.raises(user_code.TooLong):
+        alarm.ring(signal.SIGALRM, None)
+
+
 def test_the_timer_and_the_handler_of_the_program_come_back():
     """A program may use the alarm itself, as limits of tests do."""
 
