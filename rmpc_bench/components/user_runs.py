@@ -144,14 +144,9 @@ class UserRuns:
     ) -> None:
         """Call a method of every run that has not failed.
 
-        Parameters
-        ----------
-        method : its name
-        k : time index; None before the first sample
-        signals : name -> array with axis 0 = run, or a list with one entry per run, or None
-        keep : stores the answer of a row; raises `InvalidReturnValue`
-        phase : what the durations are noted under, besides the role
-        settle : replaces the answer of a failed call if the step can be held, and says whether it has
+        A signal has axis 0 = run or is a list with one entry per run.  `keep` stores the answer of a row and raises
+        `InvalidReturnValue`; `settle` replaces the answer of a failed call if the step can be held, and says whether.
+        `k` is None before the first sample.
         """
         # Where `prepare` has failed there are no objects.
         if method in self.bound:

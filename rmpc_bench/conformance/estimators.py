@@ -40,9 +40,7 @@ QUANTILE = 4.0
 def band(degrees: int) -> tuple[float, float]:
     """Return the quantiles of chi-square over its degrees of freedom, after Wilson and Hilferty.
 
-    Parameters
-    ----------
-    degrees : of freedom; the ends are off by 1e-2 at 30 and by 1e-4 at 1000
+    The ends are off by 1e-2 at 30 degrees and by 1e-4 at 1000.
 
     Examples
     --------
@@ -63,24 +61,7 @@ def consistency_text(
     *,
     predictor: bool,
 ) -> str:
-    """Compare normalised squares of errors and innovations with chi-square.
-
-    Parameters
-    ----------
-    model : the true system
-    recorded : y, u and x of the runs
-    x_hat, P : estimates and their reported covariances
-    predictor : whether x_hat(k) does not use y(k)
-
-    Returns
-    -------
-    nees and nis, where both are inside their bands.
-
-    Raises
-    ------
-    AssertionError
-        If one is outside.
-    """
+    """Compare normalised squares of errors and innovations with chi-square; a predictor does not use y(k)."""
     y, u, x = recorded
     n_runs, n_samples = x.shape[:2]
     P = np.broadcast_to(P, (n_runs, *P.shape[-3:]))

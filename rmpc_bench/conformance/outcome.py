@@ -117,13 +117,9 @@ class RunsExample(ABC):
         return Outcome(self.noun, list(range(self.n_runs) if rows is None else rows))
 
     def evaluate(self, component: Any, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
-        """Call the component for some runs; an exception ends them.
+        """Call the component for some runs (all unless given); an exception ends them.
 
-        Parameters
-        ----------
-        component : what is checked
-        rows : indices of the runs; all of them unless given
-        seed : of the global random generators, which a component must not use
+        `seed` is that of the global random generators, which a component must not use.
         """
         outcome = self.outcome(rows)
         # As in the simulation, in which failed runs may overflow.
@@ -150,13 +146,7 @@ class RunsExample(ABC):
         return replace(self, known={}, **data)
 
     def begun(self, component: Any) -> Any:
-        """State of all runs before the first sample, for checks of single calls.
-
-        Raises
-        ------
-        NotApplicableError
-            If the component is written for one run: its state is then no tuple of arrays.
-        """
+        """State of all runs before the first sample; refused if written for one run (no tuple of arrays)."""
         state = self.start(component, self.outcome())
         arrays = isinstance(state, tuple) and all(isinstance(array, np.ndarray) for array in state)
         if component.starts_runs and not arrays:

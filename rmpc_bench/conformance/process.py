@@ -98,18 +98,7 @@ class _Process:
 
 
 def check_subject(subject: Subject, *, system: System | None = None, seconds: float = SECONDS) -> Report:
-    """Run all checks of a component.
-
-    Parameters
-    ----------
-    subject : the component
-    system : what it is checked on: a linear Gaussian system, the shipped one unless given, or that of an experiment
-    seconds : time limit of one check
-
-    Returns
-    -------
-    One result per check, in the order of the list.
-    """
+    """Run all checks of a component, on the shipped linear Gaussian system unless another one is given."""
     results: dict[str, CheckResult] = {}
     known: dict[str, Any] = {"group": subject.group, "expected": {}, "warned": ""}
     for _ in range(MOST_PROCESSES):

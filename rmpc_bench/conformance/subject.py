@@ -118,20 +118,7 @@ def wanted(parameter: inspect.Parameter, name: str) -> bool:
 def subject_of(
     component: Any, group: str = "", keys: Mapping[str, Any] | None = None, *, written: bool = False
 ) -> Subject:
-    """Return the recipe of a component.
-
-    Parameters
-    ----------
-    component : a class, a design function, ``PATH.py:NAME`` or a name of the registry
-    group : group of the registry, such as ``estimators``; found from the component unless given
-    keys : keywords of its design function
-    written : whether the keys are those of a configuration
-
-    Raises
-    ------
-    DesignError
-        If it is no class, no design function and no name of one.
-    """
+    """Return the recipe of a component: a class, a design function, ``PATH.py:NAME`` or a name of the registry."""
     keys = keys or {}
     if isinstance(component, str):
         parts = split_reference(component)
