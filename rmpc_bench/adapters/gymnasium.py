@@ -12,15 +12,370 @@ Fails   Status `out-of-range`: the environment has terminated or truncated the e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from timeit import default_timer
+from traceback import extract_tb
+from typing import Any, Literal, NamedTuple, TypeVar
 from warnings import catch_warnings, simplefilter
 
-from rmpc_bench.adapters.gymnasium_design import Keys, designed
+import numpy as np
+
+from rmpc_bench.adapters import gymnasium_plant as access_to
 from rmpc_bench.adapters.gymnasium_env import env as env
-from rmpc_bench.adapters.gymnasium_plant import EnvironmentPlant
-from rmpc_bench.models.ode_functions import Names
-from rmpc_bench.types import UserFunction, UserFunctionOrText
+from rmpc_bench.adapters.gymnasium_plant import DiscreteInput, EnvironmentPlant
+from rmpc_bench.components.loading import is_source
+from rmpc_bench.components.single_plant import Access, EnvironmentRun
+from rmpc_bench.components.user_code import last_user_frame, one_line
+from rmpc_bench.extras import MissingLibraryError
+from rmpc_bench.models.ode_functions import Names, check_output, names_of, refuse_shared
+from rmpc_bench.plants.ode_design import bounds_by_name
+from rmpc_bench.received.consent import reason_against_module
+from rmpc_bench.types import Array, DesignError, OutOfRange, Parameters, Signals, UserFunction, UserFunctionOrText
+from rmpc_bench.types.errors import unknown
+
+SAMPLES = 20
+"""Steps for which an environment is tried."""
+NO_NOISE = np.zeros(0)
+T = TypeVar("T")
+
+
+# What an environment does with random numbers, its state and its parameters: tried when a plant is designed.
+#
+# Two copies of the environment start from the same seed.  Where they draw other random numbers after other actions, the
+# methods of an experiment have different noise.
+
+
+class Trial(NamedTuple):
+    """Some steps of one environment."""
+
+    x: list[Array]
+    """States from k = 0 on."""
+    random: list[Any]
+    """State of its random generator after each of them; None where it has none."""
+    seconds: float
+    """Shortest time of a step [s]."""
+
+
+def attempt(key: str, call: Callable[[], T]) -> T:
+    """Call something of the environment or of the user; what it raises is a DesignError at the key."""
+    try:
+        return call()
+    except (DesignError, MissingLibraryError):
+        raise
+    except Exception as error:
+        frame = extract_tb(error.__traceback__)[-1]
+        # The line of an error is shown where it is in a file of the user, not in a library.
+        place = last_user_frame(error) if is_source(frame.filename) else ""
+        text = one_line(error)
+        if type(error).__module__.startswith("gymnasium"):
+            text = text.partition(": ")[2]
+        raise DesignError(f"{place}: {text}" if place else text, key) from None
+
+
+def started(access: Access, p: Parameters, x0: Array | None = None) -> EnvironmentRun:
+    """Start a new environment from a fixed seed, at x0 or at the state of `reset`."""
+    run = EnvironmentRun(replace(access, starts_at_x0=x0 is not None))
+    run.start(p, np.zeros(0) if x0 is None else x0, np.random.Generator(np.random.PCG64(0)))
+    return run
+
+
+def trial(access: Access, p: Parameters, inputs: Sequence[Array], x0: Array | None = None) -> Trial:
+    """Step a new environment with one input per step, until it ends an episode."""
+    run = started(access, p, x0)
+    x, random, seconds = [run.x], [_generator(run.inner)], np.inf
+    for u in inputs:
+        before = default_timer()
+        try:
+            x.append(run.step(u.copy(), NO_NOISE))
+        except OutOfRange:
+            break
+        seconds = min(seconds, default_timer() - before)
+        random.append(_generator(run.inner))
+    return Trial(x, random, float(seconds) if np.isfinite(seconds) else 0.0)
+
+
+def _generator(inner: Any) -> Any:
+    """State of the generator of an environment; None where `reset` has not made one."""
+    generator = getattr(inner, "_np_random", None)
+    return None if generator is None else repr(generator.bit_generator.state)
+
+
+def inputs_between(low: Array, high: Array, share: float) -> list[Array]:
+    """Return constant inputs at a share of their range; without limits it is -1 to 1."""
+    low, high = np.where(np.isfinite(low), low, -1.0), np.where(np.isfinite(high), high, 1.0)
+    return [np.asarray(low + share * (high - low), dtype=float)] * SAMPLES
+
+
+def is_repeatable(first: Trial, again: Trial) -> bool:
+    """Whether the same seed and the same actions give the same states."""
+    same_length = len(first.x) == len(again.x)
+    return same_length and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first.x, again.x, strict=True))
+
+
+def random_numbers(first: Trial, other: Trial) -> str:
+    """Say when an environment draws: ``never``, ``every action alike`` or ``by action``, from trials of two actions."""
+    n = min(len(first.random), len(other.random))
+    if first.random[:n] != other.random[:n]:
+        return "by action"
+    return "never" if len(set(first.random)) == 1 else "every action alike"
+
+
+def is_writable(access: Access, p: Parameters, inputs: Sequence[Array]) -> bool:
+    """Whether a state that is written is read back, and the next step starts from it."""
+    if access.write is None or access.read is None:
+        return False
+    run = started(access, p)
+    other = run.x + 1e-3 * (1.0 + np.abs(run.x))
+    try:
+        access.write(run.inner, other.copy())
+        read_back = access.state(run.inner, run.observation)
+        moved, unmoved = trial(access, p, inputs[:1], other), trial(access, p, inputs[:1])
+    except (AttributeError, TypeError, ValueError):
+        return False
+    # An episode that ends at once has no second state.
+    differs = len(moved.x) != len(unmoved.x) or not np.array_equal(moved.x[-1], unmoved.x[-1])
+    return bool(np.array_equal(read_back, other) and differs)
+
+
+def without_effect(access: Access, p: Parameters, inputs: Sequence[Array], first: Trial) -> list[str]:
+    """Return the parameters of which a change by 10 % changes no state."""
+    found = []
+    for name in p:
+        changed = Parameters({**p, name: p[name] * 1.1 if p[name] else 0.1})
+        if is_repeatable(first, trial(access, changed, inputs)):
+            found.append(name)
+    return found
+
+
+BY_ACTION = (
+    "the environment draws other random numbers after other actions: in one run the methods have different noise, so "
+    "that paired differences have a larger standard error"
+)
+UNSEEDED = (
+    "equal seeds and actions give different states, so that equal methods differ and runs cannot be repeated: the "
+    "environment draws from another generator than its own `np_random`, or changes what all its objects share"
+)
+
+
+class Keys(NamedTuple):
+    """Keys of the configuration; see `rmpc_bench.adapters.gymnasium.design`."""
+
+    env: Any
+    options: dict[str, Any]
+    state: Any
+    set_state: Any
+    start: str
+    output: Any
+    states: Names | None
+    inputs: Names | None
+    outputs: Names | None
+    action: Any
+
+
+def designed(
+    Ts: float,
+    n_steps: int,
+    keys: Keys,
+    parameters: Mapping[str, float],
+    set_parameters: Any,
+    ends: bool,
+    bounds: Mapping[str, tuple[float, float]],
+) -> EnvironmentPlant:
+    """Try an environment and return the plant."""
+    nominal = Parameters({name: float(value) for name, value in parameters.items()})
+    # An option may name an environment, too.
+    for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):
+        for reason in filter(None, map(reason_against_module, _texts(value))):
+            raise DesignError(reason, key)
+    # The first import of the library: a missing one is reported with its extra.
+    inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
+    keywords = () if set_parameters else access_to.keywords_of(inner, [*nominal])
+    if not set_parameters:
+        _refuse_unknown(inner, [name for name in nominal if name not in keywords])
+    if keys.state is None and inner.observation_space.shape is None:
+        kind = type(inner.observation_space).__name__
+        raise DesignError(f"the observation is a {kind}; name an attribute or a function that is the state", "state")
+    nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
+    action, low, high, values = access_to.actions_of(inner.action_space, keys.action, nu)
+    make = partial(
+        access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=set_parameters
+    )
+    read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
+    access = Access(make, action, read, write, ends=ends)
+    first = attempt("state", lambda: started(access, nominal))
+    if first.inner is inner:
+        raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
+    signals = _signals(keys, first.x, low, high, bounds)
+    if values is not None:
+        signals = DiscreteInput(**vars(signals), values=values)
+    access, measured = _with_output(access, keys, signals, np.size(first.observation))
+    if measured is None:
+        y = attempt("output", lambda: access.measure(first.x, nominal, first.observation))  # type: ignore[misc]
+        if np.size(y) != signals.ny:
+            raise DesignError(f"returns {np.size(y)} numbers; outputs: {signals.ny}", "output")
+    access, tried = _tried(access, nominal, low, high)
+    plant = _plant(access, keys, signals, measured, nominal, Ts, n_steps)
+    return _with_remarks(plant, keys, first, nominal, tried)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield the texts of plain data, those of names included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+            yield from _texts(each)
+
+
+def _refuse_unknown(inner: Any, names: list[str]) -> None:
+    """Refuse parameters that are neither keywords nor attributes."""
+    numbers = [name for name, each in vars(inner).items() if isinstance(each, int | float) and name[0] != "_"]
+    for name in names:
+        if not hasattr(inner, name):
+            text = unknown(name, [each for each in numbers if not isinstance(getattr(inner, each), bool)], "attribute")
+            raise DesignError(f"{type(inner).__name__}: {text}", f"parameters.{name}")
+
+
+def _signals(keys: Keys, x: Array, low: Array, high: Array, bounds: Mapping[str, tuple[float, float]]) -> Signals:
+    """Return names, units and bounds; those of an input are within the limits of the actions."""
+    nx, nu = len(x), len(low)
+    state, units = names_of(nx if keys.states is None else keys.states, "states", "x")
+    inputs, u_units = names_of(nu if keys.inputs is None else keys.inputs, "inputs", "u")
+    refuse_shared(state, inputs)
+    for key, names, n in (("states", state, nx), ("inputs", inputs, nu)):
+        if len(names) != n:
+            raise DesignError(f"has {len(names)} names; the environment has {n} {key}", key)
+    entries = keys.output if isinstance(keys.output, list) else None
+    if callable(keys.output):
+        check_output(keys.output)
+        if keys.outputs is None:
+            raise DesignError("name the outputs, or give their number", "outputs")
+    default = (
+        list(state) if entries is None else [each if each in state else f"y.{i}" for i, each in enumerate(entries)]
+    )
+    given = keys.outputs
+    outputs, y_units = (tuple(default), units) if given is None else names_of(given, "outputs", "y")
+    if not callable(keys.output) and len(outputs) != len(default):
+        raise DesignError(f"has {len(outputs)} names; there are {len(default)} outputs", "outputs")
+    own = bounds_by_name(bounds, state, inputs)
+    for name, least, most in zip(inputs, low.tolist(), high.tolist(), strict=True):
+        lower, upper = own.get(name, (-np.inf, np.inf))
+        if np.isfinite([least, most]).any() or name in own:
+            own[name] = max(least, lower), min(most, upper)
+    return Signals(state, inputs, outputs, {**y_units, **u_units, **units}, own)
+
+
+def _with_output(access: Access, keys: Keys, signals: Signals, n_seen: int) -> tuple[Access, list[int] | None]:
+    """Return the access with what measures, or the indices of the states that are measured."""
+    if keys.output is None:
+        return access, list(range(signals.nx))
+    if callable(keys.output):
+        return replace(access, measure=partial(access_to.computed, output=keys.output)), None
+    entries = [_entry(each, signals, n_seen) for each in keys.output]
+    if all(of_state for of_state, _ in entries):
+        return access, [i for _, i in entries]
+    if keys.start == "initial":
+        text = "an observation of x(0) is not known with `start: initial`; give names of states, or a function"
+        raise DesignError(text, "output")
+    return replace(access, measure=partial(access_to.observed, entries=entries), measures_observation=True), None
+
+
+def _entry(name: str, signals: Signals, n_seen: int) -> tuple[bool, int]:
+    """Return whether an output is an entry of the state, and its index."""
+    known = [*signals.states, *(f"x.{i}" for i in range(signals.nx))]
+    seen = [f"observation.{i}" for i in range(n_seen)]
+    if name in known:
+        return True, known.index(name) % signals.nx
+    if name in seen:
+        return False, seen.index(name)
+    raise DesignError(unknown(name, [*signals.states, *seen], "state or observation"), "output")
+
+
+class _Tried(NamedTuple):
+    """Results of the trials of an environment."""
+
+    trial: Trial
+    is_repeatable: bool
+    random: str
+    is_rounded: bool
+    useless: list[str]
+
+
+def _tried(access: Access, p: Parameters, low: Array, high: Array) -> tuple[Access, _Tried]:
+    """Step copies of the environment."""
+    few, many = inputs_between(low, high, 0.25), inputs_between(low, high, 0.75)
+    rounded = False
+    box = isinstance(access.action, partial) and access.action.func is access_to.as_it_is
+    try:
+        first = trial(access, p, few)
+    except Exception:
+        if not box:
+            return access, attempt("action", lambda: trial(access, p, few))  # type: ignore[return-value]
+        single = partial(access_to.as_it_is, shape=access.action.keywords["shape"], dtype=np.float32)  # type: ignore[attr-defined]
+        access, rounded = replace(access, action=single), True
+        first = attempt("env", lambda: trial(access, p, few))
+    again, other = trial(access, p, few), trial(access, p, many)
+    if not is_writable(access, p, few):
+        access = replace(access, write=None)
+    repeatable = is_repeatable(first, again)
+    useless = without_effect(access, p, few, first) if repeatable else []
+    return access, _Tried(first, repeatable, random_numbers(first, other), rounded, useless)
+
+
+def _plant(
+    access: Access, keys: Keys, signals: Signals, measured: list[int] | None, p: Parameters, Ts: float, n_steps: int
+) -> EnvironmentPlant:
+    if keys.start == "initial":
+        if access.write is None:
+            text = "the state cannot be set: name an attribute as `state`, or a function as `set_state`"
+            raise DesignError(text, "start")
+        access = replace(access, starts_at_x0=True)
+    return EnvironmentPlant(access, signals, measured, dict(p), float(Ts), n_steps)
+
+
+def _with_remarks(
+    plant: EnvironmentPlant, keys: Keys, first: EnvironmentRun, p: Parameters, tried: _Tried
+) -> EnvironmentPlant:
+    """Add what `check` and `describe` say."""
+    name, inner = type(first.inner).__name__, first.inner
+    plant.repeats, plant.seconds_per_step = tried.is_repeatable, tried.trial.seconds
+    own = "is that of `initial`" if keys.start == "initial" else "is drawn by `reset`, with a seed of the run"
+    remarks = [f"x(0) {own}"]
+    if keys.state is None:
+        kind = np.asarray(first.observation).dtype
+        remarks.append(f"the state is the observation ({kind}); `state` may name an attribute in double precision")
+    if tried.random == "by action":
+        remarks.append(BY_ACTION)
+    if not tried.is_repeatable:
+        remarks.append(UNSEEDED)
+    Ts = next((getattr(inner, each) for each in ("dt", "tau") if hasattr(inner, each)), None)
+    if isinstance(Ts, int | float) and not np.isclose(Ts, plant.Ts):
+        remarks.append(f"a step of the environment takes {Ts:g} s, and `time.step` is {plant.Ts:g} s")
+    if tried.is_rounded:
+        remarks.append("the environment refuses actions in double precision: they are rounded to float32")
+    if first.env is not inner:
+        remarks.append("the wrappers of its registration stay: " + str(first.env).partition("<" + name)[0].strip("<"))
+    for each in tried.useless:
+        remarks.append(f"a change of the parameter {each} by 10 % changes no state of {len(tried.trial.x) - 1} steps")
+    limits = tuple(f"{each[0].upper()}{each[1:]}." for each in remarks if each in (BY_ACTION, UNSEEDED))
+    plant.__dict__ |= {"remarks": tuple(remarks), "limitations": limits}
+    assert plant.signals is not None
+    spaces = f"{inner.action_space}, {inner.observation_space}"
+    plant.described = (
+        ("environment", f"{name}, one per run and method"),
+        ("actions, observation", spaces),
+        ("states", ", ".join(plant.signals.states) + ("" if plant.access.write else " (cannot be set)")),
+        ("parameters", ", ".join(f"{each} = {p[each]:g}" for each in p) or "none"),
+        (
+            "random numbers",
+            {"never": "none after reset", "every action alike": "the same for every action"}.get(
+                tried.random, "other ones after other actions"
+            ),
+        ),
+    )
+    return plant
 
 
 def design(

@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.answers import Reports, finite_rows, numbers, reports_of
 from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at
+from rmpc_bench.components.user_runs import CRASHED, Failed, Reports, UserRuns, at, finite_rows, numbers, reports_of
 from rmpc_bench.types import Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
 from rmpc_bench.types.metric import Direction, MetricLayout
 

@@ -8,10 +8,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.answers import Reports, asymmetric_rows, finite_rows, numbers, reports_of
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import BEFORE, CRASHED, JOINED, Failed, UserRuns, at
+from rmpc_bench.components.user_runs import (
+    BEFORE,
+    CRASHED,
+    JOINED,
+    Failed,
+    Reports,
+    UserRuns,
+    asymmetric_rows,
+    at,
+    finite_rows,
+    numbers,
+    reports_of,
+)
 from rmpc_bench.models.disturbed import DisturbedNonlinear
 from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.answers import finite_rows, numbers
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass, user_class
-from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at
+from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at, finite_rows, numbers
 from rmpc_bench.types import Array, Motion, OutOfRange, Plant, RunInfo, Signals
 from rmpc_bench.types.ode import Parameters
 

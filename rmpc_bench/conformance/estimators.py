@@ -26,7 +26,6 @@ from rmpc_bench.conformance.results import (
     require_unchanged,
 )
 from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, Recorded
-from rmpc_bench.conformance.timing import exactness, shift_text
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import congruence, mv
 from rmpc_bench.types import Array, Estimator, as_estimate
@@ -35,6 +34,13 @@ SPACING = 10
 """Samples between those that count; with fast modes their errors are nearly independent."""
 QUANTILE = 4.0
 """Standard normal quantile of both ends of a band: outside once in 16,000 times by chance."""
+MOST_ERRORS = 4.0
+"""Standard errors beyond which a paired difference counts."""
+SHIFTS = (-3, -2, -1, 1, 2, 3)
+SETTLED = 10
+"""First sample of the comparison of shifts: the initial error is then forgotten."""
+EXACT = 1e-6
+"""Largest error without noise, as a share of the spread of the state; solvers of single steps are that exact."""
 
 
 def band(degrees: int) -> tuple[float, float]:
@@ -91,6 +97,62 @@ def _squares(e: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Float[Ar
     """Return e' P^-1 e of every run; a singular P has its pseudo-inverse."""
     squares: Array = np.einsum("ri,rij,rj->r", e, np.linalg.pinv(P, hermitian=True), e)
     return squares
+
+
+def shift_text(x_hat: Float[Array, "runs samples nx"], x: Float[Array, "runs samples nx"]) -> str:
+    """Fail if x_hat(k) fits x(k + d) better than x(k), paired over the runs, by more than four standard errors."""
+    samples = np.arange(SETTLED, x.shape[1] - max(SHIFTS))
+
+    def size(d: int) -> Array:
+        squares: Array = np.maximum(
+            ((x_hat[:, samples] - x[:, samples + d]) ** 2).mean(axis=(1, 2)), np.finfo(float).tiny
+        )
+        return squares
+
+    now = size(0)
+    gains = {d: 0.5 * np.log(now / size(d)) for d in SHIFTS}
+    d = max(gains, key=lambda each: float(gains[each].mean()))
+    mean, error = float(gains[d].mean()), float(gains[d].std(ddof=1) / np.sqrt(len(x)))
+    if mean > MOST_ERRORS * error and mean > EXACT:
+        late = f"{abs(d)} sample{'s' if abs(d) > 1 else ''} {'late' if d < 0 else 'early'}"
+        where = f"x(k{d:+d})"
+        raise AssertionError(f"x_hat(k) fits {where} best, {np.exp(mean):.3g} times better than x(k): it comes {late}")
+    return f"the next best shift, {d:+d}, has {np.exp(-mean):.3g} times the error"
+
+
+def exactness(estimator: Estimator, system: LinearSystem) -> str:
+    """Filter data without noise from the true x(0); fail, with the likely reason, if x_hat is not the state."""
+    recorded = system.recorded(noise=False)
+    recorded = Recorded(*(each[:8] for each in recorded))
+    data = EstimatorExample(recorded.y, recorded.u)
+    x_hat, x = data.x_hat(estimator), recorded.x
+    scale = float(x.std(axis=(0, 1)).max())
+    error = float(np.abs(x_hat - x).max())
+    if error <= EXACT * scale:
+        return f"error up to {error:.2g}"
+    reason = _reason(estimator, system, recorded, x_hat, EXACT * scale)
+    raise AssertionError(f"error up to {error:.2g}, the state has a spread of {scale:.2g}: {reason}")
+
+
+def _reason(estimator: Estimator, system: LinearSystem, recorded: Recorded, x_hat: Array, small: float) -> str:
+    """Find the one change of the data that makes the estimates exact."""
+    model, (y, u, x) = system.model, recorded
+    for d in (-1, -2):
+        if np.abs(x_hat[:, 3:] - x[:, 3 + d : d]).max() <= small:
+            return f"it returns x(k{d:+d}), {-d} sample{'s' if d < -1 else ''} late"
+    k = slice(3, x.shape[1] - 1)
+    for word, input_ in (("u(k)", u[:, 3:]), ("u(k-1)", u[:, 2:-1]), ("no input", 0.0 * u[:, 3:])):
+        ahead = np.stack([mv(model.A, a) + mv(model.B, b) for a, b in zip(x[:, k], input_, strict=True)]) + model.f0
+        if np.abs(x_hat[:, k] - ahead).max() <= small:
+            return f"it returns the prediction x(k+1|k) with {word}"
+    earlier = np.concatenate([u[:, 1:], u[:, -1:]], axis=1)
+    # u(0) is lost by the shift; the filter forgets it, so that the second half can be exact.
+    half = slice(x.shape[1] // 2, x.shape[1] - 3)
+    if np.abs(EstimatorExample(y, earlier).x_hat(estimator)[:, half] - x[:, half]).max() <= small:
+        return "it is exact when it gets every input one sample earlier, so it uses u(k-2) instead of u(k-1)"
+    if np.abs(EstimatorExample(y, 0.0 * u).x_hat(estimator) - x_hat).max() <= small:
+        return "it does not use the input"
+    return "is u(k-1) the one used?"
 
 
 def _base_class(estimator: Any, _: EstimatorExample) -> None:
@@ -199,9 +261,6 @@ EstimatorExample.checks = (
 
 AHEAD = 20
 """Samples after the change; a component that looks further ahead is not found."""
-MOST_ERRORS = 4.0
-"""Standard errors beyond which a paired difference counts."""
-
 LOST = 0.4
 """Probability that an output of a sample is missing."""
 EQUAL, STILL_EQUAL = 1e-5, 1e-4

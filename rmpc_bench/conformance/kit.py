@@ -7,10 +7,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from rmpc_bench.components.transport import Recipe, recipe_of
-from rmpc_bench.conformance.experiment import ExperimentSystem
 from rmpc_bench.conformance.process import SECONDS, check_subject
 from rmpc_bench.conformance.results import Report
-from rmpc_bench.conformance.stages import CHECKS
+from rmpc_bench.conformance.stages import CHECKS, ExperimentSystem
 from rmpc_bench.conformance.subject import Subject, groups_of, subject_of
 from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.simulation.scenario import Experiment

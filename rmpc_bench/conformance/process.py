@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO
 
 from rmpc_bench.child_process import start
-from rmpc_bench.conformance.experiment import System
 from rmpc_bench.conformance.information import SAME_SEED, received
 from rmpc_bench.conformance.results import PACKAGE, CheckResult, Report, not_checked, raised, run_check, with_expected
-from rmpc_bench.conformance.stages import CHECKS, MADE, Setting, provided, stages
+from rmpc_bench.conformance.stages import CHECKS, MADE, Setting, System, provided, stages
 from rmpc_bench.conformance.subject import Subject, group_of, packed, unpacked
 from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.simulation.threads import single_thread

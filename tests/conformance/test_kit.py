@@ -15,11 +15,10 @@ from small_experiment import cli, write
 from rmpc_bench import load_config
 from rmpc_bench.conformance import CHECKS, check, check_estimator, parametrize_with_checks
 from rmpc_bench.conformance.estimators import band
-from rmpc_bench.conformance.experiment import ExperimentExample, ExperimentSystem
 from rmpc_bench.conformance.information import SeparateProcess
 from rmpc_bench.conformance.process import check_subject
 from rmpc_bench.conformance.results import Report, run_checks, with_expected
-from rmpc_bench.conformance.stages import Setting, stages
+from rmpc_bench.conformance.stages import ExperimentExample, ExperimentSystem, Setting, stages
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.conformance.systems import LinearSystem
 from rmpc_bench.types import Plant
