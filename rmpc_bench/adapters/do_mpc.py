@@ -160,7 +160,16 @@ def _disturbed(model: DisturbedNonlinear) -> tuple[Any, Any]:
 # do-mpc: its MPC, with the reference as a time-varying parameter.
 
 
-class MpcController:
+class _OwnObject:
+    """A component with an object of do-mpc, which no other run may have."""
+
+    @staticmethod
+    def owned(made: Any) -> list[Any]:
+        """Return the objects that no other run may have."""
+        return [made]
+
+
+class MpcController(_OwnObject):
     """An MPC of do-mpc, from a new initial guess at k = 0 and after a step that has failed.
 
     Parameters
@@ -172,11 +181,6 @@ class MpcController:
     """
 
     returns = "an MPC of do-mpc"
-
-    @staticmethod
-    def owned(made: Any) -> list[Any]:
-        """Return the objects that no other run may have."""
-        return [made]
 
     @staticmethod
     def fits(made: Any) -> bool:
@@ -233,15 +237,10 @@ class MpcController:
 #         the function of the user gives for the time, as in a full window.
 
 
-class MheEstimator:
+class MheEstimator(_OwnObject):
     """An MHE of do-mpc; its model has the measurements y with noise, and none or u without noise."""
 
     returns = "an MHE of do-mpc"
-
-    @staticmethod
-    def owned(made: Any) -> list[Any]:
-        """Return the objects that no other run may have."""
-        return [made]
 
     @staticmethod
     def fits(made: Any) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,34 +73,35 @@ def loaded(path: str) -> Any:
     return version(guid=found.guid, unzipDirectory=str(directory), modelIdentifier=identifier, instanceName="run")
 
 
-def described(
-    files: Sequence[Any], signals: Signals, p: Sequence[str], named: Mapping[str, str], Ts: float
-) -> tuple[Unit, str]:
-    """Return a file with the variables that a plant uses, and a text about it."""
-    if len(files) != 1:
-        raise DesignError(f"must be one file (got {len(files)})", "fmu")
-    path, fmpy = str(files[0]), library("fmu")
-    if reason := refused(path):
+def _description(file: Path, Ts: float) -> Any:
+    """Return what a file says of itself; a DesignError where the bench cannot simulate it with the sampling time."""
+    fmpy = library("fmu")
+    if reason := refused(str(file)):
         raise DesignError(reason, "fmu")
     try:
-        found = fmpy.read_model_description(path)
+        found = fmpy.read_model_description(str(file))
     except Exception as error:
-        raise DesignError(f"{files[0].name} is no FMU ({type(error).__name__}: {error})", "fmu") from error
+        raise DesignError(f"{file.name} is no FMU ({type(error).__name__}: {error})", "fmu") from error
     if found.coSimulation is None or found.fmiVersion not in ("2.0", "3.0"):
-        raise DesignError(f"{files[0].name} is no co-simulation unit of FMI 2.0 or 3.0", "fmu")
+        raise DesignError(f"{file.name} is no co-simulation unit of FMI 2.0 or 3.0", "fmu")
     if found.coSimulation.canBeInstantiatedOnlyOncePerProcess:
-        text = f"{files[0].name} allows one instance per process, and every run and method needs an instance"
+        text = f"{file.name} allows one instance per process, and every run and method needs an instance"
         raise DesignError(text, "fmu")
     step = float(found.coSimulation.fixedInternalStepSize or Ts)
     if abs(Ts / step - round(Ts / step)) > 1e-6 * Ts / step or not round(Ts / step):
-        text = f"{files[0].name} has the internal step {step:g} s (fixedInternalStepSize)"
+        text = f"{file.name} has the internal step {step:g} s (fixedInternalStepSize)"
         raise DesignError(f"{text}; `time.step`, {Ts:g} s, must be a multiple of it", "fmu")
     try:
-        loaded(path)
+        loaded(str(file))
     except DesignError:
         raise
     except Exception as error:
-        raise DesignError(f"{files[0].name} cannot be loaded ({type(error).__name__}: {error})", "fmu") from error
+        raise DesignError(f"{file.name} cannot be loaded ({type(error).__name__}: {error})", "fmu") from error
+    return found
+
+
+def _unit(file: Path, found: Any, signals: Signals, p: Sequence[str], named: Mapping[str, str]) -> Unit:
+    """Return a file with the variables that a plant uses."""
     known = {each.name: each for each in found.modelVariables}
 
     def all_of(names: Sequence[str], key: str, causality: Sequence[str]) -> list[Any]:
@@ -112,15 +114,14 @@ def described(
     clock = [each for each in found.modelVariables if each.causality == "independent" and each.type == "Real"][:1]
     settable = all(each.initial in ("exact", "approx") for each in x)
     at_start = [*zip(p, parameters, strict=True), *(zip(signals.states, x, strict=True) if settable else ())]
-    unit = Unit(
-        path,
+    return Unit(
+        str(file),
         int(found.fmiVersion[0]),
         tuple(name for name, _ in at_start),
         tuple(each.valueReference for _, each in at_start),
         tuple(each.valueReference for each in u),
         tuple(each.valueReference for each in (*x, *y, *clock)),
     )
-    return unit, f"{found.modelName}, FMI {found.fmiVersion}, one instance per run and method"
 
 
 def _variable(known: Mapping[str, Any], name: str, key: str, causality: Sequence[str]) -> Any:
@@ -239,12 +240,16 @@ def plant(
     refuse_shared(x, u)
     signals = Signals(x, u, y, {**y_units, **u_units, **units}, bounds_by_name(bounds or {}, x, u))
     nominal = {name: float(value) for name, value in (parameters or {}).items()}
-    unit, about = described(fmu, signals, [*nominal], variables or {}, float(Ts))
+    if len(fmu) != 1:
+        raise DesignError(f"must be one file (got {len(fmu)})", "fmu")
+    found = _description(fmu[0], float(Ts))
+    unit = _unit(fmu[0], found, signals, [*nominal], variables or {})
     made = FmuPlant(unit, signals, nominal, float(Ts), n_steps)
     _try(made, np.broadcast_to(np.asarray(0.0 if x0 is None else x0, dtype=float), (len(x),)))
     own = " (x(0) is that of the FMU)" if made.has_own_start else ""
-    texts = {"states": ", ".join(x) + own, "inputs": ", ".join(u) or "none", "outputs": ", ".join(y)}
-    made.described = (("FMU", about), *texts.items())
+    about = f"{found.modelName}, FMI {found.fmiVersion}, one instance per run and method"
+    texts = {"FMU": about, "states": ", ".join(x) + own, "inputs": ", ".join(u) or "none", "outputs": ", ".join(y)}
+    made.described = tuple(texts.items())
     return made
 
 

@@ -172,52 +172,58 @@ class Keys(NamedTuple):
     inputs: Names | None
     outputs: Names | None
     action: Any
+    p: Parameters
+    set_parameters: Any
+    ends: bool
+    bounds: Mapping[str, tuple[float, float]]
 
 
-def designed(
-    Ts: float,
-    n_steps: int,
-    keys: Keys,
-    parameters: Mapping[str, float],
-    set_parameters: Any,
-    ends: bool,
-    bounds: Mapping[str, tuple[float, float]],
-) -> EnvironmentPlant:
+def _designed(Ts: float, n_steps: int, keys: Keys) -> EnvironmentPlant:
     """Try an environment and return the plant."""
-    nominal = Parameters({name: float(value) for name, value in parameters.items()})
+    inner, access, actions = _accessed(keys)
+    first = attempt("state", lambda: started(access, keys.p))
+    if first.inner is inner:
+        raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
+    signals = _signals(keys, first.x, actions.low, actions.high)
+    if actions.values is not None:
+        signals = DiscreteInput(**vars(signals), values=actions.values)
+    access, measured = _with_output(access, keys, signals, np.size(first.observation))
+    if measured is None:
+        y = attempt("output", lambda: access.measure(first.x, keys.p, first.observation))  # type: ignore[misc]
+        if np.size(y) != signals.ny:
+            raise DesignError(f"returns {np.size(y)} numbers; outputs: {signals.ny}", "output")
+    access, tried = _tried(access, keys.p, actions)
+    if keys.start == "initial":
+        if access.write is None:
+            text = "the state cannot be set: name an attribute as `state`, or a function as `set_state`"
+            raise DesignError(text, "start")
+        access = replace(access, starts_at_x0=True)
+    plant = EnvironmentPlant(access, signals, measured, dict(keys.p), float(Ts), n_steps)
+    plant.repeats, plant.seconds_per_step = tried.is_repeatable, tried.trial.seconds
+    _describe(plant, keys, first, tried)
+    return plant
+
+
+def _accessed(keys: Keys) -> tuple[Any, Access, access_to.Actions]:
+    """Make an environment; return it, how every other one is made, moved and read, and its actions."""
     # An option may name an environment, too.
     for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):
         for reason in filter(None, map(reason_against_module, _texts(value))):
             raise DesignError(reason, key)
     # The first import of the library: a missing one is reported with its extra.
     inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
-    keywords = () if set_parameters else access_to.keywords_of(inner, [*nominal])
-    if not set_parameters:
-        _refuse_unknown(inner, [name for name in nominal if name not in keywords])
+    change = keys.set_parameters
+    keywords = () if change else access_to.keywords_of(inner, [*keys.p])
+    if not change:
+        _refuse_unknown(inner, [name for name in keys.p if name not in keywords])
     if keys.state is None and inner.observation_space.shape is None:
         kind = type(inner.observation_space).__name__
         raise DesignError(f"the observation is a {kind}; name an attribute or a function that is the state", "state")
     nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
-    action, low, high, values = access_to.actions_of(inner.action_space, keys.action, nu)
-    make = partial(
-        access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=set_parameters
-    )
+    actions = access_to.actions_of(inner.action_space, keys.action, nu)
+    make = partial(access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=change)
     read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
-    access = Access(make, action, read, write, ends=ends)
-    first = attempt("state", lambda: started(access, nominal))
-    if first.inner is inner:
-        raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
-    signals = _signals(keys, first.x, low, high, bounds)
-    if values is not None:
-        signals = DiscreteInput(**vars(signals), values=values)
-    access, measured = _with_output(access, keys, signals, np.size(first.observation))
-    if measured is None:
-        y = attempt("output", lambda: access.measure(first.x, nominal, first.observation))  # type: ignore[misc]
-        if np.size(y) != signals.ny:
-            raise DesignError(f"returns {np.size(y)} numbers; outputs: {signals.ny}", "output")
-    access, tried = _tried(access, nominal, low, high)
-    plant = _plant(access, keys, signals, measured, nominal, Ts, n_steps)
-    return _with_remarks(plant, keys, first, nominal, tried)
+    return inner, Access(make, actions.of_input, read, write, ends=keys.ends), actions
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -238,7 +244,7 @@ def _refuse_unknown(inner: Any, names: list[str]) -> None:
             raise DesignError(f"{type(inner).__name__}: {text}", f"parameters.{name}")
 
 
-def _signals(keys: Keys, x: Array, low: Array, high: Array, bounds: Mapping[str, tuple[float, float]]) -> Signals:
+def _signals(keys: Keys, x: Array, low: Array, high: Array) -> Signals:
     """Return names, units and bounds; those of an input are within the limits of the actions."""
     nx, nu = len(x), len(low)
     state, units = names_of(nx if keys.states is None else keys.states, "states", "x")
@@ -259,7 +265,7 @@ def _signals(keys: Keys, x: Array, low: Array, high: Array, bounds: Mapping[str,
     outputs, y_units = (tuple(default), units) if given is None else names_of(given, "outputs", "y")
     if not callable(keys.output) and len(outputs) != len(default):
         raise DesignError(f"has {len(outputs)} names; there are {len(default)} outputs", "outputs")
-    own = bounds_by_name(bounds, state, inputs)
+    own = bounds_by_name(keys.bounds, state, inputs)
     for name, least, most in zip(inputs, low.tolist(), high.tolist(), strict=True):
         lower, upper = own.get(name, (-np.inf, np.inf))
         if np.isfinite([least, most]).any() or name in own:
@@ -303,9 +309,9 @@ class _Tried(NamedTuple):
     useless: list[str]
 
 
-def _tried(access: Access, p: Parameters, low: Array, high: Array) -> tuple[Access, _Tried]:
+def _tried(access: Access, p: Parameters, actions: access_to.Actions) -> tuple[Access, _Tried]:
     """Step copies of the environment."""
-    few, many = inputs_between(low, high, 0.25), inputs_between(low, high, 0.75)
+    few, many = (inputs_between(actions.low, actions.high, share) for share in (0.25, 0.75))
     rounded = False
     box = isinstance(access.action, partial) and access.action.func is access_to.as_it_is
     try:
@@ -324,23 +330,24 @@ def _tried(access: Access, p: Parameters, low: Array, high: Array) -> tuple[Acce
     return access, _Tried(first, repeatable, random_numbers(first, other), rounded, useless)
 
 
-def _plant(
-    access: Access, keys: Keys, signals: Signals, measured: list[int] | None, p: Parameters, Ts: float, n_steps: int
-) -> EnvironmentPlant:
-    if keys.start == "initial":
-        if access.write is None:
-            text = "the state cannot be set: name an attribute as `state`, or a function as `set_state`"
-            raise DesignError(text, "start")
-        access = replace(access, starts_at_x0=True)
-    return EnvironmentPlant(access, signals, measured, dict(p), float(Ts), n_steps)
-
-
-def _with_remarks(
-    plant: EnvironmentPlant, keys: Keys, first: EnvironmentRun, p: Parameters, tried: _Tried
-) -> EnvironmentPlant:
+def _describe(plant: EnvironmentPlant, keys: Keys, first: EnvironmentRun, tried: _Tried) -> None:
     """Add what `check` and `describe` say."""
+    name, inner, remarks = type(first.inner).__name__, first.inner, _remarks(keys, first, tried, plant.Ts)
+    limits = tuple(f"{each[0].upper()}{each[1:]}." for each in remarks if each in (BY_ACTION, UNSEEDED))
+    plant.__dict__ |= {"remarks": tuple(remarks), "limitations": limits}
+    assert plant.signals is not None
+    random = {"never": "none after reset", "every action alike": "the same for every action"}
+    plant.described = (
+        ("environment", f"{name}, one per run and method"),
+        ("actions, observation", f"{inner.action_space}, {inner.observation_space}"),
+        ("states", ", ".join(plant.signals.states) + ("" if plant.access.write else " (cannot be set)")),
+        ("parameters", ", ".join(f"{each} = {keys.p[each]:g}" for each in keys.p) or "none"),
+        ("random numbers", random.get(tried.random, "other ones after other actions")),
+    )
+
+
+def _remarks(keys: Keys, first: EnvironmentRun, tried: _Tried, sampling_time: float) -> list[str]:
     name, inner = type(first.inner).__name__, first.inner
-    plant.repeats, plant.seconds_per_step = tried.is_repeatable, tried.trial.seconds
     own = "is that of `initial`" if keys.start == "initial" else "is drawn by `reset`, with a seed of the run"
     remarks = [f"x(0) {own}"]
     if keys.state is None:
@@ -351,31 +358,15 @@ def _with_remarks(
     if not tried.is_repeatable:
         remarks.append(UNSEEDED)
     Ts = next((getattr(inner, each) for each in ("dt", "tau") if hasattr(inner, each)), None)
-    if isinstance(Ts, int | float) and not np.isclose(Ts, plant.Ts):
-        remarks.append(f"a step of the environment takes {Ts:g} s, and `time.step` is {plant.Ts:g} s")
+    if isinstance(Ts, int | float) and not np.isclose(Ts, sampling_time):
+        remarks.append(f"a step of the environment takes {Ts:g} s, and `time.step` is {sampling_time:g} s")
     if tried.is_rounded:
         remarks.append("the environment refuses actions in double precision: they are rounded to float32")
     if first.env is not inner:
         remarks.append("the wrappers of its registration stay: " + str(first.env).partition("<" + name)[0].strip("<"))
     for each in tried.useless:
         remarks.append(f"a change of the parameter {each} by 10 % changes no state of {len(tried.trial.x) - 1} steps")
-    limits = tuple(f"{each[0].upper()}{each[1:]}." for each in remarks if each in (BY_ACTION, UNSEEDED))
-    plant.__dict__ |= {"remarks": tuple(remarks), "limitations": limits}
-    assert plant.signals is not None
-    spaces = f"{inner.action_space}, {inner.observation_space}"
-    plant.described = (
-        ("environment", f"{name}, one per run and method"),
-        ("actions, observation", spaces),
-        ("states", ", ".join(plant.signals.states) + ("" if plant.access.write else " (cannot be set)")),
-        ("parameters", ", ".join(f"{each} = {p[each]:g}" for each in p) or "none"),
-        (
-            "random numbers",
-            {"never": "none after reset", "every action alike": "the same for every action"}.get(
-                tried.random, "other ones after other actions"
-            ),
-        ),
-    )
-    return plant
+    return remarks
 
 
 def design(
@@ -423,8 +414,9 @@ def design(
     DesignError
         If there is no such environment, or a key does not fit it.
     """
-    given = Keys(env, options or {}, state, set_state, start, output, states, inputs, outputs, action)
+    p, ends = Parameters({name: float(value) for name, value in (parameters or {}).items()}), terminated == "end"
+    given = options or {}, state, set_state, start, output, states, inputs, outputs, action
     # Warnings of the environment are counted in the runs.
     with catch_warnings():
         simplefilter("ignore")
-        return designed(Ts, n_steps, given, parameters or {}, set_parameters, terminated == "end", bounds or {})
+        return _designed(Ts, n_steps, Keys(env, *given, p, set_parameters, ends, bounds or {}))

@@ -187,7 +187,17 @@ def class_around(
     of_function = _arguments(function)
     if missing := [name for name in needs if name not in of_function]:
         raise TypeError(f"{function.__name__} needs the argument{'s' * (len(missing) > 1)} {' and '.join(missing)}")
-    of_base = dict(list(_arguments(base.__init__).items())[2:])  # type: ignore[misc]
+    own = {"__init__": _init_of(base, function, of_function), "__doc__": function.__doc__}
+    made_class = type(function.__name__, (base,), {**declared, **own})
+    made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
+    return single_run(made_class)
+
+
+def _init_of(
+    base: Any, function: Callable[..., Any], of_function: Mapping[str, inspect.Parameter]
+) -> Callable[..., None]:
+    """Return an `__init__` that gives what the function has made to that of the base class."""
+    of_base = dict(list(_arguments(base.__init__).items())[2:])
     compared: list[bool] = []
 
     def returned(given: dict[str, Any], rng: Any) -> Any:
@@ -200,31 +210,22 @@ def class_around(
         owned = getattr(base, "owned", None) if not compared else None
         other = returned(given, deepcopy(rng)) if owned else None
         made = returned(given, rng)
-        if not getattr(base, "fits", _anything)(made):
-            raise TypeError(f"{function.__name__} returned {_described(made)}; it must return {base.returns}")  # type: ignore[attr-defined]
+        if hasattr(base, "fits") and not base.fits(made):
+            what = "None" if made is None else f"an object of type {type(made).__name__}"
+            raise TypeError(f"{function.__name__} returned {what}; it must return {base.returns}")
         if owned and any(each is before for each in owned(made) for before in owned(other)):
             raise TypeError(
                 f"{function.__name__} returns the same object for every run; make a new one in the function"
             )
         compared.append(True)
-        base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})  # type: ignore[misc]
+        base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})
 
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (of_base | of_function).values()]
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in {**of_base, **of_function}.values()]
     make.__signature__ = inspect.Signature([first, *every])  # type: ignore[attr-defined]
     # `describe` shows the docstring of the module in which `__init__` is defined.
     make.__module__, make.__qualname__ = function.__module__, f"{function.__qualname__}.__init__"
-    made_class = type(function.__name__, (base,), {**declared, "__init__": make, "__doc__": function.__doc__})
-    made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
-    return single_run(made_class)
-
-
-def _anything(made: Any) -> bool:
-    return True
-
-
-def _described(made: Any) -> str:
-    return "None" if made is None else f"an object of type {type(made).__name__}"
+    return make
 
 
 def _arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:

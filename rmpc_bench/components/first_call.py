@@ -11,7 +11,7 @@ import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from copy import copy
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 
@@ -152,7 +152,10 @@ class _FirstCall:
             with self._role("estimator"):
                 e, answer = estimator.correct(k, e, y.copy())
                 estimate = as_estimate(answer)
-                self._expect_estimate(estimate)
+                x_hat = np.asarray(estimate.x_hat)
+                if x_hat.ndim != 2 or len(x_hat) != 1:
+                    self._stop(f"correct returned x_hat of shape {x_hat.shape} for one run; (1, nx) is expected")
+                self._expect(x_hat, "correct returned x_hat", x_hat.shape)
                 self.first = self.first or estimate._replace(info={})
             if k == self.sample.n_steps:
                 return
@@ -173,17 +176,10 @@ class _FirstCall:
             u = np.array(self.plant.applied_inputs(np.array(command.u)))
             return u, controller.applied(k, state, u.copy())
 
-    def _expect_estimate(self, estimate: Estimate) -> None:
-        x_hat = np.asarray(estimate.x_hat)
-        if x_hat.ndim != 2 or len(x_hat) != 1:
-            self._stop("estimator", f"correct returned x_hat of shape {x_hat.shape} for one run; (1, nx) is expected")
-        self._expect(x_hat, "correct returned x_hat", x_hat.shape)
-
     def _expect(self, values: Any, what: str, shape: tuple[int, ...]) -> None:
         array = np.asarray(values)
-        role = "controller" if "control" in what else "estimator" if "correct" in what else "plant"
         if array.dtype.kind not in "fiu" or array.shape != shape:
-            self._stop(role, f"{what} of shape {array.shape} for one run; {shape} is expected")
+            self._stop(f"{what} of shape {array.shape} for one run; {shape} is expected")
 
     @contextmanager
     def _role(self, role: str) -> Iterator[None]:
@@ -200,17 +196,17 @@ class _FirstCall:
             if isinstance(error, KeyboardInterrupt) and self.interrupts:
                 raise
             place = last_user_frame(error)
-            self._stop(role, f"{place}: {one_line(error)}" if place else one_line(error))
+            self._stop(f"{place}: {one_line(error)}" if place else one_line(error))
         known = [text for texts in self.warnings.values() for text in texts]
         self.warnings[role] = self.warnings.get(role, ()) + tuple(set(self.runs.journal.warnings) - set(known))
         for failure in self.runs.journal.failures.values():
             if failure.status != Status.CRASHED:
                 raise _Stopped
             place = place_in(failure.trace)
-            self._stop(failure.component, f"{place}: {failure.message}" if place else failure.message)
+            self._stop(f"{place}: {failure.message}" if place else failure.message, failure.component)
 
-    def _stop(self, role: str, message: str) -> None:
-        self.found = Finding(role, message)
+    def _stop(self, message: str, role: str = "") -> NoReturn:
+        self.found = Finding(role or self.role, message)
         raise _Stopped
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import CRASHED, Failed, Reports, UserRuns, at, finite_rows, numbers, reports_of
+from rmpc_bench.components.user_runs import CRASHED, Failed, Reports, UserRuns, at, finite_rows, numbers
 from rmpc_bench.types import Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
 from rmpc_bench.types.metric import Direction, MetricLayout
 
@@ -28,21 +28,16 @@ class SingleRunController(SingleDesign, Controller):
 
     role = "controller"
 
+    preview: int
+    regulates: bool
+
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
         super().__init__(user, given)
         self.nu = int(given["model"].nu)
-        self._reports = Reports(reports_of(user.constant("reports", {})))
-
-    @property
-    def preview(self) -> int:
-        """As the user's class or its key declares."""
-        preview = self.keys.get("preview", self.user.constant("preview", 1))
-        return preview if isinstance(preview, int) else 1
-
-    @property
-    def regulates(self) -> bool:
-        """As the user's class declares."""
-        return bool(self.user.constant("regulates", False))
+        preview = self.keys.get("preview", user.constant("preview", 1))
+        self.preview = preview if isinstance(preview, int) else 1
+        self.regulates = bool(user.constant("regulates", False))
+        self._reports = Reports(user.constant("reports", {}))
 
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
@@ -116,7 +111,7 @@ class _Answer:
     def settle(self, failure: Failed) -> bool:
         """Hold a step: the last input."""
         design, row = self.design, failure.row
-        if not design.holds or self.state.objects.held[row] >= design.most_held:
+        if not design.may_hold(self.state.objects.held[row]):
             return False
         self.u[row] = self.state.u[row]
         return True

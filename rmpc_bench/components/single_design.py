@@ -43,6 +43,7 @@ class SingleDesign:
     """A design that makes one object of the user per run, of what the bench provides and the keys."""
 
     role = ""
+    starts_runs = True
 
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
         self.user = user
@@ -60,11 +61,6 @@ class SingleDesign:
     def cost_per_step(self) -> float:
         """As the user's class declares, or as measured in its first call."""
         return float(self.user.constant("cost_per_step", self.seconds_per_step))
-
-    @property
-    def starts_runs(self) -> bool:
-        """`init` or `start` takes the runs of the block."""
-        return True
 
     @property
     def deterministic(self) -> bool:
@@ -85,11 +81,10 @@ class SingleDesign:
         """Whether a failed step is held."""
         return self.user.group in HELD and self.on_failure == "hold"
 
-    @property
-    def most_held(self) -> int:
-        """Number of steps of a run that may be held."""
+    def may_hold(self, held: int) -> bool:
+        """Whether a step of a run with so many held steps may be held."""
         # 10 % of 30 steps are 3, although 0.1 * 30 is a little more or less.
-        return int(np.floor(self.max_held * self.given["n_steps"] + 1e-9))
+        return self.holds and held < int(np.floor(self.max_held * self.given["n_steps"] + 1e-9))
 
     def user_runs(self, n_runs: int, runs: RunInfo | None, signals: Mapping[str, Any]) -> UserRuns:
         """Make the objects of a block."""
@@ -99,24 +94,21 @@ class SingleDesign:
             fixed["model"] = read_only(fixed["model"])
         if "plant_info" in fixed:
             fixed["limits"] = fixed["plant_info"].limits
-        made = UserRuns(self.role, self.user, runs, fixed, self.given["Ts"])
+        prepared, failure = None, None
         if "prepare" in self.user.arguments:
-            failure = self._prepare(fixed, runs.journal)
-            if failure is not None:
-                for row in range(n_runs):
-                    made.fail(failure._replace(row=row), None, {})
-                return made
-            assert self._prepared is not None
-            made.fixed = {**fixed, "prepared": self._prepared[0]}
+            prepared, failure = self._prepare(fixed, runs.journal)
+        made = UserRuns(self.role, self.user, runs, {**fixed, "prepared": prepared}, self.given["Ts"])
+        if failure is None:
+            made.make(self.keys, signals)
         else:
-            made.fixed = {**fixed, "prepared": None}
-        made.make(self.keys, signals)
+            for row in range(n_runs):
+                made.fail(failure._replace(row=row), None, {})
         return made
 
-    def _prepare(self, fixed: Mapping[str, Any], journal: Journal) -> Failed | None:
-        """Call `prepare` once in this process; return why it failed."""
+    def _prepare(self, fixed: Mapping[str, Any], journal: Journal) -> tuple[Any, Failed | None]:
+        """Call `prepare` once in this process; return its answer, and why it failed."""
         if self._prepared is not None:
-            return None
+            return self._prepared[0], None
         arguments = self.user.arguments["prepare"]
         known = {**fixed, **self.keys}
         given = {name: known[name] for name in arguments.names}
@@ -128,8 +120,8 @@ class SingleDesign:
             except BaseException as error:
                 if is_ctrl_c(error):
                     raise
-                return failed_call(0, error)
-        return None
+                return None, failed_call(0, error)
+        return self._prepared[0], None
 
 
 def read_only(model: Any) -> Any:

@@ -21,7 +21,6 @@ from rmpc_bench.components.user_runs import (
     at,
     finite_rows,
     numbers,
-    reports_of,
 )
 from rmpc_bench.models.disturbed import DisturbedNonlinear
 from rmpc_bench.models.nonlinear import NonlinearModel
@@ -83,32 +82,25 @@ class SingleRunEstimator(SingleDesign, Estimator):
 
     role = "estimator"
 
+    knows_uncertainty: bool
+    bridges_missing: bool
+    Ne: int
+
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
         super().__init__(user, given)
         self.nx = int(given["model"].nx)
         self.states: slice | None = user.constant("states", None)
-        self._reports = Reports(reports_of(user.constant("reports", {})))
+        # An estimator that asks for the plant is an oracle estimator.
+        self.knows_uncertainty = "plant" in self.given
+        self.bridges_missing = bool(user.constant("bridges_missing", False))
+        Ne = self.keys.get("Ne", user.constant("Ne", 0))
+        self.Ne = Ne if isinstance(Ne, int) else 0
+        self._reports = Reports(user.constant("reports", {}))
 
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """As the user's class declares."""
         return self._reports.shapes
-
-    @property
-    def knows_uncertainty(self) -> bool:
-        """An estimator that asks for the plant is an oracle estimator."""
-        return "plant" in self.given
-
-    @property
-    def bridges_missing(self) -> bool:
-        """As the user's class declares."""
-        return bool(self.user.constant("bridges_missing", False))
-
-    @property
-    def Ne(self) -> int:
-        """As the user's class or its key declares."""
-        Ne = self.keys.get("Ne", self.user.constant("Ne", 0))
-        return Ne if isinstance(Ne, int) else 0
 
     def init(self, n_runs: int, delta: Any = None, *, runs: RunInfo | None = None) -> RunStates:
         """Make the objects."""
@@ -196,7 +188,7 @@ class _Answer:
     def settle(self, failure: Failed) -> bool:
         """Hold a step: the last estimate, moved by the model."""
         design, row, k = self.design, failure.row, self.k
-        if not design.holds or self.state.objects.held[row] >= design.most_held:
+        if not design.may_hold(self.state.objects.held[row]):
             return False
         self.x_hat[row], self.P[row] = self.state.x_hat[row], self.state.P[row]
         if k > 0 and self.state.u_previous is not None:

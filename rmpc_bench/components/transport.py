@@ -92,10 +92,6 @@ class Recipe:
             if recipe is not None:
                 yield from recipe._files()
 
-    def without_design(self) -> Recipe:
-        """Return the recipe of a component from a file without the loaded function."""
-        return dataclasses.replace(self, design=None)
-
     def remember(self, made: Any) -> None:
         """Note that a design was made in this way."""
         number = id(made)
@@ -207,7 +203,7 @@ def _pickler(stream: io.BytesIO) -> Any:
             recipe = recipe_of(obj)
             if recipe is not None:
                 # The function of a component from a file is loaded by its reference.
-                return _made, (recipe if recipe.code is None else recipe.without_design(),)
+                return _made, (recipe if recipe.code is None else dataclasses.replace(recipe, design=None),)
             send_module(getattr(obj, "__module__", None) if callable(obj) else None)
             return super().reducer_override(obj)
 

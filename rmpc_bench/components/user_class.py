@@ -49,7 +49,7 @@ _DESIGN: Mapping[str, tuple[str, ...]] = {
     "plants": ("Ts", "n_steps"),
     "metrics": (),
 }
-"""Names that are known before any run, by group."""
+"""Names that are known before any run, by group; they are no keys of the configuration."""
 _SAMPLE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "estimators": {
         "start": (),
@@ -87,11 +87,6 @@ def snake_case(name: str) -> str:
     """
     parts = [("_" if i and c.isupper() and not name[i - 1].isupper() else "") + c.lower() for i, c in enumerate(name)]
     return "".join(parts)
-
-
-def design_words(group: str) -> tuple[str, ...]:
-    """Names of a group that are known before any run; they are no keys of the configuration."""
-    return _DESIGN[group]
 
 
 def words(group: str, method: str) -> tuple[str, ...]:
@@ -280,7 +275,7 @@ class UserClass:
     def provided(self) -> tuple[str, ...]:
         """Names that the design function takes from the bench; limits of signals are read from `plant_info`."""
         asked = self.asked | ({"plant_info"} if "limits" in self.asked else set())
-        known = [word for word in design_words(self.group) if word in asked or word in ALWAYS[self.group]]
+        known = [word for word in _DESIGN[self.group] if word in asked or word in ALWAYS[self.group]]
         return tuple(word for word in known if word != "limits")
 
     def signature(self) -> inspect.Signature:

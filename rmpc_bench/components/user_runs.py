@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import repeat
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -46,8 +46,7 @@ def numbers(value: Any, noun: str, shape: tuple[int, ...], owner: str) -> Array:
 
 def _type_name(array: Array) -> str:
     if array.dtype == object:
-        inner = next((type(each).__name__ for each in array.flat if not isinstance(each, int | float)), "object")
-        return inner
+        return next((type(each).__name__ for each in array.flat if not isinstance(each, int | float)), "object")
     return str(array.dtype)
 
 
@@ -79,8 +78,10 @@ def asymmetric_rows(P: Array) -> Array:
 class Reports:
     """Entries of given shapes that a component reports besides its main answer, one array per entry and sample."""
 
-    def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
-        self.shapes = shapes
+    def __init__(self, declared: Mapping[str, tuple[int, ...]] | Iterable[str]) -> None:
+        # A list of names stands for single numbers.
+        shapes = declared if isinstance(declared, Mapping) else dict.fromkeys(declared, ())
+        self.shapes = {name: tuple(shape) for name, shape in shapes.items()}
 
     def empty(self, n_runs: int) -> dict[str, Array]:
         """Return arrays of NaN, which stand for an entry that a run does not report."""
@@ -101,12 +102,6 @@ class Reports:
                     f"reports {name!r} with shape {array.shape}; `reports` names {self.shapes[name]}"
                 )
             info[name][row] = array
-
-
-def reports_of(declared: Any) -> dict[str, tuple[int, ...]]:
-    """Return the declared entries of a class with their shapes; a list of names stands for single numbers."""
-    shapes = declared if isinstance(declared, Mapping) else dict.fromkeys(declared, ())
-    return {name: tuple(shape) for name, shape in shapes.items()}
 
 
 def drawing_from(rng: np.random.Generator, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -177,15 +172,13 @@ class UserRuns:
 
     def make(self, keys: Mapping[str, Any], signals: Mapping[str, Any]) -> None:
         """Make the object of every run with the keys, and call its `start`; `signals` has one entry per run."""
-        names = [name for name in self.user.of_init.names if name not in keys]
+        names = tuple(name for name in self.user.of_init.names if name not in keys)
 
         def make(*values: Any) -> Any:
-            return self.user.cls(**dict(zip(names, values, strict=True)), **_copied(keys))
+            return self.user.cls(**dict(zip(names, values, strict=True)), **_own(dict(keys)))
 
-        def keep(row: int, made: Any) -> None:
-            self.made[row] = made
-
-        self._call("__init__", [make] * self.n_runs, names, None, signals, keep, phase="start")
+        self.bound["__init__"], self.names["__init__"] = [make] * self.n_runs, names
+        self.call("__init__", None, signals, self.made.__setitem__, phase="start")
         for name, arguments in self.user.arguments.items():
             if name != "prepare":
                 bound = [None if each is None else arguments.bind(getattr(each, name)) for each in self.made]
@@ -193,7 +186,7 @@ class UserRuns:
         if "predict" in self.bound:
             self._join("predict", "correct")
         if "start" in self.bound:
-            self.call("start", None, signals, _ignore, phase="start")
+            self.call("start", None, signals, lambda row, answer: None, phase="start")
 
     def _join(self, first: str, second: str) -> None:
         """Add a call of two methods of which the first gets the input, the index and the time of the sample before."""
@@ -233,33 +226,26 @@ class UserRuns:
         `k` is None before the first sample.
         """
         # Where `prepare` has failed there are no objects.
-        if method in self.bound:
-            self._call(method, self.bound[method], self.names[method], k, signals, keep, phase=phase, settle=settle)
+        if method not in self.bound:
+            return
+        durations: list[float] = []
+        failures = self._failures(method, k, self._arguments(self.names[method], k, signals), keep, durations)
+        first = k == 0 and not phase
+        name = f"{self.role}, {phase}" if phase else f"{self.role}, first step" if first else self.role
+        self.runs.journal.seconds.setdefault(name, []).extend(durations)
+        for failure in failures:
+            self.fail(failure, k, signals, settle)
 
-    def _call(
-        self,
-        method: str,
-        calls: Sequence[Any],
-        names: Sequence[str],
-        k: int | None,
-        signals: Mapping[str, Any],
-        keep: Callable[[int, Any], None],
-        *,
-        phase: str = "",
-        settle: Callable[[Failed], bool] | None = None,
-    ) -> None:
-        rows = self.rows()
-        columns = [self._column(name, k, signals) for name in names]
-        if rows is not self.everyone:
-            columns = [column if isinstance(column, repeat) else [column[row] for row in rows] for column in columns]
-        arguments: Any = zip(*columns, strict=False) if names else repeat(())
+    def _failures(
+        self, method: str, k: int | None, given: Any, keep: Callable[[int, Any], None], durations: list[float]
+    ) -> list[Failed]:
+        """Call the method of every given row with its arguments, add the durations, and return what has failed."""
+        calls, failures = self.bound[method], list[Failed]()
         if self.runs.journal.call is not None:
             calls = [None if each is None else self._handed_over(each, k) for each in calls]
-        failures: list[Failed] = []
-        durations: list[float] = []
         watch, index = self.runs.watch, self.runs.index
         with self.runs.journal.user_code():
-            for row, values in zip(rows, arguments, strict=False):
+            for row, values in given:
                 if watch is not NO_WATCH:
                     watch.call(index[row], k, self.used[row])
                 start = perf_counter()
@@ -282,11 +268,15 @@ class UserRuns:
                     keep(row, answer)
                 except InvalidReturnValue as error:
                     failures.append(Failed(row, CRASHED, f"{method.removeprefix(BEFORE)} {error}{at(k)}", ""))
-        first = k == 0 and not phase
-        name = f"{self.role}, {phase}" if phase else f"{self.role}, first step" if first else self.role
-        self.runs.journal.seconds.setdefault(name, []).extend(durations)
-        for failure in failures:
-            self.fail(failure, k, signals, settle)
+        return failures
+
+    def _arguments(self, names: Sequence[str], k: int | None, signals: Mapping[str, Any]) -> Any:
+        """Return the rows of the runs that have not failed, each with its arguments."""
+        rows = self.rows()
+        columns = [self._column(name, k, signals) for name in names]
+        if rows is not self.everyone:
+            columns = [column if isinstance(column, repeat) else [column[row] for row in rows] for column in columns]
+        return zip(rows, zip(*columns, strict=False) if names else repeat(()), strict=False)
 
     def _handed_over(self, function: Callable[..., Any], k: int | None) -> Callable[..., Any]:
         """Return a call that `Journal.call` makes."""
@@ -358,21 +348,13 @@ def at(k: int | None) -> str:
     return "" if k is None else f" (k = {k})"
 
 
-def _copied(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keys with their own arrays and lists."""
-    return {name: _own(value) for name, value in keys.items()}
-
-
 def _own(value: Any) -> Any:
+    """Return a value of a key with its own arrays and lists."""
     if isinstance(value, np.ndarray):
         return value.copy()
     if type(value) is list:
         return [_own(each) for each in value]
     return {name: _own(each) for name, each in value.items()} if type(value) is dict else value
-
-
-def _ignore(row: int, answer: Any) -> None:
-    """Take no notice of what `start` returns."""
 
 
 def _plain(values: Any, row: int) -> Any:

@@ -222,13 +222,7 @@ ControllerExample.checks = (
 
 
 class DrivenPlant(LinearGaussian):
-    """A linear plant with a given input.
-
-    Parameters
-    ----------
-    model : its matrices
-    u : (runs, steps, nu) input that acts
-    """
+    """A linear plant on which a given input acts."""
 
     def __init__(self, model: LinearModel, u: Float[Array, "runs steps nu"]) -> None:
         super().__init__(model)
@@ -240,13 +234,7 @@ class DrivenPlant(LinearGaussian):
 
 
 class GivenEstimates(Estimator):
-    """Estimates that were computed before.
-
-    Parameters
-    ----------
-    example : contains them
-    x_hat : (runs, samples, nx)
-    """
+    """Estimates that were computed before, as those of an example."""
 
     def __init__(self, example: ControllerExample, x_hat: Float[Array, "runs samples nx"]) -> None:
         self.example, self.x_hat = example, x_hat

@@ -26,133 +26,8 @@ from rmpc_bench.conformance.results import (
     require_unchanged,
 )
 from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, Recorded
-from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import congruence, mv
 from rmpc_bench.types import Array, Estimator, as_estimate
-
-SPACING = 10
-"""Samples between those that count; with fast modes their errors are nearly independent."""
-QUANTILE = 4.0
-"""Standard normal quantile of both ends of a band: outside once in 16,000 times by chance."""
-MOST_ERRORS = 4.0
-"""Standard errors beyond which a paired difference counts."""
-SHIFTS = (-3, -2, -1, 1, 2, 3)
-SETTLED = 10
-"""First sample of the comparison of shifts: the initial error is then forgotten."""
-EXACT = 1e-6
-"""Largest error without noise, as a share of the spread of the state; solvers of single steps are that exact."""
-
-
-def band(degrees: int) -> tuple[float, float]:
-    """Return the quantiles of chi-square over its degrees of freedom, after Wilson and Hilferty.
-
-    The ends are off by 1e-2 at 30 degrees and by 1e-4 at 1000.
-
-    Examples
-    --------
-    >>> low, high = band(1000)
-    >>> round(low, 3), round(high, 3)
-    (0.831, 1.189)
-    """
-    spread = 2.0 / (9.0 * degrees)
-    low, high = ((1.0 - spread + sign * QUANTILE * math.sqrt(spread)) ** 3 for sign in (-1.0, 1.0))
-    return low, high
-
-
-def consistency_text(
-    model: LinearModel,
-    recorded: tuple[Array, Array, Array],
-    x_hat: Float[Array, "runs samples nx"],
-    P: Float[Array, "samples nx nx"] | Float[Array, "runs samples nx nx"],
-    *,
-    predictor: bool,
-) -> str:
-    """Compare normalised squares of errors and innovations with chi-square; a predictor does not use y(k)."""
-    y, u, x = recorded
-    n_runs, n_samples = x.shape[:2]
-    P = np.broadcast_to(P, (n_runs, *P.shape[-3:]))
-    ks = range(2 * SPACING, n_samples - 1, SPACING)
-    nees = [_squares(x_hat[:, k] - x[:, k], P[:, k]) for k in ks]
-    nis = []
-    for k in ks:
-        if predictor:
-            x_pred, P_pred = x_hat[:, k + 1], P[:, k + 1]
-        else:
-            x_pred = mv(model.A, x_hat[:, k]) + mv(model.B, u[:, k]) + model.f0
-            P_pred = congruence(model.A, P[:, k]) + model.Q_w
-        e = y[:, k + 1] - mv(model.C, x_pred) - model.d0
-        nis.append(_squares(e, congruence(model.C, P_pred) + model.R_v))
-    texts, wrong = [], []
-    for name, values, n in (("nees", nees, x.shape[2]), ("nis", nis, y.shape[2])):
-        mean, (low, high) = float(np.mean(values)) / n, band(n_runs * len(nees) * n)
-        texts.append(f"{name} {mean:.3g} (band {low:.3g}..{high:.3g})")
-        if not low <= mean <= high:
-            wrong.append(f"{texts[-1]}: P is too {'small' if not mean <= high else 'large'}")
-    if wrong:
-        raise AssertionError("; ".join(wrong))
-    return ", ".join(texts)
-
-
-def _squares(e: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Float[Array, " runs"]:
-    """Return e' P^-1 e of every run; a singular P has its pseudo-inverse."""
-    squares: Array = np.einsum("ri,rij,rj->r", e, np.linalg.pinv(P, hermitian=True), e)
-    return squares
-
-
-def shift_text(x_hat: Float[Array, "runs samples nx"], x: Float[Array, "runs samples nx"]) -> str:
-    """Fail if x_hat(k) fits x(k + d) better than x(k), paired over the runs, by more than four standard errors."""
-    samples = np.arange(SETTLED, x.shape[1] - max(SHIFTS))
-
-    def size(d: int) -> Array:
-        squares: Array = np.maximum(
-            ((x_hat[:, samples] - x[:, samples + d]) ** 2).mean(axis=(1, 2)), np.finfo(float).tiny
-        )
-        return squares
-
-    now = size(0)
-    gains = {d: 0.5 * np.log(now / size(d)) for d in SHIFTS}
-    d = max(gains, key=lambda each: float(gains[each].mean()))
-    mean, error = float(gains[d].mean()), float(gains[d].std(ddof=1) / np.sqrt(len(x)))
-    if mean > MOST_ERRORS * error and mean > EXACT:
-        late = f"{abs(d)} sample{'s' if abs(d) > 1 else ''} {'late' if d < 0 else 'early'}"
-        where = f"x(k{d:+d})"
-        raise AssertionError(f"x_hat(k) fits {where} best, {np.exp(mean):.3g} times better than x(k): it comes {late}")
-    return f"the next best shift, {d:+d}, has {np.exp(-mean):.3g} times the error"
-
-
-def exactness(estimator: Estimator, system: LinearSystem) -> str:
-    """Filter data without noise from the true x(0); fail, with the likely reason, if x_hat is not the state."""
-    recorded = system.recorded(noise=False)
-    recorded = Recorded(*(each[:8] for each in recorded))
-    data = EstimatorExample(recorded.y, recorded.u)
-    x_hat, x = data.x_hat(estimator), recorded.x
-    scale = float(x.std(axis=(0, 1)).max())
-    error = float(np.abs(x_hat - x).max())
-    if error <= EXACT * scale:
-        return f"error up to {error:.2g}"
-    reason = _reason(estimator, system, recorded, x_hat, EXACT * scale)
-    raise AssertionError(f"error up to {error:.2g}, the state has a spread of {scale:.2g}: {reason}")
-
-
-def _reason(estimator: Estimator, system: LinearSystem, recorded: Recorded, x_hat: Array, small: float) -> str:
-    """Find the one change of the data that makes the estimates exact."""
-    model, (y, u, x) = system.model, recorded
-    for d in (-1, -2):
-        if np.abs(x_hat[:, 3:] - x[:, 3 + d : d]).max() <= small:
-            return f"it returns x(k{d:+d}), {-d} sample{'s' if d < -1 else ''} late"
-    k = slice(3, x.shape[1] - 1)
-    for word, input_ in (("u(k)", u[:, 3:]), ("u(k-1)", u[:, 2:-1]), ("no input", 0.0 * u[:, 3:])):
-        ahead = np.stack([mv(model.A, a) + mv(model.B, b) for a, b in zip(x[:, k], input_, strict=True)]) + model.f0
-        if np.abs(x_hat[:, k] - ahead).max() <= small:
-            return f"it returns the prediction x(k+1|k) with {word}"
-    earlier = np.concatenate([u[:, 1:], u[:, -1:]], axis=1)
-    # u(0) is lost by the shift; the filter forgets it, so that the second half can be exact.
-    half = slice(x.shape[1] // 2, x.shape[1] - 3)
-    if np.abs(EstimatorExample(y, earlier).x_hat(estimator)[:, half] - x[:, half]).max() <= small:
-        return "it is exact when it gets every input one sample earlier, so it uses u(k-2) instead of u(k-1)"
-    if np.abs(EstimatorExample(y, 0.0 * u).x_hat(estimator) - x_hat).max() <= small:
-        return "it does not use the input"
-    return "is u(k-1) the one used?"
 
 
 def _base_class(estimator: Any, _: EstimatorExample) -> None:
@@ -259,6 +134,17 @@ EstimatorExample.checks = (
 )
 
 
+SPACING = 10
+"""Samples between those that count; with fast modes their errors are nearly independent."""
+QUANTILE = 4.0
+"""Standard normal quantile of both ends of a band: outside once in 16,000 times by chance."""
+MOST_ERRORS = 4.0
+"""Standard errors beyond which a paired difference counts."""
+SHIFTS = (-3, -2, -1, 1, 2, 3)
+SETTLED = 10
+"""First sample of the comparison of shifts: the initial error is then forgotten."""
+EXACT = 1e-6
+"""Largest error without noise, as a share of the spread of the state; solvers of single steps are that exact."""
 AHEAD = 20
 """Samples after the change; a component that looks further ahead is not found."""
 LOST = 0.4
@@ -309,10 +195,6 @@ def require_causal(estimator: Estimator, data: EstimatorExample, change: int = C
     require_no_lookahead(before, after, change, f"with another y from k = {change} on x_hat")
 
 
-def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
-    return shift_text(example.in_loop(estimator), example.recorded.x)
-
-
 def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None:
     if not np.array_equal(example.data.all(estimator).values, example.in_loop(estimator), equal_nan=True):
         raise NotApplicableError("see `function-of-data`")
@@ -327,18 +209,119 @@ def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None
     )
 
 
-def _exact(estimator: Estimator, example: EstimatorInformationExample) -> str:
-    return exactness(estimator, example.system)
+def band(degrees: int) -> tuple[float, float]:
+    """Return the quantiles of chi-square over its degrees of freedom, after Wilson and Hilferty.
+
+    The ends are off by 1e-2 at 30 degrees and by 1e-4 at 1000.
+
+    Examples
+    --------
+    >>> low, high = band(1000)
+    >>> round(low, 3), round(high, 3)
+    (0.831, 1.189)
+    """
+    spread = 2.0 / (9.0 * degrees)
+    low, high = ((1.0 - spread + sign * QUANTILE * math.sqrt(spread)) ** 3 for sign in (-1.0, 1.0))
+    return low, high
 
 
 def _consistent(estimator: Estimator, example: EstimatorInformationExample) -> str:
-    outcome = example.data.all(estimator)
+    """Compare normalised squares of errors and innovations with chi-square."""
+    outcome, model, (y, u, x) = example.data.all(estimator), example.system.model, example.recorded
     matrices = [estimate.P for estimate in outcome.returned]
     if any(P is None for P in matrices):
         raise NotApplicableError("P is not reported")
-    predictor = estimator.form == "predictor"
+    # (samples, nx, nx) where P is shared, else (runs, samples, nx, nx).
     P = np.stack(matrices, axis=matrices[0].ndim - 2)
-    return consistency_text(example.system.model, example.recorded, outcome.values, P, predictor=predictor)
+    x_hat, (n_runs, n_samples) = outcome.values, x.shape[:2]
+    P = np.broadcast_to(P, (n_runs, *P.shape[-3:]))
+    ks = range(2 * SPACING, n_samples - 1, SPACING)
+    nees = [_squares(x_hat[:, k] - x[:, k], P[:, k]) for k in ks]
+    nis = []
+    for k in ks:
+        # A predictor does not use y(k).
+        if estimator.form == "predictor":
+            x_pred, P_pred = x_hat[:, k + 1], P[:, k + 1]
+        else:
+            x_pred = mv(model.A, x_hat[:, k]) + mv(model.B, u[:, k]) + model.f0
+            P_pred = congruence(model.A, P[:, k]) + model.Q_w
+        e = y[:, k + 1] - mv(model.C, x_pred) - model.d0
+        nis.append(_squares(e, congruence(model.C, P_pred) + model.R_v))
+    texts, wrong = [], []
+    for name, values, n in (("nees", nees, x.shape[2]), ("nis", nis, y.shape[2])):
+        mean, (low, high) = float(np.mean(values)) / n, band(n_runs * len(nees) * n)
+        texts.append(f"{name} {mean:.3g} (band {low:.3g}..{high:.3g})")
+        if not low <= mean <= high:
+            wrong.append(f"{texts[-1]}: P is too {'small' if not mean <= high else 'large'}")
+    if wrong:
+        raise AssertionError("; ".join(wrong))
+    return ", ".join(texts)
+
+
+def _squares(e: Float[Array, "runs n"], P: Float[Array, "runs n n"]) -> Float[Array, " runs"]:
+    """Return e' P^-1 e of every run; a singular P has its pseudo-inverse."""
+    squares: Array = np.einsum("ri,rij,rj->r", e, np.linalg.pinv(P, hermitian=True), e)
+    return squares
+
+
+def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    """Fail if x_hat(k) fits x(k + d) better than x(k), paired over the runs, by more than four standard errors."""
+    x_hat, x = example.in_loop(estimator), example.recorded.x
+    samples = np.arange(SETTLED, x.shape[1] - max(SHIFTS))
+
+    def size(d: int) -> Array:
+        squares: Array = np.maximum(
+            ((x_hat[:, samples] - x[:, samples + d]) ** 2).mean(axis=(1, 2)), np.finfo(float).tiny
+        )
+        return squares
+
+    now = size(0)
+    gains = {d: 0.5 * np.log(now / size(d)) for d in SHIFTS}
+    d = max(gains, key=lambda each: float(gains[each].mean()))
+    mean, error = _mean(gains[d])
+    if mean > MOST_ERRORS * error and mean > EXACT:
+        late = f"{abs(d)} sample{'s' if abs(d) > 1 else ''} {'late' if d < 0 else 'early'}"
+        where = f"x(k{d:+d})"
+        raise AssertionError(f"x_hat(k) fits {where} best, {np.exp(mean):.3g} times better than x(k): it comes {late}")
+    return f"the next best shift, {d:+d}, has {np.exp(-mean):.3g} times the error"
+
+
+def _mean(values: Float[Array, " runs"]) -> tuple[float, float]:
+    """Return the mean over the runs and its standard error."""
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def _exact(estimator: Estimator, example: EstimatorInformationExample) -> str:
+    """Filter data without noise from the true x(0); fail, with the likely reason, if x_hat is not the state."""
+    recorded = Recorded(*(each[:8] for each in example.system.recorded(noise=False)))
+    x_hat, x = EstimatorExample(recorded.y, recorded.u).x_hat(estimator), recorded.x
+    scale = float(x.std(axis=(0, 1)).max())
+    error = float(np.abs(x_hat - x).max())
+    if error <= EXACT * scale:
+        return f"error up to {error:.2g}"
+    reason = _reason(estimator, example.system, recorded, x_hat, EXACT * scale)
+    raise AssertionError(f"error up to {error:.2g}, the state has a spread of {scale:.2g}: {reason}")
+
+
+def _reason(estimator: Estimator, system: LinearSystem, recorded: Recorded, x_hat: Array, small: float) -> str:
+    """Find the one change of the data that makes the estimates exact."""
+    model, (y, u, x) = system.model, recorded
+    for d in (-1, -2):
+        if np.abs(x_hat[:, 3:] - x[:, 3 + d : d]).max() <= small:
+            return f"it returns x(k{d:+d}), {-d} sample{'s' if d < -1 else ''} late"
+    k = slice(3, x.shape[1] - 1)
+    for word, input_ in (("u(k)", u[:, 3:]), ("u(k-1)", u[:, 2:-1]), ("no input", 0.0 * u[:, 3:])):
+        ahead = np.stack([mv(model.A, a) + mv(model.B, b) for a, b in zip(x[:, k], input_, strict=True)]) + model.f0
+        if np.abs(x_hat[:, k] - ahead).max() <= small:
+            return f"it returns the prediction x(k+1|k) with {word}"
+    earlier = np.concatenate([u[:, 1:], u[:, -1:]], axis=1)
+    # u(0) is lost by the shift; the filter forgets it, so that the second half can be exact.
+    half = slice(x.shape[1] // 2, x.shape[1] - 3)
+    if np.abs(EstimatorExample(y, earlier).x_hat(estimator)[:, half] - x[:, half]).max() <= small:
+        return "it is exact when it gets every input one sample earlier, so it uses u(k-2) instead of u(k-1)"
+    if np.abs(EstimatorExample(y, 0.0 * u).x_hat(estimator) - x_hat).max() <= small:
+        return "it does not use the input"
+    return "is u(k-1) the one used?"
 
 
 def _possible(estimator: Estimator, example: EstimatorInformationExample) -> str:
@@ -348,7 +331,7 @@ def _possible(estimator: Estimator, example: EstimatorInformationExample) -> str
     )
     tiny = np.finfo(float).tiny
     log_ratio = 0.5 * np.log(np.maximum(found, tiny) / np.maximum(best, tiny))
-    mean, error = float(log_ratio.mean()), float(log_ratio.std(ddof=1) / np.sqrt(len(x)))
+    mean, error = _mean(log_ratio)
     text = f"error {np.exp(mean):.3g} times that of the Kalman filter"
     require(
         not (mean < -MOST_ERRORS * error and mean < -1e-6),

@@ -17,6 +17,7 @@ from rmpc_bench.conformance.results import FROZEN, Check, copies, require, requi
 from rmpc_bench.types import Array, Direction, Figure, Issue, Metric, MetricInfo, MetricLayout, Record, ResultLayout
 
 if TYPE_CHECKING:
+    from rmpc_bench.analysis.traces import Traces
     from rmpc_bench.analysis.trials import Trials
 
 
@@ -232,7 +233,6 @@ def example_results() -> Trials:
     # Imported here, since pandas takes long and the other kinds do not need it.
     import pandas as pd
 
-    from rmpc_bench.analysis.traces import Traces
     from rmpc_bench.analysis.trials import Trials
 
     rng, runs, steps = np.random.default_rng(2), 6, 20
@@ -248,15 +248,6 @@ def example_results() -> Trials:
         for name, component, values in _series(k)
         for at, value in enumerate(values)
     ]
-    sizes = {"y": (2, steps + 1), "u": (1, steps), "x": (2, steps + 1), "x_hat": (2, steps + 1)}
-    traces = {
-        method: Traces(
-            np.arange(runs),
-            {name: rng.standard_normal((runs, n_samples, n)) for name, (n, n_samples) in sizes.items()},
-            np.zeros((steps + 1, 2)),
-        )
-        for method in "AB"
-    }
     return Trials(
         name="example",
         methods=("A", "B"),
@@ -268,9 +259,17 @@ def example_results() -> Trials:
         confidence=0.95,
         relevant=0.01,
         seed=7,
-        traces=traces,
+        traces={method: _traces(rng, runs, steps) for method in "AB"},
         Ts=0.5,
     )
+
+
+def _traces(rng: np.random.Generator, runs: int, steps: int) -> Traces:
+    from rmpc_bench.analysis.traces import Traces
+
+    sizes = {"y": (2, steps + 1), "u": (1, steps), "x": (2, steps + 1), "x_hat": (2, steps + 1)}
+    signals = {name: rng.standard_normal((runs, n_samples, n)) for name, (n, n_samples) in sizes.items()}
+    return Traces(np.arange(runs), signals, np.zeros((steps + 1, 2)))
 
 
 def _series(k: np.ndarray) -> list[tuple[str, str, np.ndarray]]:

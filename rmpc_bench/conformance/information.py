@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, Self
@@ -30,59 +30,37 @@ MODULE = "rmpc_bench.conformance.information"
 
 @dataclass(eq=False)
 class SeparateProcess:
-    """Repeats the calls of a component in a process that gets nothing but the data.
-
-    Parameters
-    ----------
-    subject : the component
-    provided : what its design function gets
-    group : group of the registry
-    seconds : time limit, below that of a check
-    """
+    """Repeats the calls of a component in a process that gets only the data and what its design function gets."""
 
     subject: Subject
     provided: Mapping[str, Any]
     group: str
     seconds: float = 20.0
+    """Time limit, below that of a check."""
     returned: dict[bool, Returned] = field(default_factory=dict)
-    _process: subprocess.Popen[bytes] | None = None
-    _directory: tempfile.TemporaryDirectory[str] | None = None
-
-    def prepare(self) -> None:
-        """Start the process with another environment, so that it imports while other checks run."""
-        self._directory = tempfile.TemporaryDirectory()
-        self._process = self._started(OTHER_SEED, Path(self._directory.name))
-
-    def _started(self, seed: Mapping[str, str], directory: Path | None = None) -> subprocess.Popen[bytes]:
-        pipe, none = subprocess.PIPE, subprocess.DEVNULL
-        return start(MODULE, pipe, pipe, none, environment=seed, directory=directory)
+    _ends: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> Self:
-        self.prepare()
+        """Start the process with another environment, so that it imports while other checks run."""
+        directory = Path(self._ends.enter_context(tempfile.TemporaryDirectory()))
+        self._process = self._started(OTHER_SEED, directory)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """End the processes and delete the directory."""
+        self._ends.close()
 
-    def close(self) -> None:
-        """End the process and delete its directory."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.communicate()
-            self._process = None
-        if self._directory is not None:
-            self._directory.cleanup()
-            self._directory = None
+    def _started(self, seed: Mapping[str, str], directory: Path | None = None) -> subprocess.Popen[bytes]:
+        pipe, none = subprocess.PIPE, subprocess.DEVNULL
+        process = start(MODULE, pipe, pipe, none, environment=seed, directory=directory)
+        self._ends.callback(process.communicate)
+        self._ends.callback(process.kill)
+        return process
 
     def __call__(self, data: Any, same: bool) -> Returned:
         """Return what the component returns there."""
         if same not in self.returned:
-            if self._process is None and not same:
-                self.prepare()
-            process = self._started(SAME_SEED) if same else self._process
-            assert process is not None
-            self.returned[same] = self._request(process, data)
-            self.close()
+            self.returned[same] = self._request(self._started(SAME_SEED) if same else self._process, data)
         return self.returned[same]
 
     def _request(self, process: subprocess.Popen[bytes], data: Any) -> Returned:
@@ -199,12 +177,8 @@ FRESH = Check("fresh-process", "the same bits in a fresh process, with another h
 def require_no_lookahead(before: Sequence[Array], after: Sequence[Array], change: int, what: str) -> None:
     """Fail if numbers before a sample depend on data from there on; the error says how far they look ahead.
 
-    Parameters
-    ----------
-    before, after : (runs, samples, n) numbers for the given and for changed data, in the order of the evaluations;
-        several of each, because a component may remember the data of an earlier method and use them as the future
-    change : first sample of the changed data
-    what : how they are changed, and what then changes
+    `before` and `after` are (runs, samples, n) numbers for the given and for changed data, in the order of the
+    evaluations: several of each, because a component may remember the data of an earlier method as the future.
     """
     if not np.array_equal(before[1][:, :change], before[2][:, :change], equal_nan=True):
         raise NotApplicableError("the same data give other numbers, see `repeated`")

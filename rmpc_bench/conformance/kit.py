@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -118,13 +119,7 @@ def parametrize_with_checks(components: Sequence[Any], group: str = "", **option
 
 
 class _Check:
-    """One check of one component, for pytest.
-
-    Parameters
-    ----------
-    id : of the check
-    outcome : returns the outcome of all checks
-    """
+    """One check of one component, for pytest; `outcome` returns that of all checks."""
 
     def __init__(self, id: str, outcome: Callable[[], Report]) -> None:
         self.id, self.outcome = id, outcome
@@ -145,12 +140,6 @@ def _group(component: Any, group: str) -> str:
     return candidates[0]
 
 
-NOT_LINEAR = "the design model is not linear"
-
-
-PARTLY = "in the experiment itself, because its design model is not linear"
-
-
 class OwnComponent(NamedTuple):
     """A component of a user in a method."""
 
@@ -165,43 +154,38 @@ class OwnComponent(NamedTuple):
 
 def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:
     """Check the estimators and controllers that are not built in; equal ones once."""
+    recipes = list(_recipes(experiment))
+    # Of the first one that has a model, for those that have none.
+    shared = next((recipe.provided["model"] for _, recipe in recipes if "model" in recipe.provided), None)
     seen: set[tuple[Any, ...]] = set()
+    for method, recipe in recipes:
+        # Methods may have equal components of their own.
+        key = recipe.code, recipe.design, repr(recipe.parameters), id(recipe.provided.get("model"))
+        if key not in seen:
+            seen.add(key)
+            yield _checked(method, recipe, experiment, shared)
+
+
+def _recipes(experiment: Experiment) -> Iterator[tuple[str, Recipe]]:
+    """Yield the names of methods with their components that are not built in."""
     for method in experiment.methods:
         for design in (method.estimator, method.controller):
             recipe = recipe_of(design)
-            if recipe is None:
-                continue
-            # Methods may have equal components of their own.
-            key = recipe.code, recipe.design, repr(recipe.parameters), id(recipe.provided.get("model"))
-            if key in seen:
-                continue
-            seen.add(key)
-            yield _checked(method.name, recipe, experiment)
+            if recipe is not None:
+                yield method.name, recipe
 
 
-def _checked(method: str, recipe: Recipe, experiment: Experiment) -> OwnComponent:
+def _checked(method: str, recipe: Recipe, experiment: Experiment, shared: Any) -> OwnComponent:
     text = recipe.code.text if recipe.code is not None else getattr(recipe.design, "__name__", recipe.group)
     model = recipe.provided.get("model")
-    if model is None:
-        model = next((each for each in _models(experiment)), None)
+    model = shared if model is None else model
     value = recipe.design if recipe.code is None else None
-    if model is None or not model.is_linear_model:
-        if recipe.group != "estimators":
-            return OwnComponent(method, text, None, NOT_LINEAR)
-        subject = Subject(
-            text, recipe.group, recipe.code, keys=recipe.parameters, value=value, provided=recipe.provided
-        )
-        return OwnComponent(method, text, check_subject(subject, system=ExperimentSystem(experiment, method)), PARTLY)
-    system = LinearSystem.of(model.at(0), experiment.plant.Ts)
-    kept = {name: recipe.provided[name] for name in ("plant_info", "model") if name in recipe.provided}
-    subject = Subject(text, recipe.group, recipe.code, keys=recipe.parameters, value=value, provided=kept)
-    return OwnComponent(method, text, check_subject(subject, system=system))
-
-
-def _models(experiment: Experiment) -> Iterator[Any]:
-    """Design models of the components that are not built in."""
-    for method in experiment.methods:
-        for design in (method.estimator, method.controller):
-            recipe = recipe_of(design)
-            if recipe is not None and "model" in recipe.provided:
-                yield recipe.provided["model"]
+    subject = Subject(text, recipe.group, recipe.code, keys=recipe.parameters, value=value, provided=recipe.provided)
+    if model is not None and model.is_linear_model:
+        kept = {name: each for name, each in recipe.provided.items() if name in ("plant_info", "model")}
+        system = LinearSystem.of(model.at(0), experiment.plant.Ts)
+        return OwnComponent(method, text, check_subject(replace(subject, provided=kept), system=system))
+    if recipe.group != "estimators":
+        return OwnComponent(method, text, None, "the design model is not linear")
+    report = check_subject(subject, system=ExperimentSystem(experiment, method))
+    return OwnComponent(method, text, report, "in the experiment itself, because its design model is not linear")

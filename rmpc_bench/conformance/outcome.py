@@ -25,8 +25,6 @@ WORDS = {int(status): status.word for status in Status}
 """Number of a status -> its word."""
 NOT_FINITE = re.compile(r"\b(nan|inf|infinite|finite|not a number)\b", re.IGNORECASE)
 """Words of a message about a return value that is not finite."""
-GLOBAL_STATE = "the result depends on the state of NumPy's or Python's global random generator; use `rng`"
-REMAINS = "; does something remain from an earlier run, or is a random generator without a seed used?"
 
 
 @contextmanager
@@ -189,13 +187,7 @@ def _finite(component: Any, example: RunsExample) -> None:
 
 
 def require_valid_return_values(journal: Journal, kind: str) -> None:
-    """Fail the running check if a single-run component has returned an invalid value.
-
-    Parameters
-    ----------
-    journal : failures of the runs
-    kind : ``finite`` for numbers that are not finite, ``shape`` for everything else
-    """
+    """Fail if a single-run component has returned a value that is not ``finite``, or for ``shape`` any other one."""
     wrong = [each for each in journal.failures.values() if not each.trace and each.status not in UNSOLVED]
     _refuse([each for each in wrong if bool(NOT_FINITE.search(each.message)) == (kind == "finite")], None)
 
@@ -213,14 +205,7 @@ def _refuse(failures: Collection[RunFailure], n_runs: int | None) -> None:
 
 
 def first_checks(base_class: Check, shapes: Callable[[Any, Any], None], says: str) -> tuple[Check, ...]:
-    """Return the checks that come first: where one fails, the others make no sense.
-
-    Parameters
-    ----------
-    base_class : check of the class
-    shapes : check of the shapes
-    says : its rule
-    """
+    """Return the checks that come first: where one fails, the others make no sense; `says` is the rule of `shapes`."""
     return (
         base_class,
         Check("no-exception", "every call returns without an exception", _no_exception, is_first=True),
@@ -235,11 +220,11 @@ def _repeated(component: Any, example: RunsExample) -> None:
     rows = range(min(5, example.n_runs))
     first = example.all(component)
     try:
-        require_same(
-            f"{first.noun} of the second time", example.evaluate(component, rows).values, first.values[: len(rows)]
-        )
+        again = example.evaluate(component, rows).values
+        require_same(f"{example.noun} of the second time", again, first.values[: len(rows)])
     except AssertionError as error:
-        raise AssertionError(f"{error}{REMAINS}") from None
+        cause = "does something remain from an earlier run, or is a random generator without a seed used?"
+        raise AssertionError(f"{error}; {cause}") from None
 
 
 def _random_state(component: Any, example: RunsExample) -> None:
@@ -247,7 +232,8 @@ def _random_state(component: Any, example: RunsExample) -> None:
     once, twice, other = (example.evaluate(component, rows, seed=seed).values for seed in (0, 0, 1))
     if not np.array_equal(once, twice, equal_nan=True):
         raise NotApplicableError("the same data give other numbers, see `repeated`")
-    require(np.array_equal(twice, other, equal_nan=True), GLOBAL_STATE)
+    text = "the result depends on the state of NumPy's or Python's global random generator; use `rng`"
+    require(np.array_equal(twice, other, equal_nan=True), text)
 
 
 def _alone(component: Any, example: RunsExample) -> None:
@@ -259,15 +245,13 @@ def _alone(component: Any, example: RunsExample) -> None:
 
 def _order(component: Any, example: RunsExample) -> None:
     order = np.random.default_rng(5).permutation(example.n_runs).tolist()
-    together = example.results(component)
-    found = example.evaluate(component, order).values
+    together, found = example.results(component), example.evaluate(component, order).values
     require_same(f"{example.noun} in another order", found, together[order])
 
 
 def _pickle(component: Any, example: RunsExample) -> None:
     copy = pickle.loads(pickle.dumps(component))
-    expected = example.results(component)
-    require_same(f"{example.noun} of the copy", example.results(copy), expected)
+    require_same(f"{example.noun} of the copy", example.results(copy), example.results(component))
 
 
 REPETITION: tuple[Check, ...] = (

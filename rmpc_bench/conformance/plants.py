@@ -22,9 +22,10 @@ from rmpc_bench.conformance.outcome import (
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
 from rmpc_bench.conformance.systems import Excitation
 from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.reference import Constant
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Scenario, own_draws
-from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, PlantInfo, Reference, Status, as_motion
+from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, PlantInfo, Status, as_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,21 +214,10 @@ class NoEstimate(Estimator):
         """There is nothing to predict."""
 
 
-class _Zero(Reference):
-    """The reference 0."""
-
-    def __init__(self, ny: int) -> None:
-        self.ny = ny
-
-    def sample(self, n_samples: int) -> Array:
-        """Return zeros."""
-        return np.zeros((n_samples, self.ny))
-
-
 def _methods_apart(plant: Plant, example: PlantExample) -> None:
     """Simulate two equal methods with the same draws, one after the other."""
     u, (n_runs, n_steps) = example.u, example.u.shape[:2]
-    scenario = Scenario(SEED, {}, {}, example.x[0], (), (), (), _Zero(plant.ny))
+    scenario = Scenario(SEED, {}, {}, example.x[0], (), (), (), Constant(np.zeros(plant.ny)))
     draws = scenario.draw(plant, range(n_runs), n_steps)
     found: list[Any] = []
     for name in ("first", "second"):

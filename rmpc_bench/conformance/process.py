@@ -18,7 +18,7 @@ from typing import IO, Any, BinaryIO
 
 from rmpc_bench.child_process import start
 from rmpc_bench.conformance.information import SAME_SEED, received
-from rmpc_bench.conformance.results import PACKAGE, CheckResult, Report, not_checked, raised, run_check, with_expected
+from rmpc_bench.conformance.results import PACKAGE, CheckResult, CheckSequence, Report, raised, with_expected
 from rmpc_bench.conformance.stages import CHECKS, MADE, Setting, System, provided, stages
 from rmpc_bench.conformance.subject import Subject, group_of, packed, unpacked
 from rmpc_bench.conformance.systems import LinearSystem
@@ -33,13 +33,7 @@ _FRAME = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>\w+
 
 
 class _Process:
-    """The process of the checks, and what it has said.
-
-    Parameters
-    ----------
-    job : subject, system, ids of checks to leave out
-    seconds : time limit of a check
-    """
+    """The process of the checks, and what it has said; the job ends with the ids of checks to leave out."""
 
     def __init__(self, job: tuple[Subject, System | None, frozenset[str]], seconds: float) -> None:
         self.seconds = seconds
@@ -49,6 +43,7 @@ class _Process:
             MODULE, pipe, pipe, self.errors, given={"seconds": seconds}, environment=SAME_SEED, session=True
         )
         self.said: queue.Queue[tuple[str, Any] | None] = queue.Queue()
+        """Its messages, and None at its end."""
         self.listener = threading.Thread(target=self._listen, daemon=True)
         self.listener.start()
         assert self.process.stdin is not None
@@ -63,10 +58,6 @@ class _Process:
                 self.said.put(pickle.load(stream))
         except (EOFError, pickle.UnpicklingError, ValueError, OSError):
             self.said.put(None)
-
-    def next(self) -> tuple[str, Any] | None:
-        """Return the next message; None where the process has ended; `queue.Empty` if there is none in time."""
-        return self.said.get(timeout=self.seconds)
 
     def end(self) -> None:
         """End the process and those that it has started."""
@@ -124,7 +115,7 @@ def _followed(process: _Process, results: dict[str, CheckResult], known: dict[st
     current = MADE.id
     while True:
         try:
-            message = process.next()
+            message = process.said.get(timeout=process.seconds)
         except queue.Empty:
             process.end()
             text = f"no result within {process.seconds:g} s: an endless loop{process.last_frame()}?"
@@ -152,16 +143,10 @@ def main(seconds: float) -> None:
 
 
 class _Checking:
-    """Runs all checks of a component.
-
-    Parameters
-    ----------
-    out : stream of the messages
-    seconds : time limit of a check
-    """
+    """Runs all checks of a component, and writes messages to a stream."""
 
     def __init__(self, out: BinaryIO, seconds: float) -> None:
-        self.out, self.seconds, self.first = out, seconds, ""
+        self.out, self.seconds, self.sequence = out, seconds, CheckSequence()
 
     def say(self, word: str, value: Any) -> None:
         """Write a message; a check that takes too long leaves the place where it is on stderr."""
@@ -180,27 +165,15 @@ class _Checking:
             self.say("group", group)
             for stage in stages(Setting(subject, group, system, self.seconds)):
                 if stage.component is not None:
-                    self.say("expected", expected_failures(stage.component))
+                    declared = getattr(stage.component, "expected_failures", {})
+                    self.say("expected", {str(name): str(reason) for name, reason in dict(declared).items()})
                 for check in stage.checks:
                     if check.id not in left_out:
-                        self.one(check, stage.component, stage.example)
+                        self.say("begin", check.id)
+                        self.say("result", self.sequence.run(check, stage.component, stage.example))
                 outcomes = [outcome for _, outcome in getattr(stage.example, "known", {}).values()]
                 if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
                     self.say("warned", "; ".join(texts))
         except (Exception, SystemExit) as error:  # a component under test may raise anything
             self.say("result", MADE.result("failed", raised(error)))
         self.say("end", None)
-
-    def one(self, check: Any, component: Any, example: Any) -> None:
-        """Run a check, unless one that comes first has failed."""
-        self.say("begin", check.id)
-        result = run_check(check, component, example) if not self.first else not_checked(check, self.first)
-        if check.is_first and result.status == "failed":
-            self.first = check.id
-        self.say("result", result)
-
-
-def expected_failures(design: Any) -> dict[str, str]:
-    """Return the failures that a component declares: id of a check -> reason."""
-    declared = getattr(design, "expected_failures", {})
-    return {str(name): str(reason) for name, reason in dict(declared).items()}

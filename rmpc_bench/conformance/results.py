@@ -73,23 +73,27 @@ class CheckResult(NamedTuple):
 
 def run_checks(checks: Iterable[Check], component: Any, example: Any) -> tuple[CheckResult, ...]:
     """Run every check; one that raises has failed, the others run all the same."""
-    results: list[CheckResult] = []
-    first: CheckResult | None = None
-    for check in checks:
-        result = run_check(check, component, example) if first is None else not_checked(check, first.id)
+    sequence = CheckSequence()
+    return tuple(sequence.run(check, component, example) for check in checks)
+
+
+class CheckSequence:
+    """Checks one after the other, which are left out once one that comes first has failed."""
+
+    def __init__(self) -> None:
+        self.failed = ""
+
+    def run(self, check: Check, component: Any, example: Any) -> CheckResult:
+        """Run a check, unless one that comes first has failed."""
+        if self.failed:
+            return check.result("not checked", f"{self.failed} fails")
+        result = _outcome(check, component, example)
         if check.is_first and result.status == "failed":
-            first = result
-        results.append(result)
-    return tuple(results)
+            self.failed = check.id
+        return result
 
 
-def not_checked(check: Check, first: str) -> CheckResult:
-    """Return the result of a check that is left out because another one has failed."""
-    return check.result("not checked", f"{first} fails")
-
-
-def run_check(check: Check, component: Any, example: Any) -> CheckResult:
-    """Run one check."""
+def _outcome(check: Check, component: Any, example: Any) -> CheckResult:
     try:
         return check.result("passed", check.run(component, example) or "")
     except NotApplicableError as error:
@@ -144,13 +148,7 @@ def require(holds: bool, otherwise: str) -> None:
 
 
 def require_same(name: str, found: Array, expected: Array) -> None:
-    """Fail the running check unless two arrays agree bit for bit; NaN equals NaN.
-
-    Raises
-    ------
-    AssertionError
-        With both shapes, or with the first entry that differs.
-    """
+    """Fail the running check, with both shapes or the first entry that differs, unless all bits agree; NaN is NaN."""
     found, expected = np.asarray(found), np.asarray(expected)
     require(found.shape == expected.shape, f"{name} has shape {found.shape} instead of {expected.shape}")
     if np.array_equal(found, expected, equal_nan=found.dtype.kind == "f"):
@@ -163,16 +161,6 @@ def first_difference(found: Array, expected: Array) -> tuple[int, ...]:
     """Return the first place at which two arrays of one shape differ; NaN equals NaN."""
     equal = (found == expected) | ((found != found) & (expected != expected))
     return tuple(int(index) for index in np.argwhere(~equal)[0])
-
-
-def require_frozen(component: Any) -> None:
-    """Fail the running check unless a design refuses a new attribute."""
-    try:
-        component.attribute_of_a_conformance_check = 1
-    except AttributeError:
-        return
-    del component.attribute_of_a_conformance_check
-    raise AssertionError("an attribute can be set; make the class a frozen dataclass or a NamedTuple")
 
 
 def copies(arrays: Iterable[Array]) -> list[Array]:
@@ -189,7 +177,12 @@ def require_unchanged(arrays: Iterable[Array], before: Iterable[Array]) -> None:
 def _frozen(component: Any, _: Any) -> None:
     if isinstance(component, SingleDesign):
         raise NotApplicableError("a component written for one run has an object per run")
-    require_frozen(component)
+    try:
+        component.attribute_of_a_conformance_check = 1
+    except AttributeError:
+        return
+    del component.attribute_of_a_conformance_check
+    raise AssertionError("an attribute can be set; make the class a frozen dataclass or a NamedTuple")
 
 
 FROZEN = Check("frozen", "the design cannot be changed after it was made", _frozen, "warning")

@@ -151,24 +151,13 @@ class Stage(NamedTuple):
 
 @dataclass(eq=False)
 class Setting:
-    """What the bench provides to the component under test.
-
-    Parameters
-    ----------
-    subject : the component
-    group : group of the registry
-    system : the linear Gaussian system, or that of an experiment
-    seconds : time limit of one check
-    """
+    """A component of a group of the registry, and the system that the bench provides to it."""
 
     subject: Subject
     group: str
     system: System
     seconds: float = 30.0
-
-    def provided(self, n_steps: int) -> Mapping[str, Any]:
-        """Return what a design function of the group may ask for."""
-        return provided(self.group, self.system, n_steps)
+    """Time limit of one check."""
 
     @property
     def linear(self) -> LinearSystem:
@@ -178,14 +167,14 @@ class Setting:
 
     def made(self, n_steps: int) -> Any:
         """Make the design for a number of steps."""
-        return self.subject.made(self.group, self.provided(n_steps))
+        return self.subject.made(self.group, provided(self.group, self.system, n_steps))
 
     def limited_pair(self) -> tuple[Controller, Controller] | None:
         """Return a law without limits of its own and with some; None where its limits have another form, or none."""
         keys = {name: value for name, value in self.subject.keys.items() if name != "limits"}
-        subjects = (replace(self.subject, keys=each) for each in (keys, {**keys, "limits": LIMITS}))
+        given = (replace(self.subject, keys=each, written=True) for each in (keys, {**keys, "limits": LIMITS}))
         try:
-            free, limited = (replace(each, written=True).made(self.group, self.provided(SHORT)) for each in subjects)
+            free, limited = (replace(self, subject=each).made(SHORT) for each in given)
         # Limits of another form, or a law that has none, or none without them.
         except (DesignError, AttributeError, LookupError, TypeError, ValueError):
             return None
@@ -193,9 +182,9 @@ class Setting:
 
     def separate_process(self, n_steps: int | None = None) -> SeparateProcess:
         """Return the component in another process, made for a number of steps (default: those of the system)."""
+        given = provided(self.group, self.system, n_steps or self.system.n_steps)
         # It ends before the check does, which then says why.
-        limit = 2 / 3 * self.seconds
-        return SeparateProcess(self.subject, self.provided(n_steps or self.system.n_steps), self.group, limit)
+        return SeparateProcess(self.subject, given, self.group, seconds=2 / 3 * self.seconds)
 
 
 def provided(group: str, system: System, n_steps: int) -> Mapping[str, Any]:
@@ -315,18 +304,15 @@ CHECKS: Mapping[str, tuple[Check, ...]] = {
 """Every check, by group of components."""
 
 
-def _experiment_stages(setting: Setting, system: ExperimentSystem) -> Iterator[Stage]:
-    design = setting.made(system.n_steps)
-    with setting.separate_process() as separate_process:
-        yield Stage((MADE,))
-        example = ExperimentExample(system, design, separate_process=separate_process)
-        yield Stage(ExperimentExample.checks, design, example)
-
-
 def stages(setting: Setting) -> Iterator[Stage]:
     """Return the checks of a component with what they are run on, in their order."""
-    if isinstance(setting.system, ExperimentSystem):
-        yield from _experiment_stages(setting, setting.system)
+    system = setting.system
+    if isinstance(system, ExperimentSystem):
+        design = setting.made(system.n_steps)
+        with setting.separate_process() as separate_process:
+            yield Stage((MADE,))
+            example = ExperimentExample(system, design, separate_process=separate_process)
+            yield Stage(ExperimentExample.checks, design, example)
         return
     if setting.group not in STAGES:
         raise NotApplicableError(f"there are no checks of {setting.group}")

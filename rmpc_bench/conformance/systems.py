@@ -44,36 +44,18 @@ INPUT = 2.0
 class LinearGaussian(Plant):
     """x(k+1) = A x + B u + f0 + w, y = C x + d0 + v, with one largest size of all inputs."""
 
+    nx: int
+    nu: int
+    ny: int
+    Ts: float
+    signals: Signals | None
+
     def __init__(self, model: LinearModel, Ts: float = 1.0, largest: float = np.inf) -> None:
-        self.model, self._Ts = model, Ts
+        self.model, self.Ts = model, Ts
+        self.nx, self.nu, self.ny = model.nx, model.nu, model.ny
         inputs = tuple(f"u.{i}" for i in range(model.nu))
         bounds = dict.fromkeys(inputs, (-largest, largest))
-        self._signals = None if np.isinf(largest) else Signals((), inputs, (), bounds=bounds)
-
-    @property
-    def signals(self) -> Signals | None:
-        """The inputs with their bounds, where they have some."""
-        return self._signals
-
-    @property
-    def Ts(self) -> float:
-        """Sampling time [s]."""
-        return self._Ts
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.model.nx
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.model.nu
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.model.ny
+        self.signals = None if np.isinf(largest) else Signals((), inputs, (), bounds=bounds)
 
     def draw(self, parameters: Mapping[str, Array], rngs: Sequence[np.random.Generator], n_steps: int) -> None:
         """There is nothing uncertain."""
@@ -89,12 +71,7 @@ class LinearGaussian(Plant):
 
 
 class Excitation(Controller):
-    """A given input.
-
-    Parameters
-    ----------
-    u : (runs, steps, nu)
-    """
+    """A given input."""
 
     preview = 0
 

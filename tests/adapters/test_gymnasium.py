@@ -13,10 +13,11 @@ from adapters import gymnasium_environments as environments  # noqa: E402
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench import registry  # noqa: E402
-from rmpc_bench.conformance.plants import NoEstimate, _Zero  # noqa: E402
+from rmpc_bench.conformance.plants import NoEstimate  # noqa: E402
 from rmpc_bench.conformance.systems import Excitation  # noqa: E402
 from rmpc_bench.simulation.closed_loop import simulate  # noqa: E402
 from rmpc_bench.simulation.random_streams import stream  # noqa: E402
+from rmpc_bench.simulation.reference import Constant  # noqa: E402
 from rmpc_bench.simulation.run_start import RunStart  # noqa: E402
 from rmpc_bench.simulation.scenario import Scenario  # noqa: E402
 from rmpc_bench.types import DesignError, Journal, Method, Status  # noqa: E402
@@ -29,7 +30,7 @@ def simulated(plant, u, *, seed=1, runs=range(3), x0=None, process=(), parameter
     """Simulate runs with inputs from outside; return the record, the statuses and the journal."""
     n_steps = u.shape[1]
     zero = np.zeros(plant.nx) if x0 is None else np.asarray(x0, dtype=float)
-    scenario = Scenario(seed, {}, parameters or {}, zero, (), process, (), _Zero(plant.ny))
+    scenario = Scenario(seed, {}, parameters or {}, zero, (), process, (), Constant(np.zeros(plant.ny)))
     draws = scenario.draw(plant, runs, n_steps)
     method = Method("open", NoEstimate(plant.nx), Excitation(u))
     start = RunStart(seed, tuple(runs), Journal())

@@ -18,15 +18,16 @@ def torques():
 def plant():
     """Simulate Pendulum-v1 with process noise and measurement noise 0, as a block of runs."""
     from rmpc_bench import registry
-    from rmpc_bench.conformance.plants import NoEstimate, _Zero
+    from rmpc_bench.conformance.plants import NoEstimate
     from rmpc_bench.conformance.systems import Excitation
     from rmpc_bench.simulation.closed_loop import simulate
+    from rmpc_bench.simulation.reference import Constant
     from rmpc_bench.simulation.run_start import RunStart
     from rmpc_bench.simulation.scenario import Scenario
     from rmpc_bench.types import Journal, Method
 
     made = registry.get("plants", "env")(0.05, STEPS, env="Pendulum-v1", state="state")
-    scenario = Scenario(1, {}, {}, np.zeros(2), (), (), (), _Zero(2))
+    scenario = Scenario(1, {}, {}, np.zeros(2), (), (), (), Constant(np.zeros(2)))
     method = Method("open", NoEstimate(2), Excitation(torques()))
     draws, r = scenario.draw(made, range(RUNS), STEPS), np.zeros((STEPS + 1, 2))
 
