@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from timeit import default_timer
 from traceback import extract_tb
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -222,7 +223,10 @@ def _accessed(keys: Keys) -> tuple[Any, Access, access_to.Actions]:
     nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
     actions = access_to.actions_of(inner.action_space, keys.action, nu)
     make = partial(access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=change)
-    read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
+    # The state is read and written by an attribute, or by functions of the user.
+    by_name = isinstance(keys.state, str)
+    read = attrgetter(keys.state) if by_name else keys.state
+    write = partial(access_to.assign, path=keys.state) if by_name and keys.set_state is None else keys.set_state
     return inner, Access(make, actions.of_input, read, write, ends=keys.ends), actions
 
 

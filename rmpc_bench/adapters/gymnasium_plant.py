@@ -109,19 +109,8 @@ def actions_of(space: Any, action: Any, nu: int | None) -> Actions:
     return Actions(of_input, values.min()[None], values.max()[None], values)
 
 
-def reader_of(state: Any) -> Callable[[Any], Any] | None:
-    """Return what reads the state: an attribute, with dots inside an inner object, a function, or None."""
-    return attrgetter(state) if isinstance(state, str) else state
-
-
-def writer_of(state: Any, set_state: Any) -> Callable[[Any, Array], None] | None:
-    """Return what writes the state: the user's function, or the assignment of the attribute."""
-    if set_state is not None or not isinstance(state, str):
-        return set_state  # type: ignore[no-any-return]
-    return partial(_assign, path=state)
-
-
-def _assign(inner: Any, x: Array, *, path: str) -> None:
+def assign(inner: Any, x: Array, *, path: str) -> None:
+    """Assign a state to an attribute, with dots inside an inner object."""
     owner, _, name = path.rpartition(".")
     target = attrgetter(owner)(inner) if owner else inner
     setattr(target, name, x.reshape(np.shape(getattr(target, name))))

@@ -268,7 +268,5 @@ def _design(group: str, found: Any, name: str) -> DesignFunction:
         raise CodeError(f"{name}: {error}") from None
 
 
-@cache
-def _cached(group: str, found: Any) -> DesignFunction:
-    """One function for every component, since the keys of a function are read once."""
-    return design_function(group, found)
+_cached = cache(design_function)
+"""One function for every component, since the keys of a function are read once."""

@@ -17,7 +17,7 @@ from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleS
 from importlib.util import spec_from_file_location
 from itertools import count
 from pathlib import Path
-from types import CodeType, ModuleType, TracebackType
+from types import CodeType, ModuleType
 from typing import Any
 
 from rmpc_bench.components.reference import CodeError, CodeReference, Place
@@ -93,16 +93,6 @@ def packages() -> tuple[Package, ...]:
 def is_private(module: str | None) -> bool:
     """Whether a module belongs to a user's directory."""
     return module is not None and module.partition(".")[0] in _packages
-
-
-def file_of(module: str) -> Path:
-    """Return the file of a private module."""
-    return Path(str(sys.modules[module].__file__))
-
-
-def plain_names(text: str) -> str:
-    """Return a message of Python with the names of modules as the user writes them."""
-    return _PRIVATE.sub("", text)
 
 
 def is_source(file: str) -> bool:
@@ -301,7 +291,7 @@ def reference_of(design: Any) -> CodeReference | None:
     module, name = getattr(design, "__module__", None), getattr(design, "__qualname__", None)
     if not isinstance(module, str) or not is_private(module) or not isinstance(name, str):
         return None
-    path = file_of(module)
+    path = Path(str(sys.modules[module].__file__))
     return CodeReference(path, name, f"{path.name}:{name}")
 
 
@@ -339,7 +329,8 @@ def described(error: BaseException) -> str:
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg}"
     try:
-        text = plain_names(" ".join(str(error).split()))
+        # With the names of modules as the user writes them.
+        text = _PRIVATE.sub("", " ".join(str(error).split()))
     except Exception:
         # The exception is the user's own class, and its text may fail as well.
         text = ""
@@ -350,15 +341,10 @@ def place_of(error: BaseException, path: Path | None = None) -> Place | None:
     """Return the last place in the user's files that an exception came through."""
     if isinstance(error, SyntaxError) and error.filename is not None and is_source(error.filename):
         return Place(shown_path(error.filename), error.lineno or 1, error.offset or 1)
-    frames = user_frames(error.__traceback__)
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if is_source(frame.filename)]
     if frames:
         return Place(shown_path(frames[-1].filename), frames[-1].lineno or 1, 1 + (frames[-1].colno or 0))
     return None if path is None else Place(shown_path(str(path)), 1, 1)
-
-
-def user_frames(trace: TracebackType | None) -> list[traceback.FrameSummary]:
-    """Return the frames of a traceback that lie in the user's files."""
-    return [frame for frame in traceback.extract_tb(trace) if is_source(frame.filename)]
 
 
 def shown_path(file: str) -> str:

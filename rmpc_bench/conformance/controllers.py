@@ -17,11 +17,9 @@ from jaxtyping import Float
 from rmpc_bench.conformance.information import CHANGE, FRESH, InformationExample, function_of_data, require_no_lookahead
 from rmpc_bench.conformance.outcome import (
     REPETITION,
-    SEED,
     Outcome,
     RunsExample,
     first_checks,
-    global_seed,
     require_valid_return_values,
 )
 from rmpc_bench.conformance.results import (
@@ -32,17 +30,14 @@ from rmpc_bench.conformance.results import (
     require_same,
     require_unchanged,
 )
-from rmpc_bench.conformance.systems import LinearGaussian, LinearSystem
+from rmpc_bench.conformance.systems import LinearGaussian, LinearSystem, simulated
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.types import (
     Array,
     Command,
     Controller,
     Estimate,
     Estimator,
-    Journal,
     Method,
     Motion,
     as_command,
@@ -269,8 +264,7 @@ class ControllerInformationExample(InformationExample):
     def _samples(self) -> tuple[Array, Array]:
         """Estimates of the Kalman filter, and the measurements, at all samples."""
         recorded = self.system.recorded()
-        record, _ = self.system.simulated(self.system.kalman)
-        return record.x_hat, recorded.y
+        return self.system.simulated(self.system.kalman).x_hat, recorded.y
 
     @cached_property
     def r(self) -> Float[Array, "samples ny"]:
@@ -289,10 +283,8 @@ class ControllerInformationExample(InformationExample):
         """Inputs in the simulation, where there is a plant."""
         system = self.system
         method = Method("checked", GivenEstimates(self.data, self._samples[0]), component)
-        plant, start = DrivenPlant(system.model, system.u), RunStart(SEED, tuple(range(system.n_runs)), Journal())
-        with global_seed(0):
-            record, _ = simulate(plant, method, system.draws(), self.r, system.n_steps, start=start)
-        return record.u
+        plant = DrivenPlant(system.model, system.u)
+        return simulated(plant, method, system.draws(), self.r, system.n_steps)[0].u
 
 
 def _compared(controller: Controller, data: ControllerExample, changed: ControllerExample, what: str) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +19,7 @@ from rmpc_bench.conformance.outcome import REPETITION, first_checks, require_val
 from rmpc_bench.conformance.results import (
     Check,
     NotApplicableError,
+    base_class,
     copies,
     require,
     require_same,
@@ -28,10 +28,6 @@ from rmpc_bench.conformance.results import (
 from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, Recorded
 from rmpc_bench.numerics.linalg import congruence, mv
 from rmpc_bench.types import Array, Estimator, as_estimate
-
-
-def _base_class(estimator: Any, _: EstimatorExample) -> None:
-    require(isinstance(estimator, Estimator), f"{type(estimator).__name__} is not a subclass of Estimator")
 
 
 def _shapes(estimator: Estimator, example: EstimatorExample) -> None:
@@ -119,7 +115,7 @@ def _series(estimator: Estimator, example: EstimatorExample) -> None:
 
 
 FIRST = first_checks(
-    Check("base-class", "the estimator is a subclass of Estimator", _base_class, is_first=True),
+    base_class(Estimator, "estimator"),
     _shapes,
     "axis 0 is the run; P and M are shared, per run or None; numbers are float64",
 )
@@ -176,8 +172,7 @@ class EstimatorInformationExample(InformationExample):
 
     def simulated(self, component: Estimator) -> Float[Array, "runs samples nx"]:
         """Estimates in the simulation, where there is a plant."""
-        x_hat: Array = self.system.simulated(component)[0].x_hat
-        return x_hat
+        return self.system.simulated(component).x_hat
 
 
 def _causal(estimator: Estimator, example: EstimatorInformationExample) -> None:
@@ -200,8 +195,7 @@ def _applied(estimator: Estimator, example: EstimatorInformationExample) -> None
         raise NotApplicableError("see `function-of-data`")
     u = example.system.u
     system = replace(example.system, largest=0.5 * float(np.abs(u).max(initial=0.0)) or 1.0)
-    record, _ = system.simulated(estimator)
-    recorded = system.recorded()
+    record, recorded = system.simulated(estimator), system.recorded()
     expected = EstimatorExample(recorded.y, np.clip(u, -system.largest, system.largest)).x_hat(estimator)
     require(
         np.allclose(record.x_hat, expected, rtol=1e-9, atol=1e-12, equal_nan=True),

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.conformance.results import FROZEN, Check, copies, require, require_same, require_unchanged
+from rmpc_bench.conformance.results import FROZEN, Check, base_class, copies, require, require_same, require_unchanged
 from rmpc_bench.types import Array, Direction, Figure, Issue, Metric, MetricInfo, MetricLayout, Record, ResultLayout
 
 if TYPE_CHECKING:
@@ -77,10 +77,6 @@ def _arrays(record: Record) -> list[Array]:
     return [array for array in (*given, *record.info.values()) if array is not None]
 
 
-def _metric_class(metric: Any, _: MetricExample) -> None:
-    require(isinstance(metric, Metric), f"{type(metric).__name__} is not a subclass of Metric")
-
-
 def _facts(metric: Metric, example: MetricExample) -> None:
     info = metric.info(example.record.layout)
     known = get_args(Direction)
@@ -131,7 +127,7 @@ def _diverged(metric: Metric, example: MetricExample) -> None:
 
 
 MetricExample.checks = (
-    Check("base-class", "the metric is a subclass of Metric", _metric_class, is_first=True),
+    base_class(Metric, "metric"),
     FROZEN,
     Check("facts", "the metric has a direction and a name for claims; check accepts what can be computed", _facts),
     Check(
@@ -174,10 +170,6 @@ class FigureExample:
         return buffer.getvalue()
 
 
-def _figure_class(figure: Any, _: FigureExample) -> None:
-    require(isinstance(figure, Figure), f"{type(figure).__name__} is not a subclass of Figure")
-
-
 def _accepted(figure: Figure, example: FigureExample) -> None:
     issues = list(figure.check(layout_of(example.results)))
     require(not issues, "; ".join(issue.message for issue in issues))
@@ -203,7 +195,7 @@ def _width(figure: Figure, example: FigureExample) -> None:
 
 
 FigureExample.checks = (
-    Check("base-class", "the figure is a subclass of Figure", _figure_class, is_first=True),
+    base_class(Figure, "figure"),
     FROZEN,
     Check("accepted", "check accepts the layout of results that the figure can draw", _accepted),
     Check("refused", "check refuses, before any run, an experiment that has nothing to draw", _refused),

@@ -16,16 +16,13 @@ from rmpc_bench.conformance.outcome import (
     Outcome,
     RunsExample,
     first_checks,
-    global_seed,
     require_valid_return_values,
 )
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
-from rmpc_bench.conformance.systems import Excitation
-from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.conformance.systems import Excitation, simulated
 from rmpc_bench.simulation.reference import Constant
-from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Scenario, own_draws
-from rmpc_bench.types import Array, Estimate, Estimator, Journal, Method, Plant, PlantInfo, Status, as_motion
+from rmpc_bench.types import Array, Estimate, Estimator, Method, Plant, PlantInfo, Status, as_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,11 +219,8 @@ def _methods_apart(plant: Plant, example: PlantExample) -> None:
     found: list[Any] = []
     for name in ("first", "second"):
         method = Method(name, NoEstimate(plant.nx), Excitation(u))
-        start = RunStart(SEED, tuple(range(n_runs)), Journal())
         own = own_draws(scenario, plant, range(n_runs), n_steps, draws)
-        with global_seed(0):
-            record, _ = simulate(plant, method, own, scenario.reference.sample(n_steps + 1), n_steps, start=start)
-        found.append(record.x)
+        found.append(simulated(plant, method, own, scenario.reference.sample(n_steps + 1), n_steps)[0].x)
     try:
         require_same("x of the second method", found[1], found[0])
     except AssertionError as error:

@@ -188,6 +188,15 @@ def _frozen(component: Any, _: Any) -> None:
 FROZEN = Check("frozen", "the design cannot be changed after it was made", _frozen, "warning")
 
 
+def base_class(kind: type, noun: str) -> Check:
+    """Return the check that a component is of a class."""
+
+    def run(component: Any, _: Any) -> None:
+        require(isinstance(component, kind), f"{type(component).__name__} is not a subclass of {kind.__name__}")
+
+    return Check("base-class", f"the {noun} is a subclass of {kind.__name__}", run, is_first=True)
+
+
 WIDTH = 100
 """Characters of a line of the table."""
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.results import FROZEN, Check, require, require_same
+from rmpc_bench.conformance.results import FROZEN, Check, base_class, require, require_same
 from rmpc_bench.types import Array, Noise, Reference
 
 MOST_ERRORS = 5.0
@@ -45,10 +45,6 @@ class NoiseExample:
             return self.draw(law, self.n_many)
         seeds = np.random.SeedSequence(self.seed).spawn(self.n_many)
         return np.array([law.draw(np.random.default_rng(seed), self.n_samples)[-1] for seed in seeds])
-
-
-def _noise_class(law: Any, _: NoiseExample) -> None:
-    require(isinstance(law, Noise), f"{type(law).__name__} is not a subclass of Noise")
 
 
 def _noise_shapes(law: Noise, example: NoiseExample) -> None:
@@ -114,7 +110,7 @@ def _altered(law: Noise, example: NoiseExample) -> None:
 
 
 NoiseExample.checks = (
-    Check("base-class", "the law is a subclass of Noise", _noise_class, is_first=True),
+    base_class(Noise, "law"),
     FROZEN,
     Check("shapes", "a draw is (samples, n) finite numbers", _noise_shapes),
     Check("generator", "a draw depends on the generator alone; a copy made by pickle draws the same", _generator),
@@ -140,10 +136,6 @@ class ReferenceExample:
     checks: ClassVar[tuple[Check, ...]]
 
 
-def _reference_class(reference: Any, _: ReferenceExample) -> None:
-    require(isinstance(reference, Reference), f"{type(reference).__name__} is not a subclass of Reference")
-
-
 def _reference_shapes(reference: Reference, example: ReferenceExample) -> None:
     r = reference.sample(example.n_samples)
     require(r.shape == (example.n_samples, example.ny), f"the signal has shape {r.shape}")
@@ -167,7 +159,7 @@ def _reference_purity(reference: Reference, example: ReferenceExample) -> None:
 
 
 ReferenceExample.checks = (
-    Check("base-class", "the reference is a subclass of Reference", _reference_class, is_first=True),
+    base_class(Reference, "reference"),
     FROZEN,
     Check("shapes", "the signal is (samples, ny) finite numbers", _reference_shapes),
     Check("prefix", "a longer signal begins with the shorter one", _reference_prefix),

@@ -16,17 +16,14 @@ from rmpc_bench.conformance.estimators import FIRST as ESTIMATOR_FIRST
 from rmpc_bench.conformance.estimators import FUNCTION, EstimatorInformationExample, require_causal
 from rmpc_bench.conformance.evaluation import FigureExample, MetricExample, example_record, example_results
 from rmpc_bench.conformance.information import FRESH, InformationExample, SeparateProcess
-from rmpc_bench.conformance.outcome import SEED, global_seed
 from rmpc_bench.conformance.plants import FIRST as PLANT_FIRST
 from rmpc_bench.conformance.plants import PlantExample
 from rmpc_bench.conformance.results import Check, NotApplicableError, require
 from rmpc_bench.conformance.signals import NoiseExample, ReferenceExample
 from rmpc_bench.conformance.subject import Subject
-from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem
-from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.conformance.systems import EstimatorExample, LinearSystem, simulated
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Array, Controller, DesignError, Estimator, Journal, Plant, PlantInfo, as_estimate
+from rmpc_bench.types import Array, Controller, DesignError, Estimator, Plant, PlantInfo, as_estimate
 
 N_RUNS, N_STEPS = 10, 150
 """Largest size of the simulation."""
@@ -93,17 +90,8 @@ class ExperimentExample(InformationExample):
         kept = Recording(self.estimator)
         draws = experiment.scenario.draw(experiment.plant, runs, n_steps)
         r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
-        start = RunStart(SEED, tuple(runs), Journal())
-        with global_seed(0):
-            _, status = simulate(
-                experiment.plant,
-                method._replace(estimator=kept),
-                draws,
-                r,
-                n_steps,
-                state_range=experiment.state_range,
-                start=start,
-            )
+        method, limit = method._replace(estimator=kept), experiment.state_range
+        _, status = simulated(experiment.plant, method, draws, r, n_steps, state_range=limit)
         require(not status.any(), f"{int(status.astype(bool).sum())} of {len(status)} runs fail")
         return kept
 

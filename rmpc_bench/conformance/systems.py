@@ -32,7 +32,9 @@ from rmpc_bench.types import (
     Method,
     Motion,
     Plant,
+    Record,
     Signals,
+    Statuses,
     as_estimate,
 )
 
@@ -84,6 +86,15 @@ class Excitation(Controller):
     def control(self, k: int, state: None, y: Array, estimate: Estimate, r: Array) -> tuple[None, Command]:
         """Return u(k)."""
         return None, Command(self.u[:, k], np.zeros(len(y), dtype=np.int8), {})
+
+
+def simulated(
+    plant: Plant, method: Method, draws: Draws, r: Array, n_steps: int, **options: Any
+) -> tuple[Record, Statuses]:
+    """Simulate the runs 0, 1, .. of some draws, with the global random generators seeded."""
+    start = RunStart(SEED, tuple(range(len(draws.x0))), Journal())
+    with global_seed(0):
+        return simulate(plant, method, draws, r, n_steps, start=start, **options)
 
 
 class Recorded(NamedTuple):
@@ -154,16 +165,14 @@ class LinearSystem:
         )
         return Draws(None, self.x0 + x0, w, v)
 
-    def simulated(self, design: Estimator, *, noise: bool = True) -> tuple[Any, Array]:
-        """Simulate the runs with an estimator in the loop; its record and the statuses."""
+    def simulated(self, design: Estimator, *, noise: bool = True) -> Record:
+        """Return the trajectories of the runs with an estimator in the loop."""
         method, r = Method("checked", design, Excitation(self.u)), np.zeros((self.n_steps + 1, self.model.ny))
-        start = RunStart(SEED, tuple(range(self.n_runs)), Journal())
-        with global_seed(0):
-            return simulate(self.plant, method, self.draws(noise=noise), r, self.n_steps, with_P=True, start=start)
+        return simulated(self.plant, method, self.draws(noise=noise), r, self.n_steps, with_P=True)[0]
 
     def recorded(self, *, noise: bool = True) -> Recorded:
         """Return the data of the runs, which do not depend on any estimator."""
-        record, _ = self.simulated(self.kalman, noise=noise)
+        record = self.simulated(self.kalman, noise=noise)
         v = self.draws(noise=noise).v
         y = [self.plant.output(k, None, record.x[:, k], v[:, k]) for k in range(self.n_steps + 1)]
         return Recorded(np.stack(y, axis=1), record.u, record.x)
