@@ -63,13 +63,7 @@ AUGMENTED = "augmented"
 
 
 class RunStates:
-    """State of the estimators of a block.
-
-    Parameters
-    ----------
-    objects : the user's objects
-    x_hat, P : estimate and covariance before the first measurement, one row per run
-    """
+    """State of the estimators of a block; x_hat and P are those before the first measurement, one row per run."""
 
     def __init__(self, objects: UserRuns, x_hat: Array, P: Array) -> None:
         self.objects, self.x_hat, self.P = objects, x_hat, P

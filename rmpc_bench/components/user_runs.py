@@ -144,16 +144,7 @@ class Failed(NamedTuple):
 
 
 class UserRuns:
-    """The objects of the runs of a block.
-
-    Parameters
-    ----------
-    role : ``estimator``, ``controller`` or ``plant``
-    user : the class of the objects
-    runs : the runs of the block
-    fixed : name -> value of what is the same for all runs
-    Ts : sampling time [s]
-    """
+    """The objects of the runs of a block; `fixed` has what is the same for all runs by its standard name."""
 
     def __init__(self, role: str, user: UserClass, runs: RunInfo, fixed: Mapping[str, Any], Ts: float) -> None:
         self.role, self.user, self.runs, self.fixed, self.Ts = role, user, runs, fixed, Ts

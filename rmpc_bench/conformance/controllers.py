@@ -30,14 +30,13 @@ from rmpc_bench.conformance.results import (
     require_same,
     require_unchanged,
 )
-from rmpc_bench.conformance.systems import LinearGaussian, LinearSystem, simulated
+from rmpc_bench.conformance.systems import GivenEstimates, LinearGaussian, LinearSystem, simulated
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.types import (
     Array,
     Command,
     Controller,
     Estimate,
-    Estimator,
     Method,
     Motion,
     as_command,
@@ -228,23 +227,6 @@ class DrivenPlant(LinearGaussian):
         return super().step(k, delta, x, self.u[:, k], w)
 
 
-class GivenEstimates(Estimator):
-    """Estimates that were computed before, as those of an example."""
-
-    def __init__(self, example: ControllerExample, x_hat: Float[Array, "runs samples nx"]) -> None:
-        self.example, self.x_hat = example, x_hat
-
-    def init(self, n_runs: int) -> None:
-        """There is nothing to remember."""
-
-    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
-        """Return the estimate of k."""
-        return None, self.example.estimate(np.ascontiguousarray(self.x_hat[:, k]))
-
-    def predict(self, k: int, state: None, u: Array) -> None:
-        """There is nothing to predict."""
-
-
 @dataclass(frozen=True, eq=False)
 class ControllerInformationExample(InformationExample):
     """Runs of a linear Gaussian system that a controller is checked on.
@@ -281,8 +263,9 @@ class ControllerInformationExample(InformationExample):
 
     def simulated(self, component: Controller) -> Float[Array, "runs steps nu"]:
         """Inputs in the simulation, where there is a plant."""
-        system = self.system
-        method = Method("checked", GivenEstimates(self.data, self._samples[0]), component)
+        system, data, x_hat = self.system, self.data, self._samples[0]
+        estimates = GivenEstimates(lambda k, y: data.estimate(np.ascontiguousarray(x_hat[:, k])))
+        method = Method("checked", estimates, component)
         plant = DrivenPlant(system.model, system.u)
         return simulated(plant, method, system.draws(), self.r, system.n_steps)[0].u
 

@@ -19,10 +19,10 @@ from rmpc_bench.conformance.outcome import (
     require_valid_return_values,
 )
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
-from rmpc_bench.conformance.systems import Excitation, simulated
+from rmpc_bench.conformance.systems import Excitation, GivenEstimates, simulated
 from rmpc_bench.simulation.reference import Constant
 from rmpc_bench.simulation.scenario import Scenario, own_draws
-from rmpc_bench.types import Array, Estimate, Estimator, Method, Plant, PlantInfo, Status, as_motion
+from rmpc_bench.types import Array, Estimate, Method, Plant, PlantInfo, Status, as_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,21 +194,11 @@ def _middle(low: Array, high: Array) -> Array:
     return 0.5 * (low + high)
 
 
-class NoEstimate(Estimator):
-    """An estimator whose estimate is always 0."""
-
-    def __init__(self, nx: int) -> None:
-        self.nx = nx
-
-    def init(self, n_runs: int) -> None:
-        """There is nothing to remember."""
-
-    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
-        """Return 0."""
-        return None, Estimate(np.zeros((len(y), self.nx)), None, None, np.zeros(len(y), dtype=np.int8), {})
-
-    def predict(self, k: int, state: None, u: Array) -> None:
-        """There is nothing to predict."""
+def no_estimate(nx: int) -> GivenEstimates:
+    """Return an estimator whose estimate is always 0."""
+    return GivenEstimates(
+        lambda k, y: Estimate(np.zeros((len(y), nx)), None, None, np.zeros(len(y), dtype=np.int8), {})
+    )
 
 
 def _methods_apart(plant: Plant, example: PlantExample) -> None:
@@ -218,7 +208,7 @@ def _methods_apart(plant: Plant, example: PlantExample) -> None:
     draws = scenario.draw(plant, range(n_runs), n_steps)
     found: list[Any] = []
     for name in ("first", "second"):
-        method = Method(name, NoEstimate(plant.nx), Excitation(u))
+        method = Method(name, no_estimate(plant.nx), Excitation(u))
         own = own_draws(scenario, plant, range(n_runs), n_steps, draws)
         found.append(simulated(plant, method, own, scenario.reference.sample(n_steps + 1), n_steps)[0].x)
     try:

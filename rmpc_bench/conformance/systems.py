@@ -88,6 +88,23 @@ class Excitation(Controller):
         return None, Command(self.u[:, k], np.zeros(len(y), dtype=np.int8), {})
 
 
+class GivenEstimates(Estimator):
+    """Estimates that a function returns for k and y(k)."""
+
+    def __init__(self, estimate: Callable[[int, Array], Estimate]) -> None:
+        self.estimate = estimate
+
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
+
+    def correct(self, k: int, state: None, y: Array) -> tuple[None, Estimate]:
+        """Return the estimate of k."""
+        return None, self.estimate(k, y)
+
+    def predict(self, k: int, state: None, u: Array) -> None:
+        """There is nothing to predict."""
+
+
 def simulated(
     plant: Plant, method: Method, draws: Draws, r: Array, n_steps: int, **options: Any
 ) -> tuple[Record, Statuses]:

@@ -13,7 +13,7 @@ from adapters import gymnasium_environments as environments  # noqa: E402
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench import registry  # noqa: E402
-from rmpc_bench.conformance.plants import NoEstimate  # noqa: E402
+from rmpc_bench.conformance.plants import no_estimate  # noqa: E402
 from rmpc_bench.conformance.systems import Excitation  # noqa: E402
 from rmpc_bench.simulation.closed_loop import simulate  # noqa: E402
 from rmpc_bench.simulation.random_streams import stream  # noqa: E402
@@ -32,7 +32,7 @@ def simulated(plant, u, *, seed=1, runs=range(3), x0=None, process=(), parameter
     zero = np.zeros(plant.nx) if x0 is None else np.asarray(x0, dtype=float)
     scenario = Scenario(seed, {}, parameters or {}, zero, (), process, (), Constant(np.zeros(plant.ny)))
     draws = scenario.draw(plant, runs, n_steps)
-    method = Method("open", NoEstimate(plant.nx), Excitation(u))
+    method = Method("open", no_estimate(plant.nx), Excitation(u))
     start = RunStart(seed, tuple(runs), Journal())
     r = scenario.reference.sample(n_steps + 1)
     return (*simulate(plant, method, draws, r, n_steps, start=start), start.journal)

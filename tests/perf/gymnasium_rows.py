@@ -18,7 +18,7 @@ def torques():
 def plant():
     """Simulate Pendulum-v1 with process noise and measurement noise 0, as a block of runs."""
     from rmpc_bench import registry
-    from rmpc_bench.conformance.plants import NoEstimate
+    from rmpc_bench.conformance.plants import no_estimate
     from rmpc_bench.conformance.systems import Excitation
     from rmpc_bench.simulation.closed_loop import simulate
     from rmpc_bench.simulation.reference import Constant
@@ -28,7 +28,7 @@ def plant():
 
     made = registry.get("plants", "env")(0.05, STEPS, env="Pendulum-v1", state="state")
     scenario = Scenario(1, {}, {}, np.zeros(2), (), (), (), Constant(np.zeros(2)))
-    method = Method("open", NoEstimate(2), Excitation(torques()))
+    method = Method("open", no_estimate(2), Excitation(torques()))
     draws, r = scenario.draw(made, range(RUNS), STEPS), np.zeros((STEPS + 1, 2))
 
     def work():
