@@ -110,10 +110,10 @@ def test_the_in_place_filter_has_the_numbers_of_the_textbook():
         Setting(subject_of(each), "estimators", system).made(system.n_steps)
         for each in (misbehaving.Textbook, misbehaving.InPlace)
     ]
-    first, second = (system.simulated(each)[0].x_hat for each in made)
+    first, second = (system.simulated(each).x_hat for each in made)
     np.testing.assert_array_equal(first, second)
     # Of the size of the state, where an estimate is near 0.
-    np.testing.assert_allclose(first, system.simulated(system.kalman)[0].x_hat, **ROUND, atol=1e-14)
+    np.testing.assert_allclose(first, system.simulated(system.kalman).x_hat, **ROUND, atol=1e-14)
 
 
 @pytest.mark.parametrize(("name", "id", "words"), [("ForeseeingLaw", "preview", "uses the future: with another r")])
