@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import Any
 
 
@@ -75,6 +75,15 @@ def installed(group: str) -> Mapping[str, InstalledComponent]:
         for point in points
     }
     return found | whole
+
+
+@cache
+def version_of(library: str) -> str:
+    """Return the version of an installed library, "" if it is not there; a process looks once, which takes long."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""
 
 
 def _package(point: EntryPoint) -> str:

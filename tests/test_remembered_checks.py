@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from beartype import beartype
 from jaxtyping import Float, TypeCheckError
-from remembered_checks import jaxtyped
+from remembered_checks import ALWAYS, EVERY, jaxtyped
 
 X = Float[np.ndarray, "runs n"]
 
@@ -58,6 +58,22 @@ def test_a_result_is_checked_after_other_results_have_passed(wrong):
         GIVEN.append(result)
         with pytest.raises(TypeCheckError, match="return value"):
             given(x)
+
+
+def test_calls_of_a_long_loop_are_checked_from_time_to_time():
+    @jaxtyped(typechecker=beartype)
+    def length(x: X) -> int:
+        return len(x)
+
+    x, n_refused = np.zeros((5, 2)), 0
+    for _ in range(ALWAYS):
+        assert length(x) == 5
+    for _ in range(3 * EVERY):
+        try:
+            length(np.zeros(5))
+        except TypeCheckError:
+            n_refused += 1
+    assert n_refused == 3
 
 
 def test_elements_of_a_list_are_checked_every_time():

@@ -163,6 +163,8 @@ def difference(a: Array, b: Array) -> Array:
 
 MOST_EXACT = 50
 """Number of differences up to which SciPy takes the exact law of the signed-rank statistic, where it can."""
+MOST_WITH_TIES = 13
+"""The same if some are equal or 0.  Up to it all choices of signs are counted at once here, one by one there."""
 
 
 def signed_rank_p(differences: Array) -> float:
@@ -173,20 +175,31 @@ def signed_rank_p(differences: Array) -> float:
         return 1.0
     if len(differences) > MOST_EXACT:
         return _normal_signed_rank_p(differences[differences != 0])
+    if len(differences) <= MOST_WITH_TIES:
+        ranks, statistic, _ = _signed_ranks(differences[differences != 0])
+        sums = np.zeros(1)
+        for rank in ranks:
+            sums = np.concatenate([sums, sums + rank])
+        return min(1.0, 2 * float(min((sums <= statistic).mean(), (sums >= statistic).mean())))
     from scipy import stats
 
     with np.errstate(invalid="ignore"):
         return float(stats.wilcoxon(differences).pvalue)
 
 
+def _signed_ranks(differences: Array) -> tuple[Array, float, Array]:
+    """Ranks of the absolute differences, the sum of those of positive ones, and how often each value occurs."""
+    _, place, ties = np.unique(np.abs(differences), return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(ties) - (ties - 1) / 2)[place]
+    return ranks, float(ranks[differences > 0].sum()), ties
+
+
 def _normal_signed_rank_p(differences: Array) -> float:
     """Signed-rank p from the normal law, with the correction for ties, as in `scipy.stats.wilcoxon`."""
     from scipy import special
 
-    _, place, ties = np.unique(np.abs(differences), return_inverse=True, return_counts=True)
-    last, n = np.cumsum(ties), float(len(differences))
-    ranks = (last - (ties - 1) / 2)[place]
-    statistic = float(ranks[differences > 0].sum())
+    n = float(len(differences))
+    _, statistic, ties = _signed_ranks(differences)
     ties = ties.astype(float)
     variance = (n * (n + 1) * (2 * n + 1) - float((ties**3 - ties).sum()) / 2) / 24
     z = (statistic - n * (n + 1) / 4) / math.sqrt(variance)

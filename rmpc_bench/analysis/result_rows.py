@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
+from weakref import ref
 
 import numpy as np
 import pandas as pd
@@ -219,8 +220,8 @@ def result_table(trials: Trials, described: pd.DataFrame, compared: pd.DataFrame
     described, compared : of `statistics.summary` and `comparison.comparisons`
     info : the metric
     """
-    of_summary = _by_method(described, info)
-    of_pairs = _by_method(compared, info)
+    of_summary = _rows_of(described).get(info.name, {})
+    of_pairs = _rows_of(compared).get(info.name, {})
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())
     rows = [_row(trials, info, name, of_summary.get(name, _NONE), of_pairs.get(name, {})) for name in _names(trials)]
     return ResultTable(trials, info, rows, _form(of_pairs), may_not_occur)
@@ -251,8 +252,19 @@ def _names(trials: Trials) -> list[str]:
     return [*trials.methods, *(name for name in trials.all_methods if name not in trials.methods)]
 
 
-def _by_method(table: pd.DataFrame, info: MetricInfo) -> dict[str, dict[str, Any]]:
-    return {row["method"]: row for row in table[table["metric"] == info.name].to_dict("records")} if len(table) else {}
+_Rows = dict[str, dict[str, dict[str, Any]]]
+_known: dict[int, tuple[ref[pd.DataFrame], _Rows]] = {}
+
+
+def _rows_of(table: pd.DataFrame) -> _Rows:
+    """Return metric -> method -> row; made once for a table, which all pages, tables and figures share."""
+    key = id(table)
+    if key not in _known:
+        rows: _Rows = {}
+        for row in table.to_dict("records"):
+            rows.setdefault(row["metric"], {})[row["method"]] = row
+        _known[key] = ref(table, lambda _: _known.pop(key)), rows
+    return _known[key][1]
 
 
 def _form(compared: Mapping[str, Mapping[str, Any]]) -> Form:

@@ -8,12 +8,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import rmpc_bench
 from rmpc_bench.analysis.trial_differences import TrialDifferences
+from rmpc_bench.installed import version_of
 from rmpc_bench.packing.comparison import BYTES, NUMBERS, FileOutcome
 from rmpc_bench.results import manifest
 from rmpc_bench.results.other_code import OF_THE_BENCH
@@ -177,7 +177,7 @@ def environment() -> dict[str, Any]:
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
-        "versions": versions | {name: version(name) for name in OF_THE_BENCH},
+        "versions": versions | {name: version_of(name) for name in OF_THE_BENCH},
         "numerics": rmpc_bench.NUMERICS,
     }
 
@@ -190,7 +190,7 @@ def other_versions(packed: Mapping[str, Any]) -> Iterator[str]:
         if name in here["versions"] and here["versions"][name] != text:
             yield f"{name}: packed {text}, here {here['versions'][name]}"
     for name, text in dict(packed.get("libraries", {})).items():
-        found = _version(name)
+        found = version_of(name) or "not installed"
         if found != text:
             yield f"{name}: packed {text}, here {found}"
     if packed.get("numerics") != rmpc_bench.NUMERICS:
@@ -206,10 +206,3 @@ def other_versions(packed: Mapping[str, Any]) -> Iterator[str]:
 
 def _processors(infos: Iterable[Mapping[str, Any]]) -> set[str]:
     return {str(info["architecture"]) for info in infos if info.get("architecture")}
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"

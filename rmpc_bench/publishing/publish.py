@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
 
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.files import NO_LATEX, latex_program
 from rmpc_bench.figures.style import Rendering, remark_on
+from rmpc_bench.installed import version_of
 from rmpc_bench.publishing.figure_files import write_figures
 from rmpc_bench.publishing.pages import Publication, place_of, write_page
 from rmpc_bench.publishing.table_files import (
@@ -206,7 +206,7 @@ def _way(results: Results, place: str, file: str) -> dict[str, Any]:
         "keys": keys,
         "labels": dict(results.experiment.labels),
         "own_figures": bool(results.components),
-        "matplotlib": version("matplotlib"),
+        "matplotlib": version_of("matplotlib"),
     }
 
 

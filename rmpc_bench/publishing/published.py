@@ -18,11 +18,11 @@ import stat
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rmpc_bench
+from rmpc_bench.installed import version_of
 from rmpc_bench.received.plain_files import DamagedError, content_of, json_of
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import replace_text
@@ -207,7 +207,7 @@ def _state(directory: Path) -> str | None:
         return None
     with store.open("rb") as file:
         counter = file.read(100)[_COUNTER].hex()
-    versions = [platform.python_version(), rmpc_bench.__version__, rmpc_bench.NUMERICS, *map(_version, _LIBRARIES)]
+    versions = [platform.python_version(), rmpc_bench.__version__, rmpc_bench.NUMERICS, *map(version_of, _LIBRARIES)]
     return _hash([str(directory), counter, _mark(store), versions, _sources()])
 
 
@@ -236,13 +236,6 @@ def _sources() -> list[tuple[str, int, int]]:
             status = os.stat(os.path.join(folder, name))
             found.append((name, status.st_size, status.st_mtime_ns))
     return found
-
-
-def _version(library: str) -> str:
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return ""
 
 
 def _mark(path: Path) -> list[int]:

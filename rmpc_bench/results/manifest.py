@@ -8,7 +8,6 @@ import platform
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import rmpc_bench
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import code_version
+from rmpc_bench.installed import version_of
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.names import wrong_line
 from rmpc_bench.received.plain_files import MANIFEST, StoreError, json_of
@@ -40,7 +40,7 @@ class Session:
         """Note the start."""
         before = read(self._path.parent)
         versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
-        versions |= {name: version(name) for name in OF_THE_BENCH}
+        versions |= {name: version_of(name) for name in OF_THE_BENCH}
         libraries = all_versions(self._config)
         changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
         # A library that is not used any more has computed no trial of this configuration.

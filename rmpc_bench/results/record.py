@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, get_args
 
 import rmpc_bench
@@ -27,6 +28,8 @@ from rmpc_bench.types.metric import Direction, Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.config.stop import StopKeys
     from rmpc_bench.store.store import Store
@@ -249,14 +252,13 @@ def read_experiment(store: Store) -> StoredExperiment:
     `MissingError` where it is missing, because an earlier version wrote the store, or because the writer never came to
     it; `DamagedError` where a name or a number is none that a configuration may have.
     """
-    # pydantic is imported by the commands that need it only.
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     data = store.data(KEY)
     if not data:
         raise MissingError(f"{store.directory}: an earlier version wrote it without what a report needs; {WAY_OUT}")
     try:
-        found = TypeAdapter(StoredExperiment).validate_python(data)
+        found = _adapter().validate_python(data)
     except (ValidationError, ValueError, RecursionError) as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
         where = f"layout.{'.'.join(map(str, first['loc']))}: {first['msg']}"[:200]
@@ -265,6 +267,14 @@ def read_experiment(store: Store) -> StoredExperiment:
     if wrong := next(_wrong(found), ""):
         raise damaged(store.directory, f"layout.{wrong}")
     return _with_looks(found, store)
+
+
+@cache
+def _adapter() -> TypeAdapter[StoredExperiment]:
+    # pydantic is imported by the commands that need it only.
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(StoredExperiment)
 
 
 def _wrong(found: StoredExperiment) -> Iterator[str]:

@@ -91,6 +91,14 @@ def test_difference_of_infs_is_0():
     assert difference(a, b).tolist() == [0, -math.inf, math.inf]
 
 
+@pytest.mark.parametrize("n", range(2, 15))
+def test_signed_rank_p_of_few_runs_counts_all_signs(n, rng):
+    """Oracle: scipy.stats.wilcoxon, which calls its statistic for every choice of signs."""
+    for x in (rng.standard_normal(n), rng.integers(-3, 4, n) + 0.0, np.r_[np.inf, rng.integers(-1, 2, n - 1)]):
+        with np.errstate(invalid="ignore"):
+            assert signed_rank_p(x) == stats.wilcoxon(x).pvalue, x
+
+
 def test_signed_rank_p():
     """Direct calls, and the two samples that have no test."""
     x = np.array([1.0, -2.0, 3.0, 4.0, 5.5])

@@ -192,7 +192,7 @@ def test_a_store_that_has_changed(finished):
 
 
 def test_another_version_of_a_library_or_of_the_code(finished, monkeypatch):
-    monkeypatch.setattr(published, "_version", lambda name: "0.0")
+    monkeypatch.setattr(published, "version_of", lambda name: "0.0")
     assert "report.html" in finished()[1]
     monkeypatch.setattr(published, "_sources", lambda: [])
     assert "report.html" in finished()[1]
