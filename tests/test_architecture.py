@@ -135,6 +135,7 @@ MAY_IMPORT = {
     },
     # What a directory of results holds.  A claim is judged and a figure drawn from it.
     "results": {
+        "installed",  # versions of libraries
         "store",
         "engines",  # the type of a finished task
         "config",
@@ -173,6 +174,7 @@ MAY_IMPORT = {
     },
     # The code of a user's figure may raise anything; what a task is made of says whether own code takes part.
     "publishing": {
+        "installed",  # versions of libraries
         "config",
         "config_file",
         "components",
@@ -191,6 +193,7 @@ MAY_IMPORT = {
     },
     # Packed results are computed and published again, and compared with the packed ones.
     "packing": {
+        "installed",  # versions of libraries
         "config",
         "config_file",
         "store",
