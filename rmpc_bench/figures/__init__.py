@@ -8,6 +8,6 @@ What is shown  points (of a sweep), recorded_runs (and series), quantities, curv
                scatter_paths, sweep_content, captions
 Drawing        row_columns, signal_panels, line_panels, cell_panels; axes, labels, legend
 Style          palette (colours on both grounds, look of a method), style (fonts and settings)
-Files          files (how each format is written), svg_text, pdf_fonts
+Files          files (how each format is written), svg_text
 Others         component_plot (plots of a component itself)
 """

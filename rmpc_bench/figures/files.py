@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.figures.pdf_fonts import small_fonts
 from rmpc_bench.figures.style import Rendering, families, font_family, rendered, style
 from rmpc_bench.figures.svg_text import as_file, for_page, themed
 from rmpc_bench.replaced_file import refuse_outside, replace_text, replaced
@@ -229,6 +228,29 @@ def save_as(figure: MplFigure, file: Path) -> None:
                 figure.savefig(partial, format="pdf", **options)
         else:
             figure.savefig(partial, format=ending[1:], **options)
+
+
+LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
+"""Tables of a font for the composition of texts, which take fontTools most of its time."""
+
+
+@contextmanager
+def small_fonts() -> Iterator[None]:
+    """Let fontTools leave out of the fonts of a PDF what only a text processor and a coarse screen use."""
+    from fontTools import subset
+
+    usual = subset.Options
+
+    def smaller(**settings: Any) -> Any:
+        made = usual(**{**settings, "hinting": False})
+        made.drop_tables = [*made.drop_tables, *LAYOUT_TABLES]
+        return made
+
+    subset.Options = smaller
+    try:
+        yield
+    finally:
+        subset.Options = usual
 
 
 def svg_of(figure: MplFigure) -> str:

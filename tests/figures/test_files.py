@@ -11,7 +11,7 @@ from matplotlib.font_manager import FontManager, fontManager, json_dump
 from pypdf import PdfReader
 
 from rmpc_bench.expressions.units import inches
-from rmpc_bench.figures import files, pdf_fonts, style
+from rmpc_bench.figures import files, style
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.files import FORMATS, LEAST, THINNER, FigureResult, save, save_as, thin_lines
 from rmpc_bench.figures.rows import Rows
@@ -82,19 +82,15 @@ def written(place, script, **environment):
 
 
 def test_the_same_bytes_in_every_process(tmp_path):
-    """Where Python orders its sets in another way, and where the list of fonts that all processes share is damaged.
-
-    Nor is fontTools imported for usual fonts, which takes 0.1 s; a module that was not executed has no class of it.
-    """
+    """Where Python orders its sets in another way, and where the list of fonts that all processes share is damaged."""
     damaged = copy(fontManager)
     damaged.ttflist = [each for each in fontManager.ttflist if each.fname.endswith("DejaVuSans.ttf")]
-    script = f"{SCRIPT}\nassert 'fontTools.varLib' not in sys.modules, 'fontTools was imported'"
     found = []
     for seed, fonts_of in (("1", fontManager), ("2", damaged)):
         place = tmp_path / seed
         place.mkdir()
         json_dump(fonts_of, place / f"fontlist-v{FontManager.__version__}.json")
-        found.append(written(place, script, PYTHONHASHSEED=seed, MPLCONFIGDIR=str(place)))
+        found.append(written(place, SCRIPT, PYTHONHASHSEED=seed, MPLCONFIGDIR=str(place)))
     assert found[0] == found[1] and set(found[0]) == {"a.svg", "a.pdf", "a.png"}
 
 
@@ -138,15 +134,6 @@ def test_lines_of_a_paper_are_thinner_and_pgf_needs_a_latex(make_trials, tmp_pat
     picture, _ = drawn(make_trials)
     with pytest.raises(FileNotFoundError, match="pgf needs a LaTeX"):
         FigureResult(picture).save(tmp_path / "a.pgf")
-
-
-def test_fonts_that_are_left_to_fonttools(make_trials, tmp_path, monkeypatch):
-    """A font that `subset_of` does not read is embedded all the same, and the texts are there."""
-    monkeypatch.setattr(pdf_fonts, "subset_of", lambda file, glyphs: None)
-    picture, rendering = drawn(make_trials, formats=("pdf",))
-    (file,) = save(picture, tmp_path, "a", rendering)
-    (page,) = PdfReader(file).pages
-    assert "S-MPC" in page.extract_text()
 
 
 def test_what_matplotlib_warns_of_is_said_once_in_own_words(make_trials, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""SVG and PDF from one draw show what a draw of their own shows, and the small fonts of a PDF what whole ones show."""
+"""SVG and PDF from one draw show what a draw of their own shows; fonts of a PDF are small."""
 
 import io
 import re
@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
-from matplotlib.ft2font import FT2Font, LoadFlags
 from pypdf import PdfReader
 
 from rmpc_bench.figures.files import can_be_drawn_once, save, svg_of
-from rmpc_bench.figures.pdf_fonts import subset_of
 from rmpc_bench.figures.style import Rendering, style
 
+FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 BOTH = Rendering(formats=("svg", "pdf"))
 
 
@@ -89,37 +88,30 @@ def test_pictures_with_images_are_drawn_for_each_format():
         assert not can_be_drawn_once(figure)
 
 
-FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-FLAGS = LoadFlags.NO_SCALE | LoadFlags.NO_HINTING
+def test_fonts_of_a_pdf_have_the_outlines_of_their_letters_only(tmp_path):
+    """Oracle: the glyphs of a whole font."""
+    (file,) = save(picture(), tmp_path, "a", Rendering(formats=("pdf",)))
+    page = PdfReader(file).pages[0]
+    assert "upper end" in page.extract_text()
+    found = [each for font in page["/Resources"]["/Font"].values() for each in _files(font.get_object())]
+    assert len(found) >= 2
+    for name, data in found:
+        small = TTFont(io.BytesIO(data), lazy=False)
+        assert {"glyf", "head", "hhea", "hmtx", "loca", "maxp"} <= set(small.keys())
+        assert not {"fpgm", "GDEF", "GPOS", "GSUB"} & set(small.keys())
+        whole = TTFont(FONTS / f"{name}.ttf")
+        assert 1 < len(small.getGlyphOrder()) < 100 < len(whole.getGlyphOrder())
+        shared = {*small.getGlyphOrder()} & {*whole.getGlyphOrder()} - {".notdef"}
+        assert shared
+        for glyph in shared:
+            assert small["hmtx"][glyph] == whole["hmtx"][glyph]
+            outlines = [font["glyf"][glyph].getCoordinates(font["glyf"])[0] for font in (small, whole)]
+            assert list(outlines[0]) == list(outlines[1])
 
 
-@pytest.mark.parametrize("name", ["DejaVuSans", "DejaVuSans-Oblique", "STIXGeneral", "DejaVuSansMono", "cmr10"])
-def test_glyphs(name):
-    """Oracle: FreeType reads every glyph of the whole font; accented letters consist of others."""
-    file = FONTS / f"{name}.ttf"
-    font = FT2Font(file)
-    letters = font.get_charmap()
-    accented = {letters[code] for code in map(ord, "aäÄgé−0.5[]αµ") if code in letters}
-    glyphs = accented | set(list(letters.values())[:300])
-    data, index = subset_of(str(file), glyphs)
-    assert set(index) == glyphs and len(data) < file.stat().st_size
-    small = FT2Font(io.BytesIO(data))
-    for glyph in glyphs:
-        expected = font.load_glyph(glyph, flags=FLAGS)
-        path = font.get_path()
-        found = small.load_glyph(index[glyph], flags=FLAGS)
-        assert found.horiAdvance == expected.horiAdvance and found.bbox == expected.bbox
-        assert all(np.array_equal(one, other) for one, other in zip(small.get_path(), path, strict=True))
-
-
-def test_tables(tmp_path):
-    data, index = subset_of(str(FONTS / "DejaVuSans.ttf"), {36, 37, 200})
-    font = TTFont(io.BytesIO(data), checkChecksums=2, lazy=False)
-    assert {"glyf", "head", "hhea", "hmtx", "loca", "maxp"} <= set(font.keys()) and "fpgm" not in font
-    assert font["maxp"].numGlyphs == len(font.getGlyphOrder()) >= 4
-    assert all(not getattr(glyph, "program", None) for glyph in map(font["glyf"].__getitem__, font.getGlyphOrder()))
-    assert sorted(index) == [36, 37, 200]
-    file = tmp_path / "a.otf"
-    for head in (b"OTTO", b"\x00\x01\x00\x00"):
-        file.write_bytes(head + bytes(100))
-        assert subset_of(str(file), {1}) is None
+def _files(font):
+    """Yield name and bytes of the file of a font of a PDF."""
+    for each in font.get("/DescendantFonts", [font]):
+        descriptor = each.get_object().get("/FontDescriptor", {}).get_object()
+        if "/FontFile2" in descriptor:
+            yield descriptor["/FontName"].rpartition("+")[2].lstrip("/"), descriptor["/FontFile2"].get_data()
