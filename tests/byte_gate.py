@@ -5,8 +5,9 @@
 
 The results of a commit stay in build/bytes/<commit> and are not computed again.  Files are equal if their bytes are.
 Left out are times, git state and directory in manifest.json, measured times in tables and sentences, and notes on the
-screen that come when something takes long.  Rows of trials.sqlite are
-compared by the keys of methods and columns: their numbers are given in the order in which blocks arrive.
+screen that come when something takes long.  Rows of trials.sqlite are compared by the keys of methods and columns:
+their numbers are given in the order in which blocks arrive.  PDF files are compared by their texts and sizes, for the
+version of fontTools decides the bytes of their fonts; the SVG file of the same draw is compared byte by byte.
 """
 
 import json
@@ -18,6 +19,8 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+from pypdf import PdfReader
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "bytes"
@@ -111,6 +114,8 @@ def content(path, place):
         return rows(path)
     if path.name == "manifest.json":
         return without(json.loads(path.read_text(encoding="utf-8")), OF_THE_RUN)
+    if path.suffix == ".pdf":
+        return "\n".join(f"{page.mediabox} {page.extract_text()}" for page in PdfReader(path).pages)
     text = path.read_bytes().replace(str(place).encode(), b"DIRECTORY")
     return TIMINGS.sub(b"", DURATION.sub(b"", text))
 
