@@ -31,7 +31,7 @@ dist-check: setup  ## install the wheel into fresh environments of every Python 
 	PYTHONPATH=tests $(BIN)/python -m dist_check
 
 smoke: setup  ## run every configuration at its small size (or CONFIGS='FILE ..'); those without their libraries are named and skipped
-	@for config in $(or $(CONFIGS),$$(find configs -name '*.yaml' | sort)); do $(BIN)/rmpc-bench run $$config --smoke --fresh --if-installed || exit; done
+	@printf '%s\n' $(or $(CONFIGS),$$(find configs -name '*.yaml' | sort)) | xargs -n 1 -P $$(getconf _NPROCESSORS_ONLN) $(BIN)/rmpc-bench run --smoke --fresh --if-installed
 
 site: setup  ## write the pages of all stored experiments and their index into results/site
 	$(BIN)/rmpc-bench report $$(find results -name trials.sqlite -o -name claims.json | grep -v -e /site/ -e /smoke/ -e '~' -e '\.2' | xargs -n 1 dirname | sort -u) --to results/site
