@@ -186,11 +186,10 @@ def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, 
 def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels) -> Comparison:
     is_primary = info == trials.primary_info and trials.with_verdicts
     level = of.held if is_primary else of.plain
-    failure_level = of.failures if is_primary else of.plain
     averages, scores = _averages(trials, pairs), pairs.scores
     won, lost, tied = _counts(scores)
     intervals = _intervals(trials, averages, level)
-    failed = shares_interval(*pairs.failed, len(scores), failure_level)
+    failed = shares_interval(*pairs.failed, len(scores), of.failures if is_primary else of.plain)
     word, planning = "", {}
     if is_primary:
         failures = None

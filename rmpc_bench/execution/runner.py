@@ -78,11 +78,9 @@ def compute(
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
                 engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
+            if tasks or not file.is_up_to_date():
                 with file:
-                    blocks = _compute(config, store, tasks, engine, progress, file, stopping)
-            elif not file.is_up_to_date():
-                with file:
-                    pass
+                    blocks = _compute(config, store, tasks, engine, progress, file, stopping) if tasks else {}
             # Workers of dask may be other machines.
             is_here = (means.engine or config.execution.engine) != "dask"
             check_shared(config, store, trials, blocks if is_here else {}, first)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -121,6 +121,13 @@ def _check_ranges(relevant: float | None, confidence: float | None) -> None:
         raise DesignError(f"must be at least 0 and below 1 (got {relevant:g})", "relevant")
 
 
+def _check_names(given: Sequence[tuple[str, str]], known: Collection[str]) -> None:
+    """Refuse the first name, with its argument, that is not known."""
+    for argument, name in given:
+        if name not in known:
+            raise DesignError(f"{name!r} is unknown (known: {', '.join(known)})", argument)
+
+
 def comparison_table(
     trials: Trials,
     *,
@@ -134,13 +141,8 @@ def comparison_table(
     _check_ranges(relevant, confidence)
     infos = {info.name: info for info in trials.metrics}
     chosen = trials.baseline if baseline is None else baseline
-    for key, name, known in [
-        ("metric", metric, infos),
-        ("baseline", chosen, trials.methods),
-        *(("methods", name, trials.methods) for name in methods or ()),
-    ]:
-        if name is not None and name not in known:
-            raise DesignError(f"{name!r} is unknown (known: {', '.join(known)})", key)
+    _check_names([] if metric is None else [("metric", metric)], infos)
+    _check_names([("baseline", chosen), *(("methods", name) for name in methods or ())], trials.methods)
     shown = trials.methods if methods is None else (chosen, *(name for name in methods if name != chosen))
     points = [
         replace(
