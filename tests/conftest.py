@@ -34,8 +34,12 @@ PARTS = ("models", "estimators", "controllers", "simulation", "noise", "metrics"
 FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
 CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
-ALL = os.environ.get("RMPC_BENCH_TESTS") == "all"
-"""Shapes are checked, and no test is left to `.ci/run`."""
+PARTS = {"all": 1, "half": 2}.get(os.environ.get("RMPC_BENCH_TESTS", ""), 5)
+"""From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
+TURN = int(os.environ.get("RMPC_BENCH_TURN", "0")) % PARTS
+"""Which of them: `.ci/run` counts commits, so that two changes after each other run all cases."""
+ALL = PARTS < 5
+"""Shapes are checked, and no other test is left to `.ci/run`."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "beartype.beartype")
@@ -48,7 +52,7 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 WIDE = 20
-"""From so many cases of a function on every fifth one runs, unless ALL or a file of tests is named."""
+"""Number of cases from which on a function has many."""
 FOR_CI = ("page", "kill")
 """Marks of tests that take long and are left out in the same way."""
 
@@ -107,13 +111,15 @@ def pytest_collect_file(file_path):
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
-    if ALL or any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
+    if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
-    marks = [mark for mark in FOR_CI if mark not in config.option.markexpr]
+    marks = [mark for mark in FOR_CI if not ALL and mark not in config.option.markexpr]
     cases = defaultdict(list)
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item)
-    left_out = {item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if i % 5}
+    left_out = {
+        item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if i % PARTS != TURN
+    }
     left_out |= {item for item in items if any(map(item.get_closest_marker, marks))}
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]
