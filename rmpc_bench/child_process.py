@@ -45,6 +45,14 @@ def held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def signal_name(number: int) -> str:
+    """Return the name of a signal; those for own use of programs have none."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
 def start(
     module: str,
     stdin: int,

@@ -73,6 +73,9 @@ def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
         draft.left_out.append(f"{problem.path}: {problem.message}")
     for (section, key), names in gone.items():
         values = draft.values[section]
+        if values is None:
+            # Another key of the section is invalid, which is an error.
+            continue
         given = getattr(values, key)
         kept = [name for name in ([given] if isinstance(given, str) else given) if name not in names]
         # Without any entry of its own, a list under `report` shows everything.

@@ -220,7 +220,7 @@ class TaskQueue:
     def part(self, pairs: Collection[Pair]) -> TaskQueue:
         """Hand out all tasks of some methods, given with the numbers of their points, as a queue of their own."""
         chosen = [entry for entry in self._ranges if (entry[2].point, entry[2].method) in pairs]
-        self._ranges = [entry for entry in self._ranges if entry not in chosen]
+        self._ranges = [entry for entry in self._ranges if (entry[2].point, entry[2].method) not in pairs]
         heapq.heapify(self._ranges)
         for *_, task in chosen:
             self._left[task.point, task.method] -= len(task.runs)

@@ -143,6 +143,8 @@ class KeptPools:
         return own
 
     def _end_when_idle(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
         self._timer = threading.Timer(IDLE, self._close_idle)
         self._timer.daemon = True
         self._timer.start()

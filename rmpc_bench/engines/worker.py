@@ -95,7 +95,9 @@ def _limit_memory(limits: Limits) -> str:
             least = (used + LEAST_FREE) / 1e6
             return f"execution.memory is {limits.memory_text}; a worker process needs {least:.0f} MB at least"
         # Not RLIMIT_AS: libraries reserve address space that they never use.
-        resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        least = limits.memory if hard == resource.RLIM_INFINITY else min(limits.memory, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (least, hard))
     else:
         threading.Thread(target=_follow_memory, args=(limits.memory,), daemon=True).start()
     return ""

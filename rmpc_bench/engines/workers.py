@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from rmpc_bench.child_process import Idleness, held, is_stopped, start
+from rmpc_bench.child_process import Idleness, held, is_stopped, signal_name, start
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.engines.watch import SIZE, Limits, SharedWatch
 from rmpc_bench.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
@@ -235,7 +235,7 @@ class WorkerProcess:
         if code == OUT_OF_MEMORY:
             return End(f"the worker process ran out of memory (execution.memory: {self._limits.memory_text})")
         if code < 0:
-            return End(f"the worker process was ended by {signal.Signals(-code).name}", outside=-code in DISTURBED)
+            return End(f"the worker process was ended by {signal_name(-code)}", outside=-code in DISTURBED)
         return End(f"the worker process ended with exit code {code}")
 
     def kill(self) -> None:

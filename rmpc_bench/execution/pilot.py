@@ -229,8 +229,9 @@ def _points(config: ExperimentConfig) -> ExperimentConfig:
 
 
 def _with_runs(config: ExperimentConfig, n_runs: int) -> ExperimentConfig:
+    """Return an experiment with so many runs; a stopping rule would ask for more of them."""
     points = tuple(replace(point, experiment=replace(point.experiment, n_runs=n_runs)) for point in config.points)
-    return replace(config, points=points)
+    return replace(config, points=points, stop=None)
 
 
 def enlarged(results: Results, n_runs: int) -> Results:

@@ -14,7 +14,7 @@ import platform
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.engines.tasks import Done
+from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.received.plain_files import PROGRESS, DamagedError, json_of
 from rmpc_bench.replaced_file import replace_text
@@ -181,7 +181,10 @@ class Following:
 
 
 class ProgressFile(Following):
-    """Writes progress.json of the trials of an experiment: those in the store, and `n_left` that are to be computed."""
+    """Writes progress.json of the trials of an experiment: those in the store, and `n_left` that are to be computed.
+
+    Stored runs of `tasks` are computed again and count then.
+    """
 
     def __init__(
         self,
@@ -191,6 +194,7 @@ class ProgressFile(Following):
         store: Store,
         *,
         n_left: int,
+        tasks: Sequence[Task] = (),
         shard: Shard | None = None,
         every: float = EVERY,
     ) -> None:
@@ -198,6 +202,7 @@ class ProgressFile(Following):
         super().__init__(directory, extent, runs, shard, total=total, done=total - n_left, every=every)
         self._store, self._failed, self._means = store, Counter[str](), dict[tuple[int, str], RunningMean]()
         self._columns = {(column.point, column.method): column for column in extent.columns}
+        self._tasks = tasks
 
     def is_up_to_date(self) -> bool:
         """Whether the file of an earlier session says that all trials are stored, as they are."""
@@ -211,7 +216,8 @@ class ProgressFile(Following):
         """Count what earlier sessions have stored."""
         for column in self._extent.columns:
             runs, status = self._store.statuses(column.key, self._runs.stop)
-            inside = runs >= self._runs.start
+            own = [task.runs for task in self._tasks if (task.point, task.method) == (column.point, column.method)]
+            inside = (runs >= self._runs.start) & ~np.isin(runs, np.concatenate([np.empty(0, dtype=int), *own]))
             if column.metric is not None and np.any(inside):
                 values = self._store.values(column.key, column.metric, runs[inside])
                 self._add(column, status[inside], values)

@@ -73,7 +73,7 @@ def compute(
             _say_other_code(config, store, methods, progress)
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)
-            file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, shard=shard)
+            file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, tasks=tasks, shard=shard)
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
@@ -172,7 +172,7 @@ def _compute(
     warm_up_tasks(experiments, tasks if stopping is None else stopping.kinds(), progress)
     running, blocks = running_comparison(config), dict[Pair, range]()
     if file.done:
-        add_stored(running, config, store)
+        add_stored(running, config, store, tasks)
     progress.start(config.name, file.total, file.done, running)
     try:
         with closing(stored_blocks(config, store, tasks, engine)) as results:

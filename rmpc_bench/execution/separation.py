@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.child_process import end_with, start
+from rmpc_bench.child_process import end_with, signal_name, start
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.config.build import build
@@ -146,7 +145,7 @@ def _in_a_new_process(call: tuple[Any, ...]) -> Any:
             process.kill()
     code = process.returncode
     if not answer:
-        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        how = f"signal {signal_name(-code)}" if code < 0 else f"exit code {code}"
         raise WorkerError(f"{_ONLY}: died {how}")
     return pickle.loads(answer)
 

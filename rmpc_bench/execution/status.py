@@ -309,7 +309,7 @@ def _state_text(shard: ShardStatus) -> str:
 def _next_lines(status: ExperimentStatus) -> list[str]:
     """Say which command continues, where something is missing and not only waits for other jobs."""
     states, run = {shard.state for shard in status.shards}, "`rmpc-bench run CONFIG"
-    output = f"-o {status.directory}"
+    output = f"-o {quote(str(status.directory))}"
     if not any(shard.name for shard in status.shards):
         return [] if states <= {RUNNING, FINISHED} else ["", "the same `rmpc-bench run` command continues"]
     if states == {FINISHED}:

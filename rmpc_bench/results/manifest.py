@@ -65,7 +65,7 @@ class Session:
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
         }
-        self._write()
+        _write(self._path, self._data)
         return self
 
     def __exit__(
@@ -73,10 +73,9 @@ class Session:
     ) -> None:
         """Note the end and its reason."""
         self._data["sessions"][-1] |= {"stop": _now(), "why": "finished" if kind is None else kind.__name__}
-        self._write()
-
-    def _write(self) -> None:
-        _write(self._path, self._data)
+        # A report that another process has written meanwhile has noted its looks and its way.
+        now = read(self._path.parent)
+        _write(self._path, self._data | {key: now[key] for key in ("looks", "report") if key in now})
 
 
 def read(directory: Path) -> dict[str, Any]:
@@ -140,7 +139,7 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
     _write(directory / FILE, {**first, **here, "looks": looks_of_manifest(directory), "sessions": [*own, *of_shards]})
     found: dict[str, dict[str, list[str]]] = {}
-    for name, part in parts.items():
+    for name, part in (({"the directory": here} if own else {}) | parts).items():
         for library, text in (part.get("versions", {}) | part.get("libraries", {})).items():
             found.setdefault(library, {}).setdefault(text, []).append(name)
     return [

@@ -19,7 +19,7 @@ from rmpc_bench.types import Array, MetricInfo, Status
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.engines.tasks import Done
+    from rmpc_bench.engines.tasks import Done, Task
     from rmpc_bench.store.store import Store
 
 
@@ -147,8 +147,11 @@ def add_done(running: RunningComparison, config: ExperimentConfig, done: Done) -
     running.add(key, done.task.first, done.block.metrics[place], done.block.status)
 
 
-def add_stored(running: RunningComparison, config: ExperimentConfig, store: Store) -> None:
-    """Add the runs that are stored already."""
+def add_stored(running: RunningComparison, config: ExperimentConfig, store: Store, tasks: Sequence[Task] = ()) -> None:
+    """Add the runs that are stored already, without those of `tasks`, which are computed again."""
+    again = {config.points[task.point].method_keys[task.method]: set[int]() for task in tasks}
+    for task in tasks:
+        again[config.points[task.point].method_keys[task.method]].update(task.runs)
     metrics = {key: point.metric_keys[config.primary] for point in config.points for key in point.method_keys.values()}
     words = {status.word: int(status) for status in Status}
     for key, metric in metrics.items():
@@ -157,7 +160,7 @@ def add_stored(running: RunningComparison, config: ExperimentConfig, store: Stor
         values = np.asarray(store.values(key, metric, stored), dtype=float)
         status = np.array([words[str(word)] for word in statuses], dtype=np.int8)
         # A run without this metric is computed again.
-        known = ~np.isnan(values) | (status != Status.OK)
+        known = (~np.isnan(values) | (status != Status.OK)) & ~np.isin(runs, [*again.get(key, ())])
         runs, values, status = runs[known], values[known], status[known]
         ends = [0, *(np.flatnonzero(np.diff(runs) != 1) + 1), len(runs)]
         for low, high in pairwise(ends):

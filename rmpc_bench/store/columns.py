@@ -51,8 +51,9 @@ class Columns:
             data = np.full(SIZE, _NONE[column.kind], dtype=_TYPES[column.kind])
             query = "SELECT stored, data FROM chunks WHERE column = ? AND number = ?"
             for mask, packed in self.file.read(query, (number, group)):
-                before, there = _unpacked(mask, packed, column.kind)
-                stored[: len(before)], data[: len(there)] = before, there
+                with decoded(self.file.directory):
+                    before, there = _unpacked(mask, packed, column.kind)
+                    stored[: len(before)], data[: len(there)] = before, there
             inside = groups == group
             at = runs[inside] - group * SIZE
             stored[at], data[at] = True, values[inside]

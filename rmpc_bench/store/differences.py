@@ -48,7 +48,7 @@ def _files(hashes: list[str], names: Names) -> dict[str, str]:
 
 def differences(before: Any, after: Any, names: Names, path: str = "") -> list[str]:
     """Say where the settings of stored trials and those of the configuration differ, a line each."""
-    if path.rpartition(".")[2] == "code":
+    if path == "code":
         found = changes(before or {}, after or {}, names)
         stored = (before or {}).get("sources", {})
         folders = {

@@ -34,6 +34,12 @@ def path(tmp_path):
     )
 
 
+def test_an_invalid_section_with_an_entry_that_is_left_out_is_an_error(tmp_path):
+    path = write(tmp_path, report="{order: [S-MPC, NOPE], width: 1000in}")
+    with pytest.raises(ConfigError, match="report: the width"):
+        load_config(path, overrides=["runs=3"])
+
+
 @pytest.mark.parametrize(
     ("override", "n_claims", "n_figures", "named"),
     [

@@ -177,3 +177,8 @@ def test_numbers_of_the_toy():
     """The comparisons above would be worth nothing if the runs were equal."""
     assert len({values[0] for values in serial_results(60)}) == 60 and STEPS > 1
     assert np.isfinite([values[0] for values in serial_results(60)]).all() and issubclass(Misbehaving, Halfway)
+
+
+def test_a_signal_without_a_name():
+    """Real-time signals have only numbers."""
+    assert child_process.signal_name(signal.SIGSEGV) == "SIGSEGV" and child_process.signal_name(36) == "signal 36"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_experiment import cli, ran, write
 
-from rmpc_bench import load_results
-from rmpc_bench.execution.pilot import Pilot, PilotError, enlarged, measure, runs_of_shard
+from rmpc_bench import load_config, load_results, run
+from rmpc_bench.execution.pilot import Pilot, PilotError, _with_runs, enlarged, measure, runs_of_shard
 
 MADE = Pilot(n_runs=1000, n_pilot=30, start=2.0, per_run=0.1, report=4.0, megabytes=200.0)
 
@@ -54,6 +54,13 @@ def test_the_memory_is_not_that_of_the_process_that_asks():
     code = "from rmpc_bench.execution.pilot import _megabytes; print(_megabytes())"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert here.nbytes > 5e8 and 10 < float(found.stdout) < 400
+
+
+def test_a_pilot_of_a_stopping_rule_ends(tmp_path):
+    """The rule asks for 20 runs, of which a pilot of 2 would never have enough."""
+    config = load_config(write(tmp_path, stop="{resolve: 50%, min_runs: 5, max_runs: 20}"))
+    results = run(_with_runs(config, 2), directory=tmp_path / "out", jobs=1)
+    assert config.stop is not None and len(results.trials.runs) == 2
 
 
 def test_a_pilot_that_fails_is_said(tmp_path):

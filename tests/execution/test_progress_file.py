@@ -75,6 +75,14 @@ def test_the_file_of_a_finished_run(tmp_path):
     assert text.startswith("tiny   12 of 12 trials (100 %), 0 failed") and "finished" in text
 
 
+def test_runs_that_are_computed_again_count_once(tmp_path):
+    out = tmp_path / "out"
+    ran(write(tmp_path, metrics="[mse]"), out)
+    ran(write(tmp_path), out)
+    data = progress_file.read(out)
+    assert (data["done"], data["total"]) == (12, 12) and [each["n"] for each in data["means"]] == [6, 6]
+
+
 def test_a_run_with_nothing_to_do_leaves_the_file(tmp_path):
     path, out = write(tmp_path), tmp_path / "out"
     ran(path, out)

@@ -47,6 +47,15 @@ def test_what_is_noted(tmp_path, config):
     assert [path.name for path in tmp_path.glob("manifest*")] == ["manifest.json"]
 
 
+def test_a_look_during_a_session_is_kept(tmp_path, config):
+    with Session(tmp_path, config, [], print):
+        manifest.note_look(tmp_path, 200)
+        manifest.note_report(tmp_path, {"place": "x"})
+    data = manifest.read(tmp_path)
+    assert data["looks"] == [200] and data["report"] == {"place": "x"}
+    assert data["sessions"][-1]["why"] == "finished"
+
+
 def test_commit_of_the_configuration(tmp_path, config):
     """Outside a repository there is none; inside, the commit and whether it is all."""
     assert set(commit_of(tmp_path / "nowhere") or {}) <= {"commit", "dirty"}

@@ -6,7 +6,7 @@ import sqlite3
 import numpy as np
 import pytest
 
-from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.plain_files import DamagedError, StoreError
 from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
@@ -185,6 +185,17 @@ def test_a_full_disk(tmp_path):
         store.file.connection.execute("PRAGMA max_page_count = 100000")
         add(store, range(10, 5000))
         assert store.finished("m", ["q"]).tolist() == [*range(5000)]
+
+
+def test_a_damaged_chunk_is_damage_where_runs_are_added(store):
+    add(store, [0, 1])
+    store.file.connection.execute("UPDATE chunks SET data = x'00'")
+    with pytest.raises(DamagedError):
+        add(store, [2])
+
+
+def test_a_parameter_with_the_name_of_the_hashes_is_a_setting():
+    assert differences({"plant": {"code": 1}}, {"plant": {"code": 2}}, {}) == ["plant.code: there 1, here 2"]
 
 
 def test_differences_of_equal_trees():
