@@ -34,12 +34,13 @@ PARTS = ("models", "estimators", "controllers", "simulation", "noise", "metrics"
 FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
 CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide")]
-PARTS = {"all": 1, "half": 2}.get(os.environ.get("RMPC_BENCH_TESTS", ""), 5)
+TESTS = os.environ.get("RMPC_BENCH_TESTS", "")
+ALL = TESTS in ("all", "ci")
+"""Shapes are checked, and no mark is left to `.ci/run`."""
+PARTS = 1 if TESTS == "all" else 5
 """From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
-TURN = int(os.environ.get("RMPC_BENCH_TURN", "0")) % PARTS
-"""Which of them: `.ci/run` counts commits, so that two changes after each other run all cases."""
-ALL = PARTS < 5
-"""Shapes are checked, and no other test is left to `.ci/run`."""
+TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
+"""Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and two all pages."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
     jaxtyping.install_import_hook(CHECKED, "beartype.beartype")
@@ -54,7 +55,7 @@ import pytest  # noqa: E402
 WIDE = 20
 """Number of cases from which on a function has many."""
 FOR_CI = ("page", "kill")
-"""Marks of tests that take long and are left out in the same way."""
+"""Marks of tests that take long: `.ci/run` runs every second one, `make test` none."""
 
 EXACT = {"rtol": 0.0, "atol": 0.0}
 """Bit for bit, as np.testing.assert_array_equal."""
@@ -113,14 +114,15 @@ def pytest_collection_modifyitems(config, items):
     """Leave to `.ci/run` what `FOR_CI` and `WIDE` say; a named file and a mark of ``-m`` run as they stand."""
     if any(Path(arg.partition("::")[0]).name.startswith("test_") for arg in config.args):
         return
-    marks = [mark for mark in FOR_CI if not ALL and mark not in config.option.markexpr]
+    marks = [mark for mark in FOR_CI if mark not in config.option.markexpr]
     cases = defaultdict(list)
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item)
     left_out = {
-        item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if i % PARTS != TURN
+        item for each in cases.values() if len(each) >= WIDE for i, item in enumerate(each) if (i - TURN) % PARTS
     }
-    left_out |= {item for item in items if any(map(item.get_closest_marker, marks))}
+    marked = [item for item in items if any(map(item.get_closest_marker, marks))]
+    left_out |= set() if TESTS == "all" else {each for i, each in enumerate(marked) if not ALL or (i - TURN) % 2}
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]
 
