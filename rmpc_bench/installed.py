@@ -1,4 +1,4 @@
-"""Components of installed packages, from entry points of the groups ``rmpc_bench.plants``, ``rmpc_bench.estimators``...
+"""Installed packages: their versions, and their components, from entry points of groups such as ``rmpc_bench.plants``.
 
 A component is loaded when a configuration uses it.  A package that cannot be loaded is an error of the configuration
 that uses it, and of no other command.

@@ -2,9 +2,9 @@
 
 Whether arguments and result agree with their annotations follows from their classes, of arrays from dtype and shape.
 A function that has met a combination and passed is not checked again for it: a check takes far longer than most steps.
-What does not follow from classes (lists, dictionaries, literals, objects of other libraries) is checked every time.
-A function that a process has called `ALWAYS` times is checked at every `EVERY`-th call from then on: its calls are
-those of a loop over steps, and a look at their classes takes as long as a small step.
+What does not follow from classes (lists, dictionaries, literals, objects of other libraries) is checked at every call.
+After `ALWAYS` calls of a function in a process only every `EVERY`-th one is looked at: these are calls of a loop over
+steps, and a look at their classes takes as long as a small step.
 """
 
 import functools
