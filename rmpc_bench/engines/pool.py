@@ -72,10 +72,7 @@ class Pool:
         """Start workers, each in place of an earlier one with its number."""
         for number in numbers:
             log = self._log(number)
-            self._workers[number] = WorkerProcess(self._limits, log, self._patience)
-        # A worker reads its experiments after its imports, which all of them do at the same time.
-        for number in numbers:
-            self._workers[number].load(self._data)
+            self._workers[number] = WorkerProcess(self._data, self._limits, log, self._patience)
             # `cancel` of another thread may have seen those before them only.
             if self._cancelled:
                 self._workers[number].kill()

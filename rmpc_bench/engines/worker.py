@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import pickle
 import resource
 import signal
 import stat
@@ -35,7 +36,7 @@ LEAST_FREE = 50_000_000
 """Memory that a limit must leave beyond what a worker has before its first run [bytes]."""
 
 
-def main(connection: int, watch: int, trace: int, parent: int) -> None:
+def main(connection: int, experiments: int, watch: int, trace: int, parent: int) -> None:
     """Work until the parent closes the connection; nothing after this returns to the caller's clean-up."""
     # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -47,15 +48,16 @@ def main(connection: int, watch: int, trace: int, parent: int) -> None:
         os.register_at_fork(after_in_child=shared.detach)
     faulthandler.enable(trace, all_threads=False)
     faulthandler.register(DUMP_TRACE, trace, all_threads=False)
-    _work(Connection(connection), shared)
+    with os.fdopen(experiments, "rb") as file:
+        data, limits = pickle.load(file)
+    _work(Connection(connection), data, limits, shared)
     # Threads and exit handlers of components must not keep the process.
     os._exit(0)
 
 
-def _work(connection: Connection, watch: SharedWatch) -> None:
+def _work(connection: Connection, data: bytes, limits: Limits, watch: SharedWatch) -> None:
     """Load the experiments and do tasks until the connection is closed."""
     try:
-        data, limits = connection.recv()
         watch.has_limits = limits.timed
         # The returned context is not entered, so that the limit stays for the life of the worker.
         single_thread()

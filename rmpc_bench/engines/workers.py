@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import tempfile
@@ -107,12 +108,13 @@ class WorkerProcess:
 
     Parameters
     ----------
+    data : experiments as bytes
     limits : of time and memory
     log : file that gets the output of components; None for the parent's own streams
     patience : time without any computing after which the process is replaced [s]
     """
 
-    def __init__(self, limits: Limits, log: Path | None, patience: float = HUNG) -> None:
+    def __init__(self, data: bytes, limits: Limits, log: Path | None, patience: float = HUNG) -> None:
         self.jobs: deque[Job] = deque()
         self.loaded = False
         self._limits, self._patience = limits, patience
@@ -120,14 +122,18 @@ class WorkerProcess:
         self._killed: End | None = None
         # When the computation that was asked to end began, when it was asked, and when the last known one began.
         self._late_since, self._asked, self._progress = 0.0, 0.0, 0.0
-        with tempfile.TemporaryFile(buffering=0) as file:
+        # The process reads its experiments from a file: sending them would wait until the process takes them, and one
+        # that is stopped while it starts never does.
+        with tempfile.TemporaryFile(buffering=0) as file, tempfile.TemporaryFile() as experiments:
             file.truncate(SIZE)
+            pickle.dump((data, limits), experiments)
+            experiments.seek(0)
             self._watch = SharedWatch(file)
             self._trace = tempfile.TemporaryFile()
             self.connection, child = Pipe()
             # An interruption between the start and the assignment would leave a process that nobody ends.
             with held(), child:
-                self._process = _started(child, file.fileno(), self._trace.fileno(), log)
+                self._process = _started(child, experiments.fileno(), file.fileno(), self._trace.fileno(), log)
         self._idle, self._checked, self._stopped = Idleness(self._process.pid), time.monotonic(), 0.0
 
     @property
@@ -135,18 +141,11 @@ class WorkerProcess:
         """Number of the process."""
         return self._process.pid
 
-    def load(self, data: bytes) -> None:
-        """Send the experiments, which the process reads once it has started."""
-        self._send((data, self._limits))
-
     def give(self, job: Job) -> None:
         """Send a job."""
         self.jobs.append(job)
-        self._send((job.task, job.alone))
-
-    def _send(self, message: Any) -> None:
         try:
-            self.connection.send(message)
+            self.connection.send((job.task, job.alone))
         except ConnectionError:
             # The process has ended; `receive` reports that.
             pass
@@ -251,12 +250,12 @@ class WorkerProcess:
         self._trace.close()
 
 
-def _started(child: Connection, watch: int, trace: int, log: Path | None) -> subprocess.Popen[bytes]:
-    """Start the process."""
-    connection = child.fileno()
-    given = {"connection": connection, "watch": watch, "trace": trace, "parent": os.getpid()}
+def _started(child: Connection, experiments: int, watch: int, trace: int, log: Path | None) -> subprocess.Popen[bytes]:
+    """Start the process, which keeps some open files."""
+    files = {"connection": child.fileno(), "experiments": experiments, "watch": watch, "trace": trace}
+    given = {**files, "parent": os.getpid()}
     with nullcontext() if log is None else _appended(log) as output:
-        return start(MODULE, subprocess.DEVNULL, output, output, given=given, inherited=(connection, watch, trace))
+        return start(MODULE, subprocess.DEVNULL, output, output, given=given, inherited=files.values())
 
 
 def _appended(log: Path) -> IO[bytes]:

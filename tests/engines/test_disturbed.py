@@ -94,6 +94,28 @@ def test_a_worker_that_is_killed_or_stopped(tmp_path, monkeypatch):
     assert with_command(WORKER) == []
 
 
+@pytest.mark.kill
+def test_a_worker_that_is_stopped_while_it_starts(monkeypatch):
+    """Nobody waits for it, however large the experiments are that it would have read; another one takes its place."""
+    monkeypatch.setattr(workers, "STOPPED", 0.5)
+    start, started, notes = workers.start, [], []
+
+    def stopped_at_first(*arguments, **keys):
+        started.append(start(*arguments, **keys))
+        if len(started) == 1:
+            os.kill(started[0].pid, signal.SIGSTOP)
+        return started[-1]
+
+    monkeypatch.setattr(workers, "start", stopped_at_first)
+    estimator = Halfway()
+    # More than a pipe takes before somebody reads.
+    estimator.data = bytes(4_000_000)
+    made = made_of(estimator, 4)
+    dones = processes([made], queue_of(made, 4), 1, note=lambda *each: notes.append(each))
+    assert results_of(dones, 4) == serial_results(4)
+    assert [end.message for _, end in notes] == ["the worker process was stopped"] and len(started) == 2
+
+
 class HangsOnce(Halfway):
     """Waits without end the first time that it is called."""
 
