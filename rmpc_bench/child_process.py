@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,18 +31,40 @@ QUIET = 0.02
 """A process that uses less time of the processor between two looks does not compute [s]."""
 BETWEEN = 2.0
 """Time between two looks [s]."""
+_DELAYED = frozenset({signal.SIGINT, signal.SIGTERM})
 _KILL_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of Linux."""
 
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM until the end of the block; processes that it starts inherit the delay."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    try:
+    """Delay Ctrl-C and SIGTERM until the end of the block; processes that it starts inherit the delay.
+
+    The mask of this thread is what they inherit.  It does not suffice here: the system gives a signal that the main
+    thread delays to another thread, and Python then calls the handler in the main thread nevertheless.  So the
+    handlers only note the signal meanwhile.  In another thread than the main one no handler runs; there only the mask
+    changes, and a SIGTERM without a handler ends the process as usual.
+    """
+    arrived = set[int]()
+    with ExitStack() as after:
+        after.callback(_raise_again, arrived)
+        if threading.current_thread() is threading.main_thread():
+            for number in _DELAYED:
+                # One that is ignored stays so: a process that the block starts inherits this.
+                if (handler := signal.getsignal(number)) not in (None, signal.SIG_IGN):
+                    after.callback(signal.signal, number, handler)
+                    signal.signal(number, lambda number, frame: arrived.add(number))
+        # Removed first: what this thread has delayed is noted before the handlers are put back.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _DELAYED)
+        after.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _raise_again(numbers: Collection[int]) -> None:
+    # The handler of one may raise an exception; the other comes all the same.
+    with ExitStack() as last:
+        for number in numbers:
+            last.callback(signal.raise_signal, number)
 
 
 def signal_name(number: int) -> str:
