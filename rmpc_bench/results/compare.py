@@ -73,13 +73,13 @@ def differing(a: Any, b: Any, path: str = "") -> list[Setting]:
     [Setting(path='seed', a='1', b='2')]
     >>> [text] = differing({"eps": {"low": -0.8, "high": 0.8}}, {"eps": {"low": -0.4, "high": 0.4}})
     >>> text
-    Setting(path='eps', a='+-80%', b='+-40%')
+    Setting(path='eps', a='+-0.8', b='+-0.4')
     """
     return _ranges(list(_leaves(a, b, path)))
 
 
 def _ranges(settings: Sequence[Setting]) -> list[Setting]:
-    """Write both ends of a range as one setting, +-40% where they are symmetric."""
+    """Write both ends of a range as one setting, +-0.4 where they are symmetric about 0."""
     known = {each.path: each for each in settings}
     found = []
     for each in settings:
@@ -97,7 +97,8 @@ def _range(low: str, high: str) -> str:
         ends = float(low), float(high)
     except ValueError:
         return f"{low} to {high}"
-    return f"+-{100 * ends[1]:g}%" if ends[0] == -ends[1] else f"{low} to {high}"
+    # Not in per cent: a quantity about 0 has its own unit, and may be no factor.
+    return f"+-{high}" if ends[0] == -ends[1] else f"{low} to {high}"
 
 
 def _leaves(a: Any, b: Any, path: str) -> Iterator[Setting]:

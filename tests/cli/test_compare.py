@@ -7,6 +7,7 @@ import pytest
 from small_experiment import cli, ran, write
 
 from rmpc_bench import compare_improvements, compare_results, load_results
+from rmpc_bench.results.compare import differing
 
 UNCERTAIN = "uncertainty={eps: +-40%}"
 
@@ -38,13 +39,21 @@ def test_differences_are_named_and_exit_with_1(directories):
     found = cli("compare", directories / "a", directories / "wide")
     assert found.exit_code == 1
     assert "\nThe verdicts are the same; " in found.stdout and "\nchange of the MSE against S-MPC\n" in found.stdout
-    assert " settings that differ:\n   uncertainty.eps: A +-20%, B +-40%\n" in found.stdout
+    assert " settings that differ:\n   uncertainty.eps: A +-0.2, B +-0.4\n" in found.stdout
     found = cli("compare", directories / "a", directories / "wide", "--values")
     assert found.exit_code == 1
-    assert "uncertainty.eps: A +-20%, B +-40%" in found.stdout
+    assert "uncertainty.eps: A +-0.2, B +-0.4" in found.stdout
     assert "options: A -, B -s 'uncertainty={eps: +-40%}'" in found.stdout
     assert "R-MPC mse: 6 of 6 runs; largest relative difference" in " ".join(found.stdout.split())
     assert cli("compare", directories / "a", directories / "wide", "--tol", "10").exit_code == 0
+
+
+def test_a_range_is_written_in_its_unit():
+    """A law from -2 to 2 is no 200 %: it may be a force; another range has both ends."""
+    laws = {"force": (-2, 2), "angle": (-0.25, 0.25), "mass": (0.5, 1)}
+    a, b = ({name: {"low": f * low, "high": f * high} for name, (low, high) in laws.items()} for f in (1, 2))
+    found = [(each.path, each.a, each.b) for each in differing(a, b)]
+    assert found == [("force", "+-2", "+-4"), ("angle", "+-0.25", "+-0.5"), ("mass", "0.5 to 1", "1.0 to 2")]
 
 
 def test_swept_values_are_settings(tmp_path):
@@ -108,7 +117,7 @@ def test_the_difference_of_two_improvements(directories):
     found = cli("compare", directories / "a", directories / "wide", "--of", "R-MPC")
     assert found.exit_code == 0, found.output
     line = " ".join(found.stdout.split())
-    assert " with uncertainty.eps = +-20% and " in line and " with uncertainty.eps = +-40%: " in line
+    assert " with uncertainty.eps = +-0.2 and " in line and " with uncertainty.eps = +-0.4: " in line
     assert "the difference of the improvements is " in line and "6 paired runs, 95 % intervals" in line
     # The claim names the mean.
     assert "ratios of the means" in line and "geometric mean of the paired ratios: " in found.stdout
