@@ -21,7 +21,7 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import FEW, NONE, Interval, mean_interval, student, welch, wilson
 from rmpc_bench.analysis.levels import held_level, unplanned_level
-from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, worst_finished
+from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, relative_change, worst_finished
 from rmpc_bench.analysis.shown_numbers import Estimate
 from rmpc_bench.analysis.superiority import runs_for_direction, runs_for_equivalence, shares_interval
 from rmpc_bench.analysis.trials import Trials
@@ -257,7 +257,7 @@ def _mean(values: Array, average: str, sample: _Sample) -> Estimate:
 
 
 def _per_cent(log_ratio: Estimate) -> Estimate:
-    return Estimate(*(100 * math.expm1(end) for end in log_ratio))
+    return Estimate(*(100 * relative_change(end) for end in log_ratio))
 
 
 def _interval(values: _Both, sample: _Sample, average: str, level: float) -> Interval:

@@ -16,6 +16,14 @@ from rmpc_bench.types import Array, MetricInfo
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
+_LARGEST_LOG = 700.0
+"""Logarithm from which on `relative_change` has no finite value."""
+
+
+def relative_change(log_ratio: float) -> float:
+    """Return the change, such as 0.1 for 10 %, that the logarithm of a ratio means; inf where it is too large."""
+    return math.inf if log_ratio >= _LARGEST_LOG else math.expm1(log_ratio)
+
 
 def distance_from_best(values: Array, direction: str) -> Array:
     """Return what is compared: the value, its size if 0 is best, max(value, 1/value) if 1 is best."""

@@ -9,13 +9,10 @@ import numpy as np
 
 from rmpc_bench.analysis.comparison import Comparison, compared, levels
 from rmpc_bench.analysis.intervals import FEW, skewness, skewness_error, student
-from rmpc_bench.analysis.pairs import Pairs
+from rmpc_bench.analysis.pairs import Pairs, relative_change
 from rmpc_bench.analysis.superiority import superiority_interval
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array
-
-_LARGEST_LOG = 700.0
-"""Logarithms above it are those of no number."""
 
 
 class HalfWidth(NamedTuple):
@@ -89,6 +86,6 @@ def _of_average(pairs: Pairs, row: Comparison) -> float:
         # A change of -100 % has no finite logarithm.
         low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
         half = (high - low) / 2
-        return math.expm1(half) if half < _LARGEST_LOG else math.inf
+        return math.inf if math.isnan(half) else relative_change(half)
     scale = pairs.scale()
     return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, student, wilson
-from rmpc_bench.analysis.pairs import distance_from_best, is_signed
+from rmpc_bench.analysis.pairs import distance_from_best, is_signed, relative_change
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.types import Array, MetricInfo
@@ -73,7 +73,7 @@ class Response(NamedTuple):
     def shown(self, value: float) -> float:
         """Return a mean response in the unit in which it is written: per cent, or the unit of the metric."""
         if self.kind == LOG_RATIO:
-            return 100 * math.expm1(value)
+            return 100 * relative_change(value)
         if self.kind == LOG:
             return math.exp(value)
         return 100 * value if self.kind in (SHARE, SHARE_DIFFERENCE) else value

@@ -29,7 +29,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, mixed_schedule, over_time, uncorrelated
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.noise_sets import NoiseSets
+from rmpc_bench.models.noise_sets import LEVEL, NoiseSets
 from rmpc_bench.numerics.ellipsoid import Criterion, intersection, sum_shapes
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
@@ -113,7 +113,7 @@ def design(
     P0: Float[Array, "nx nx"],
     M0: Float[Array, "nx nx"],
     inflate: bool = True,
-    level: Level = 0.95,
+    level: Level = LEVEL,
     update: Literal["linear", "maksarov-norton"] = "linear",
     criterion: Criterion = "trace",
     use_y0: bool = True,

@@ -55,7 +55,8 @@ TIE = 1e-13
 FAST, STILL_FAST = 45.0, 38.0
 NOTHING = 1e-250  # zero in the search for events: far below any rounding and far above underflow
 MOST_STRIDES = 60  # of the root search: one to ten are usual, sixty occur only close to a double zero
-# The closed loop stops such a run as `diverged`; larger values overflow here when squared.
+# That of simulation.state_range: the closed loop stops such a run as `diverged`; larger values overflow here when
+# squared.
 LARGEST = 1e100
 
 

@@ -34,7 +34,7 @@ from rmpc_bench.numerics.compiled import compiled, numba
 
 # Values of types.Status, which compiled code cannot read.
 OK, DIVERGED, OUT_OF_RANGE = 0, 1, 2
-# An input beyond this is not a number that can be squared.
+# That of simulation.state_range; numba's cache would not notice a change of a number in another file.
 LARGEST = 1e100
 # Positions in `shape`.
 N_STEPS, NX, NU, NY, NH, FORM, CORRECTS, DRIVEN, KEEPS_E, NW = range(10)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.analysis.pairs import distance_from_best
+from rmpc_bench.analysis.pairs import distance_from_best, relative_change
 from rmpc_bench.types import Array, MetricInfo, Status
 
 if TYPE_CHECKING:
@@ -27,8 +27,53 @@ _Part: TypeAlias = tuple[int, Array]
 """Index of the first run, and values of consecutive runs."""
 
 
-_LARGEST_LOG = 700.0
-"""Logarithms of ratios above it have no change in per cent."""
+class RunningMean(NamedTuple):
+    """Number, mean and sum of squared deviations of the finite values so far."""
+
+    n: int = 0
+    mean: float = 0.0
+    m2: float = 0.0
+    """Sum of (value - mean)^2."""
+    n_other: int = 0
+    """Values that are infinite or missing: an event that did not occur, or a failed run."""
+
+    @property
+    def se(self) -> float:
+        """Standard error of the mean; NaN with fewer than two values."""
+        return math.sqrt(self.m2 / (self.n - 1) / self.n) if self.n > 1 else math.nan
+
+    def interval(self, confidence: float) -> tuple[float, float]:
+        """Return the Student interval of the mean; NaN below two values."""
+        # scipy.stats takes half a second to import.
+        from scipy.special import stdtrit
+
+        if self.n < 2:
+            return math.nan, math.nan
+        reach = float(stdtrit(self.n - 1, (1 + confidence) / 2)) * self.se
+        return self.mean - reach, self.mean + reach
+
+    def joined(self, other: RunningMean) -> RunningMean:
+        """Return the record of both sets of values; no digits are lost where the mean is large."""
+        n, n_other = self.n + other.n, self.n_other + other.n_other
+        if not (self.n and other.n):
+            return (self if self.n else other)._replace(n_other=n_other)
+        difference = other.mean - self.mean
+        mean = self.mean + difference * other.n / n
+        m2 = self.m2 + other.m2 + difference * difference * self.n * other.n / n
+        return RunningMean(n, mean, m2, n_other)
+
+
+def mean_of(values: Array) -> RunningMean:
+    """Return the record of some values, of which inf and NaN are counted apart."""
+    finite = values[np.isfinite(values)]
+    n_other = len(values) - len(finite)
+    if not len(finite):
+        return RunningMean(n_other=n_other)
+    # A metric of a run that is nearly diverged may be so large that its square is not a number of the machine.
+    with np.errstate(over="ignore"):
+        mean = float(np.mean(finite))
+        m2 = float(np.sum((finite - mean) ** 2))
+    return RunningMean(len(finite), mean, m2, n_other)
 
 
 class Compared(NamedTuple):
@@ -125,9 +170,9 @@ class RunningComparison:
             kind, unit, sums, scale = "wins", "%", pair.scores, 100.0
         elif self.metric.direction != "zero" and not pair.n_not_positive:
             kind, unit, sums = "change", "%", pair.logs
-        ends = [sums.mean, *sums.interval(self._confidence)]
+        ends = [sums.mean if sums.n else math.nan, *sums.interval(self._confidence)]
         if kind == "change":
-            ends = [math.inf if end > _LARGEST_LOG else 100 * math.expm1(end) for end in ends]
+            ends = [100 * relative_change(end) for end in ends]
         value, low, high = (scale * end for end in ends)
         names = pair.point, pair.method, pair.baseline, self.metric.name
         return Compared(*names, sums.n, pair.n_failed, kind, value, low, high, unit)
@@ -168,45 +213,12 @@ def add_stored(running: RunningComparison, config: ExperimentConfig, store: Stor
                 running.add(key, int(runs[low]), values[low:high], status[low:high])
 
 
-class _Sums:
-    """Number, mean and sum of squared deviations."""
-
-    def __init__(self) -> None:
-        self.n, self._mean, self._squares = 0, 0.0, 0.0
-
-    def add(self, values: Array) -> None:
-        """Add values; the formula for two groups loses no digits where the mean is large."""
-        n, total = len(values), self.n + len(values)
-        if not n:
-            return
-        mean = float(values.mean())
-        step = mean - self._mean
-        self._squares += float(((values - mean) ** 2).sum()) + step**2 * self.n * n / total
-        self._mean += step * n / total
-        self.n = total
-
-    @property
-    def mean(self) -> float:
-        return self._mean if self.n else math.nan
-
-    def interval(self, confidence: float) -> tuple[float, float]:
-        """Return the Student interval of the mean; NaN below two values."""
-        # scipy.stats takes half a second to import.
-        from scipy.special import stdtrit
-
-        if self.n < 2:
-            return math.nan, math.nan
-        t = float(stdtrit(self.n - 1, (1 + confidence) / 2))
-        reach = t * math.sqrt(self._squares / (self.n - 1) / self.n)
-        return self._mean - reach, self._mean + reach
-
-
 class _Pair:
     """A method and its baseline: sums of the runs that both have, and the values that wait for their partner."""
 
     def __init__(self, point: str, method: str, baseline: str) -> None:
         self.point, self.method, self.baseline = point, method, baseline
-        self.logs, self.differences, self.scores = _Sums(), _Sums(), _Sums()
+        self.logs = self.differences = self.scores = RunningMean()
         self.n_failed = self.n_infinite = self.n_not_positive = 0
         self._waiting: tuple[list[_Part], list[_Part]] = ([], [])
 
@@ -214,7 +226,7 @@ class _Pair:
         """Add values of the method (side 0) or of the baseline (side 1)."""
         if not self.baseline:
             self.n_failed += int(np.isnan(values).sum())
-            self.differences.add(values[np.isfinite(values)])
+            self.differences = self.differences.joined(mean_of(values))
             return
         theirs, left, covered = self._waiting[1 - side], list[_Part](), list[tuple[int, int]]()
         for start, other in theirs:
@@ -237,56 +249,17 @@ class _Pair:
         self.n_failed += int((failed_a | failed_b).sum())
         worse, better = (a < b, a > b) if higher else (a > b, a < b)
         won = (better | (failed_b & ~failed_a)).astype(float) - (worse | (failed_a & ~failed_b))
-        self.scores.add((1 + won) / 2)
+        self.scores = self.scores.joined(mean_of((1 + won) / 2))
         finite = np.isfinite(a) & np.isfinite(b)
         self.n_infinite += int((np.isinf(a) | np.isinf(b)).sum())
         a, b = a[finite], b[finite]
-        self.differences.add(a - b)
+        self.differences = self.differences.joined(mean_of(a - b))
         positive = (a > 0) & (b > 0)
         self.n_not_positive += int((~positive).sum())
-        self.logs.add(np.log(a[positive]) - np.log(b[positive]))
+        self.logs = self.logs.joined(mean_of(np.log(a[positive]) - np.log(b[positive])))
 
 
 def _digits(low: float, high: float) -> int:
     """Decimals of a number with an interval: two significant digits of half its width."""
     half = (high - low) / 2
     return max(0, 1 - math.floor(math.log10(half))) if 0 < half < math.inf else 3
-
-
-class RunningMean(NamedTuple):
-    """Number, mean and sum of squared deviations of the finite values so far."""
-
-    n: int = 0
-    mean: float = 0.0
-    m2: float = 0.0
-    """Sum of (value - mean)^2."""
-    n_other: int = 0
-    """Values that are infinite or missing: an event that did not occur, or a failed run."""
-
-    @property
-    def se(self) -> float:
-        """Standard error of the mean; NaN with fewer than two values."""
-        return math.sqrt(self.m2 / (self.n - 1) / self.n) if self.n > 1 else math.nan
-
-    def joined(self, other: RunningMean) -> RunningMean:
-        """Return the record of both sets of values."""
-        n = self.n + other.n
-        if n == 0:
-            return RunningMean(n_other=self.n_other + other.n_other)
-        difference = other.mean - self.mean
-        mean = self.mean + difference * other.n / n
-        m2 = self.m2 + other.m2 + difference * difference * self.n * other.n / n
-        return RunningMean(n, mean, m2, self.n_other + other.n_other)
-
-
-def mean_of(values: Array) -> RunningMean:
-    """Return the record of some values, of which inf and NaN are counted apart."""
-    finite = values[np.isfinite(values)]
-    n_other = len(values) - len(finite)
-    if not len(finite):
-        return RunningMean(n_other=n_other)
-    # A metric of a run that is nearly diverged may be so large that its square is not a number of the machine.
-    with np.errstate(over="ignore"):
-        mean = float(np.mean(finite))
-        m2 = float(np.sum((finite - mean) ** 2))
-    return RunningMean(len(finite), mean, m2, n_other)

@@ -20,6 +20,7 @@ from rmpc_bench.analysis.intervals import (
     student,
     wilson,
 )
+from rmpc_bench.analysis.pairs import relative_change
 
 ROUND = 1e-12
 FINITE = st.floats(-1e6, 1e6)
@@ -127,3 +128,11 @@ def test_signed_rank_p_of_many_runs(digits):
         x[:7], x[8] = np.inf, -np.inf
         assert signed_rank_p(x) == pytest.approx(stats.wilcoxon(x).pvalue, rel=ROUND)
     assert math.isnan(signed_rank_p(np.full(60, np.nan)))
+
+
+def test_the_change_of_a_ratio():
+    """A logarithm that no ratio of numbers of the machine has is infinite, and no error."""
+    assert relative_change(math.log(1.25)) == pytest.approx(0.25, rel=1e-12) and relative_change(0.0) == 0.0
+    assert (
+        relative_change(-800.0) == -1.0 and relative_change(800.0) == math.inf and math.isnan(relative_change(math.nan))
+    )

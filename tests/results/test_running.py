@@ -130,6 +130,16 @@ def test_one_method_has_its_mean(rng):
     assert running.text().startswith("m: A ")
 
 
+def test_values_whose_squares_are_no_numbers():
+    """A run that is nearly diverged ends no computation; the interval has no finite end."""
+    running = RunningComparison(MetricInfo("m", "", "zero"), [("", {"A": "a", "B": "b"})], "A", 0.95)
+    for place, value in enumerate((1e200, 3e200, 2e200)):
+        running.add("a", place, np.zeros(1), np.zeros(1))
+        running.add("b", place, np.array([value]), np.zeros(1))
+    (row,) = running.rows()
+    assert (row.n, row.low, row.high) == (3, -np.inf, np.inf) and row.value == pytest.approx(2e200, rel=1e-12)
+
+
 def test_text_has_the_digits_of_its_error():
     """Two digits of half the interval."""
     running = RunningComparison(MetricInfo("mse", "rad^2", "lower"), [("", {"A": "a", "B": "b"})], "A", 0.95)

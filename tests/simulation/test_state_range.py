@@ -5,9 +5,11 @@ import pytest
 from simulation.test_closed_loop import RUNS, STEPS, TOY, others_unchanged, toy_draws
 from simulation.toy import Delta, Halfway, Walk
 
+from rmpc_bench.models import servo_kernel
+from rmpc_bench.numerics import linear_loop_kernel
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.open_loop import Rest
-from rmpc_bench.simulation.state_range import RunLimits, StateRange
+from rmpc_bench.simulation.state_range import LARGEST, RunLimits, StateRange
 from rmpc_bench.types import Method, Motion, Status
 
 OK, DIVERGED, OUT_OF_RANGE = (np.int8(each) for each in (Status.OK, Status.DIVERGED, Status.OUT_OF_RANGE))
@@ -133,3 +135,8 @@ def test_a_run_that_starts_outside_has_failed_from_the_start(rng):
     )
     assert status.tolist() == [OK, OK, OK, OUT_OF_RANGE, OK]
     np.testing.assert_array_equal(record.x[3], np.full((STEPS + 1, 1), 99.0))
+
+
+def test_kernels_have_the_largest_input_too():
+    """Their copies, which numba compiles, end the same runs."""
+    assert linear_loop_kernel.LARGEST == servo_kernel.LARGEST == LARGEST
