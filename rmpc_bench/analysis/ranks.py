@@ -310,7 +310,7 @@ def ranking(trials: Trials) -> Ranking | None:
     None where it does not, there is only one method or no run, or a value of the primary metric has no logarithm.
     """
     info = trials.primary_info
-    if trials.ranked is None or info is None or len(trials.methods) < 2 or not len(trials.frame):
+    if not trials.ranks or info is None or len(trials.methods) < 2 or not len(trials.frame):
         return None
     found = losses(trials, info)
     if found is None:
@@ -329,7 +329,7 @@ def ranking(trials: Trials) -> Ranking | None:
 def _groups(trials: Trials) -> list[tuple[str, str, list[int]]]:
     """Return axis, value and places of the points, for every value of every axis; nothing without a sweep."""
     found = []
-    for paths in trials.ranked or ():
+    for paths in trials.axes if trials.ranks else ():
         values = [point.point[paths[0]] for point in trials.points]
         for value in dict.fromkeys(values):
             found.append((paths[0], value, [number for number, each in enumerate(values) if each == value]))

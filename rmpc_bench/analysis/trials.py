@@ -14,12 +14,12 @@ from rmpc_bench.analysis.levels import PlannedLook
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import RunGroups, Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
-from rmpc_bench.types.metric import Requirement
+from rmpc_bench.types.metric import ComparisonKeys, Requirement
 from rmpc_bench.types.tuning import Tuning
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
+class Trials(ComparisonKeys):
     """What an experiment left behind, ready for statistics.
 
     The table of a sweep consists of `points`, each of them a table of its own; what concerns single runs (`column`,
@@ -43,8 +43,7 @@ class Trials:
     primary : name of the metric that has a verdict; the first one if empty
     average : averages that are asked for: ``geometric``, ``mean`` or ``both``
     headline : the average that the verdict rests on where both are asked for
-    lost : a run is lost where its primary metric exceeds this number times that of the baseline; None for no count
-    ranked : paths of every axis of the sweep where methods are ranked over all points; None without ranks
+    axes : paths of every axis of the sweep
     look : how often a verdict was published with other numbers of runs, this one included
     planned : look of a stopping rule that the table rests on; `confidence` is then the level of each interval
     with_verdicts : whether comparisons have a verdict; those of a smoke run have none
@@ -98,8 +97,7 @@ class Trials:
     primary: str = ""
     average: str = "both"
     headline: str = "geometric"
-    lost: float | None = None
-    ranked: tuple[tuple[str, ...], ...] | None = None
+    axes: tuple[tuple[str, ...], ...] = ()
     look: int = 1
     planned: PlannedLook | None = None
     with_verdicts: bool = True

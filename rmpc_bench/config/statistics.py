@@ -16,7 +16,7 @@ from rmpc_bench.expressions.quantity import QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import NonNegative
-from rmpc_bench.types.metric import OPERATORS, Limit, Requirement
+from rmpc_bench.types.metric import OPERATORS, ComparisonKeys, Limit, Requirement
 
 Text = Annotated[str, Len(1)]
 DEFAULT_RELEVANT = 0.01
@@ -31,7 +31,7 @@ _ONCE = "names one metric, once, between comparisons with numbers"
 
 
 @dataclass(frozen=True)
-class Statistics:
+class Statistics(ComparisonKeys):
     """Comparison of the methods; docs/statistics.md explains the numbers.
 
     A signed metric, for which 0 is best or which has negative values, takes a margin in its unit; without one, none of
@@ -46,9 +46,6 @@ class Statistics:
     average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
     requirement : condition on a metric of a run, such as settling_time < 20, or a list of conditions; the share of runs
         that meet it is computed
-    lost : factor, such as 10: a run is lost where it failed, or where its primary metric exceeds this factor times that
-        of the baseline in the same run; tables have the share of lost runs beside the mean
-    ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
     """
 
     primary: Text | None = None
@@ -57,8 +54,6 @@ class Statistics:
     relevant: Relevant = DEFAULT_RELEVANT
     average: Literal["geometric", "mean", "both"] = "both"
     requirement: Text | list[Text] = field(default_factory=list)
-    lost: Annotated[float, Gt(1)] | None = None
-    ranks: bool = False
 
     @property
     def requirements(self) -> list[str]:

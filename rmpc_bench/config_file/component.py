@@ -183,7 +183,9 @@ def plain_data(value: Any, write: Writer = as_given) -> Any:
     if isinstance(value, CodeReference | DataReference):
         return write(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        own = inspect.get_annotations(type(value))  # its own keys come before the inherited ones
+        names = sorted((field.name for field in dataclasses.fields(value)), key=lambda name: name not in own)
+        fields = {name: getattr(value, name) for name in names}
         return {name.rstrip("_"): plain_data(item, write) for name, item in fields.items() if item is not None}
     if isinstance(value, Mapping):
         return {name: plain_data(item, write) for name, item in value.items() if item is not None}

@@ -198,7 +198,7 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[
 def _drawings(results: Results, tables: Summary, rendering: Rendering) -> Mapping[str, str]:
     """Draw the changes over a swept number; nothing for other sweeps, and where methods are ranked or pooled."""
     rows = tables_of(tables, info_of(tables))
-    if len(rows) < 2 or not results.trials.with_verdicts or results.trials.ranked is not None or tables.pooled:
+    if len(rows) < 2 or not results.trials.with_verdicts or results.trials.ranks or tables.pooled:
         return {}
     with rendered(rendering):
         return page_drawings(rows)

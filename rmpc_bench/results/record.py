@@ -24,7 +24,7 @@ from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.store.store import Store, StoredMethod, each_once
 from rmpc_bench.types import MetricInfo
-from rmpc_bench.types.metric import Direction, Requirement
+from rmpc_bench.types.metric import ComparisonKeys, Direction, Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class StoredPoint:
 
 
 @dataclass(frozen=True)
-class StoredExperiment:
+class StoredExperiment(ComparisonKeys):
     """An experiment as its reports see it: names, keys of the stored numbers, settings, figures and claims.
 
     Parameters
@@ -156,9 +156,7 @@ class StoredExperiment:
     points : points of the sweep
     expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     report : what tables and figures show, and how figures are written
-    ranks : whether methods are ranked over all points
     requirements : what the metric of a run must keep
-    lost : factor beyond which a run is lost, see `Trials`
     added : method that the command line has added -> its text; it stays in the directory when the option is left out
     stop : the stopping rule with its looks; None where the number of runs is given
     parameters : method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where
@@ -189,9 +187,7 @@ class StoredExperiment:
     points: tuple[StoredPoint, ...]
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     report: ReportKeys = field(default_factory=ReportKeys)
-    ranks: bool = False
     requirements: tuple[Requirement, ...] = ()
-    lost: float | None = None
     added: Mapping[str, str] = field(default_factory=dict)
     stop: StoredStop | None = None
     parameters: Mapping[str, str] = field(default_factory=dict)

@@ -135,6 +135,8 @@ def _limits(constraint: Any) -> Schema:
 def record_schema(kind: type) -> Schema:
     """Return the schema of a mapping with the fields of a dataclass as keys."""
     found = get_type_hints(kind, include_extras=True)
+    own = inspect.get_annotations(kind)  # its own keys come before the inherited ones
+    found = dict(sorted(found.items(), key=lambda each: each[0] not in own))
     defaults: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
         if field.default is not dataclasses.MISSING:

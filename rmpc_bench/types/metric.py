@@ -6,10 +6,11 @@ import math
 import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from annotated_types import Gt
 from jaxtyping import Bool, Float
 
 from rmpc_bench.types.basics import Array, NonNegative, attribute
@@ -351,3 +352,25 @@ class Requirement:
         for limit in self.limits:
             found &= OPERATORS[limit.operator](shown, limit.number)
         return np.asarray(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparisonKeys:
+    """Keys of `statistics` that the configuration, the record and `Trials` have under one name with one value.
+
+    A key that is added here, with its check as annotation, reaches the statistics by itself.
+    Records that have these keys decide themselves whether they are compared by value (eq).
+
+    Parameters
+    ----------
+    lost : factor, such as 10: a run is lost where it failed, or where its primary metric exceeds this factor times that
+        of the baseline in the same run; tables have the share of lost runs beside the mean
+    ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
+    """
+
+    lost: Annotated[float, Gt(1)] | None = None
+    ranks: bool = False
+
+    def comparison_keys(self) -> dict[str, Any]:
+        """Return these keys and their values, for another record that has them."""
+        return {each.name: getattr(self, each.name) for each in fields(ComparisonKeys)}

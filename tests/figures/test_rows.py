@@ -167,7 +167,7 @@ def test_shares_have_wilson_intervals_and_means_those_of_the_summary(make_trials
 def test_ranks_are_over_all_points(trials_of, make_sweep):
     """Rows in the order of the ranks, with the changes of all points; without ranks the figure says what it needs."""
     points = [({"plant.a": text}, trials_of(["A", "B", "C"], factors=[1, 1.5, 0.5])) for text in ("1", "2")]
-    trials = replace(make_sweep(*points), ranked=(("plant.a",),))
+    trials = replace(make_sweep(*points), ranks=True, axes=(("plant.a",),))
     changes, ranks = Rows(show=["change", "rank"]).draw(trials).axes
     found = ranking(trials)
     assert names(changes) == [row.method for row in found.rows] == ["C", "A", "B"]
@@ -176,7 +176,7 @@ def test_ranks_are_over_all_points(trials_of, make_sweep):
     ratio = next(row.ratio for row in found.rows if row.method == "C")
     assert of(changes.texts, "C") or of(changes.lines, "C")[1].get_xdata() == [ratio.ratio]
     with pytest.raises(DesignError, match="statistics"):
-        Rows(show="rank").draw(replace(trials, ranked=None))
+        Rows(show="rank").draw(replace(trials, ranks=False))
 
 
 def test_a_method_without_finished_runs_has_an_empty_row(make_trials):

@@ -28,7 +28,7 @@ SHIFTS = {"good": -0.5, "same": 0.0, "KF": 0.0, "bad": 0.7}
 def sweep(make_trials):
     """Return a function that makes a sweep over systems and worlds; ``lost`` runs of the bad method fail."""
 
-    def make(lost=0, ranked=(("name",), ("noise",))):
+    def make(lost=0, ranks=True):
         rng, tables = np.random.default_rng(3), []
         for system, world in product(SYSTEMS, WORLDS):
             common = rng.normal(size=30)
@@ -39,7 +39,7 @@ def sweep(make_trials):
             values["bad"][:lost] = [None] * lost
             point = {"name": system, "noise": world}
             table = replace(make_trials({"mse": values}), point=point, title=f"{system}, {world}", baseline="KF")
-            tables.append(replace(table, ranked=ranked))
+            tables.append(replace(table, ranks=ranks, axes=(("name",), ("noise",))))
         frame = pd.concat([table.frame for table in tables], ignore_index=True)
         return replace(tables[0], frame=frame, paths=("name", "noise"), points=tuple(tables), point={}, title="")
 
@@ -89,7 +89,7 @@ def test_a_rank_is_never_a_number_alone_and_claims_nothing_beyond_its_points(swe
     assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
     assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
     single = sweep()
-    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
+    alone = ranks_table(replace(single.points[0], ranks=True, axes=single.axes))
     assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
 
 
@@ -138,10 +138,10 @@ def test_the_cost_of_tuning_times_that_are_not_known_and_sources_of_parameters(s
 
 def test_only_where_it_is_asked_for(sweep, make_trials):
     """Without the key, without verdicts and for an MSE of 0 there are no columns, no file and no section of a page."""
-    table = ranks_table(sweep(ranked=None))
+    table = ranks_table(sweep(ranks=False))
     assert table.columns == {} and table.to_markdown() == "" and table.sentences == ()
     assert not len(table.frame) and table.found is None
-    zero = replace(make_trials({"mse": {"A": [1.0, 0.0], "B": [1.0, 2.0]}}), ranked=())
+    zero = replace(make_trials({"mse": {"A": [1.0, 0.0], "B": [1.0, 2.0]}}), ranks=True)
     for trials in (replace(sweep(), with_verdicts=False), zero):
         assert ranks_table(trials).columns == {}
 
