@@ -25,6 +25,7 @@ from rmpc_bench.analysis.shown_numbers import (
     number,
     short,
 )
+from rmpc_bench.analysis.statistics import NUMBERS
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
@@ -83,6 +84,8 @@ class ResultRow(NamedTuple):
     """Stands behind the word: what is uncertain, or how many runs failed."""
     compared: Mapping[str, Any]
     """The row of comparisons.csv; empty for the baseline."""
+    described: Mapping[str, Any]
+    """The row of summary.csv, from which a column takes any number of `statistics.SUMMARY`."""
 
     @property
     def is_sized(self) -> bool:
@@ -124,8 +127,12 @@ class ResultTable(NamedTuple):
     @property
     def average(self) -> str:
         """What a change is an average of, in words; empty where nothing is averaged."""
-        found = (str(row.compared["average"]) for row in self.rows if row.compared)
-        return AVERAGE_WORDS.get(next((average for average in found if average), ""), "")
+        return AVERAGE_WORDS.get(self.average_key, "")
+
+    @property
+    def average_key(self) -> str:
+        """The same as comparisons.csv names it, such as ``geometric``."""
+        return next((str(row.compared["average"]) for row in self.rows if row.compared and row.compared["average"]), "")
 
     @property
     def quantity(self) -> str:
@@ -238,7 +245,7 @@ def in_one_form(tables: Sequence[ResultTable]) -> list[ResultTable]:
     return [table if table.form == "alone" else table._replace(form=form) for table in tables]
 
 
-_NONE = {"n": 0, "n_failed": 0, "mean": math.nan, "ci_low": math.nan, "ci_high": math.nan}
+_NONE = {"n": 0, "n_failed": 0, "did_not_occur": 0, **dict.fromkeys(NUMBERS, math.nan)}
 """Row of summary.csv of a method that is not computed."""
 
 
@@ -302,6 +309,7 @@ def _row(
         word=word,
         remark=remark,
         compared=compared,
+        described=described,
     )
 
 

@@ -21,7 +21,9 @@ from rmpc_bench.analysis.verdict import largest_share
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.metric import Requirement
 
-SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max did_not_occur".split()
+NUMBERS = "mean se ci_low ci_high median q25 q75 min max".split()
+"""Columns of `SUMMARY` that are no counts and no names."""
+SUMMARY = ["method", "metric", "n", "n_failed", *NUMBERS, "did_not_occur"]
 
 
 @np.errstate(over="ignore", invalid="ignore")

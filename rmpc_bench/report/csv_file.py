@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, rounded
+from rmpc_bench.analysis.statistics import NUMBERS
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.replaced_file import replaced
 from rmpc_bench.types import Array
@@ -84,7 +85,6 @@ def trials_csv(trials: Trials, path: Path) -> None:
 
 
 MIDDLE = ["median", "q25", "q75"]
-NUMBERS = ["mean", "se", "ci_low", "ci_high", *MIDDLE, "min", "max"]
 CHANGES = ["change_pct", "ci_low", "ci_high", "geometric_pct", "geometric_low", "geometric_high"]
 CHANGES += ["mean_pct", "mean_low", "mean_high"]
 SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "failed_low", "failed_high"]

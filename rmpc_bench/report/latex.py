@@ -12,13 +12,12 @@ from typing import NamedTuple
 from rmpc_bench.analysis.result_rows import ResultTable, result_table
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import printed, short_title, typeset, wrapped
-from rmpc_bench.report.latex_text import number_latex, one_line, printed_latex, table_width, to_latex, unit_latex
-from rmpc_bench.report.point_tables import PointSummary, average_of, columns_of, value_text
+from rmpc_bench.report.columns import COLUMNS, USUAL, columns_of, value_text, written
+from rmpc_bench.report.latex_text import bracketed, number_latex, one_line, printed_latex, table_width, to_latex
+from rmpc_bench.report.point_tables import PointSummary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.result_layout import Column
 
-USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
-"""Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
 GAP = 0.9  # distance between columns, in units of the size of the text
 HEAD = 45.0  # width of a line in the head of a column [pt]
 LABEL = 60.0  # width of a line of a label that is broken [pt]
@@ -78,35 +77,16 @@ def metric_body(
     return list(wanted), Body(head, [("", rows)])
 
 
-def latex_cells(table: ResultTable) -> dict[Column, list[str]]:
-    """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head."""
-    unit = table.info.unit if average_of(table) == "difference" else "%"
-    units: dict[Column, str] = {"lost": " %", "change": f" {unit}", "other": " %"}
-    return {
-        name: [number_latex(text.replace(units.get(name, "\0"), "", 1)) for text in texts]
-        for name, texts in columns_of(table).items()
-    }
+def latex_cells(table: ResultTable) -> dict[str, list[str]]:
+    """Return the columns that a table has, each as LaTeX."""
+    units = {key: written(column.unit, table) for key, column in COLUMNS.items()}
+    found = columns_of(table)
+    return {key: [number_latex(text.replace(units[key], "", 1)) for text in texts] for key, texts in found.items()}
 
 
 def head_of(table: ResultTable, column: Column) -> str:
     """Return the head of a column as LaTeX."""
-    average, unit = average_of(table), bracketed(table.info.unit)
-    heads: dict[Column, list[str]] = {
-        "mean": ["Occurred;", f"median {unit}"] if table.may_not_occur else ["Mean", unit],
-        "other": ["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"],
-        "lost": ["Lost", r"[\%]"],
-        "median": ["Median", f"(quartiles) {unit}".strip()],
-        "change": ["Difference", unit] if average == "difference" else ["Change", r"[\%]"],
-        "counts": ["Won/lost/", "tied"],
-        **{"superiority": ["Superiority"], "p": ["$p$"], "verdict": ["Verdict"], "pairs": ["Pairs"]},
-        **{"n": ["Runs/", "failed"], "held": ["Held", "steps"], "steps": ["Failed", "steps"]},
-    }
-    return stacked(heads[column])
-
-
-def bracketed(unit: str) -> str:
-    """Write a unit in brackets; empty for a number without one."""
-    return f"[{unit_latex(unit)}]" if unit else ""
+    return stacked(written(COLUMNS[column].latex, table).split("\n"))
 
 
 def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:

@@ -83,6 +83,11 @@ def unit_latex(unit: str) -> str:
     return "".join(f"$^{{{part}}}$" if place % 2 else _plain(part) for place, part in enumerate(parts))
 
 
+def bracketed(unit: str) -> str:
+    """Write a unit in brackets; empty for a number without one."""
+    return f"[{unit_latex(unit)}]" if unit else ""
+
+
 def _plain(text: str) -> str:
     signs = [f"${_SYMBOLS[each]}$" if each in _SYMBOLS else each for each in text.replace(r"\$", "$")]
     written = "".join(_ESCAPED.get(each) or _PUNCTUATION.get(each, each) for each in signs)

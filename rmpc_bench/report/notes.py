@@ -17,10 +17,11 @@ from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.analysis.verdict import FACTOR
 from rmpc_bench.figures.labels import printed
 from rmpc_bench.report import latex
+from rmpc_bench.report.columns import COLUMNS, other_average
 from rmpc_bench.report.comparison_table import AVERAGES
 from rmpc_bench.report.latex import WIDTH, capitalised, paper_table
 from rmpc_bench.report.page.rows import Rows
-from rmpc_bench.report.point_tables import Points, other_average
+from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.report.run_tables import latex_requirements
 from rmpc_bench.types.result_layout import Column
@@ -111,22 +112,6 @@ def _failures(tables: Sequence[ResultTable]) -> str:
 
 
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
-DEFINITIONS: dict[Column, str] = {
-    "mean": "Mean: average over the finished runs, with half its {level} interval.",
-    "lost": "Lost: share of the runs that failed or whose {metric} exceeds {lost} times that of {baseline} in the same "
-    "run, with its {level} interval.",
-    "median": "Median: of the finished runs, with the quartiles in parentheses.",
-    "n": "Runs/failed: number of finished runs and of failed runs.",
-    "held": "Held steps: share of the steps in which a failed component kept its last value.",
-    "steps": "Failed steps: share of the steps in which the optimisation failed and the fallback was applied.",
-    "change": "Change: relative to {baseline}, {average}, with {kind}{level} intervals in brackets.",
-    "other": "The other change is the {other}.",
-    "counts": "Won/lost/tied: number of runs in which the method is better, worse or {tied}.",
-    "superiority": "Superiority: share of the runs in which the method is better, those that are {tied} counted half.",
-    "p": "$p$: p value of the Wilcoxon signed-rank test, adjusted by Holm's method.",
-    "verdict": "Verdict: from the interval and a margin of {margin}.",
-    "pairs": "Pairs: runs that both methods finished.",
-}
 PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
 
 
@@ -172,9 +157,11 @@ def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
         "metric": first.info.words,
     }
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
-    sentences += [DEFINITIONS[name].format(**words) for name in shown if name != "mean" or not first.may_not_occur]
+    defined = [name for name in shown if name != "mean" or not first.may_not_occur]
+    sentences += [COLUMNS[name].definition.format(**words) for name in defined]
     sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
-    if {"change", "other", "counts", "superiority", "p", "verdict"} & {*shown}:
+    # The sentence on pairs says it itself.
+    if any(COLUMNS[name].compares for name in shown if name != "pairs"):
         sentences.append(PAIRING.format(**words))
     return " ".join(filter(None, [*sentences, _origins(trials), _failed_runs(tables)]))
 

@@ -13,34 +13,14 @@ import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
-from rmpc_bench.types.result_layout import Column
 
 MOST_FILES = 20  # failed runs of a method that have a file of their own
 MOST_WARNINGS = 10  # different warnings of a method that tables/summary.md shows
 
 
-def step_cells(trials: Trials, methods: list[str]) -> dict[Column, list[str]]:
-    """Return the shares of held steps, where a method holds them, and of failed ones, where some failed, by method."""
-    sizes = {name: max(1, notes.n_steps * len(trials.runs)) for name, notes in trials.notes.items()}
-    held = {name: notes.n_held for name, notes in trials.notes.items() if notes.holds}
-    failed = {name: notes.n_failed_steps for name, notes in trials.notes.items() if notes.optimises}
-    found: dict[Column, dict[str, int]] = {"held": held} if held.keys() & {*methods} else {}
-    found |= {"steps": failed} if any(failed.get(name) for name in methods) else {}
-    return {
-        column: [percent(100.0 * counts[name] / sizes[name]) if name in counts else "-" for name in methods]
-        for column, counts in found.items()
-    }
-
-
 def percent(value: float) -> str:
     """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known."""
     return "-" if math.isnan(value) else f"{value + 0.0:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
-
-
-def step_times(trials: Trials, methods: list[str]) -> list[str]:
-    """Return the time per step of every method, in the given order, for a column of a table; empty if none is known."""
-    seconds = [notes.seconds_per_step if (notes := trials.notes.get(method)) else None for method in methods]
-    return ["-" if each is None else short_time(each) for each in seconds] if any(seconds) else []
 
 
 def short_time(seconds: float) -> str:

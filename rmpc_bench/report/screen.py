@@ -18,7 +18,7 @@ from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
-from rmpc_bench.report.point_tables import Points, average_of
+from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark_lines, show_command
 from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable, worst_of
@@ -162,7 +162,7 @@ class Screen:
             said = [f"{sign}: {which.get(sign, '')}{level}" for sign in signs]
             parts.append(", ".join(said) if simultaneous or len(said) < 2 else f"{' and '.join(signs)}: {level}")
             parts += ["ties count half"] if tables[0].form == "share" else []
-            parts += [f"change: {_AVERAGES[average_of(tables[0])]}"] if tables[0].form == "ratio" else []
+            parts += [f"change: {_AVERAGES[tables[0].average_key]}"] if tables[0].form == "ratio" else []
         parts += [] if self.trials.planned is None else [self.trials.planned.text]
         look = max((int(row["look"]) for row in compared), default=1)
         parts += [f"look {look} at a growing number of runs"] if look > 1 else []

@@ -18,6 +18,7 @@ from rmpc_bench.analysis.shown_numbers import interval_text as number_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import quantity
 from rmpc_bench.report.answer import ORDER, sweep_of
+from rmpc_bench.report.columns import COLUMNS, columns_of, written
 from rmpc_bench.report.run_notes import ran_counts
 from rmpc_bench.report.run_tables import ensemble_rows
 from rmpc_bench.types.texts import cut, in_columns, width_of, without_formulas, wrapped
@@ -53,27 +54,30 @@ def _shown(n: int, noun: str, most: int = MOST_ROWS, first: int = FIRST_ROWS) ->
 
 
 def row_lines(table: ResultTable, width: int) -> list[str]:
-    """Lay out the methods at one point: mean, change and verdict."""
+    """Lay out the methods at one point: mean and further numbers, change and verdict."""
     n, left = _shown(len(table.rows), "methods")
     rows, shares, unit = table.ordered[:n], table.form == "share", quantity(table.info)
+    found = {"mean": [""] * len(rows)} | columns_of(table, rows)
+    numbers = [name for name in found if COLUMNS[name].on_screen]
 
-    def lines(size: int | None, with_mean: bool, remarks: int, heads: int | None = NAME) -> list[str]:
+    def lines(size: int | None, n_numbers: int, remarks: int, heads: int | None = NAME) -> list[str]:
         heads = heads if size else None
         what = without_formulas(unit if heads is None else cut(table.info.words, heads))
         base = table.baseline if size is None else cut(table.baseline, size)
         columns = [["method", *_cut_names([row.method for row in rows], size)]]
-        if with_mean:
-            head = f"{'occurred; median' if table.may_not_occur else 'mean'} {what}"
-            columns.append([head, *(plain(table.mean_text(row)) for row in rows)])
+        for name in numbers[:n_numbers]:
+            head = written(COLUMNS[name].head, table).format(quantity=what)
+            columns.append([head, *map(plain, found[name])])
+        last = len(columns) if table.form != "alone" else len(columns) - 1
         if table.form != "alone":
             head = f"better than {base} in" if shares else f"change against {base}"
             columns.append([head, *(plain(table.change_text(row)) if row.n else "" for row in rows)])
             columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
-        return in_columns([*zip(*columns, strict=True)], [1, 2] if with_mean and table.form != "alone" else [1])
+        return in_columns([*zip(*columns, strict=True)], range(1, last + 1))
 
-    ways = [(None, True, 2), (None, True, 1), (None, False, 1), (NAME, True, 1), (NAME, False, 1), (NAME, False, 0)]
-    layouts = [*ways[:3], (NAME, True, 1, None), *ways[3:]]
-    return fitting(lines, layouts, width) + left
+    ways = [(None, len(numbers), 2), (None, 1, 2), (None, 1, 1), (None, 0, 1), (NAME, 1, 1, None)]
+    ways += [(NAME, 1, 1), (NAME, 0, 1), (NAME, 0, 0)]
+    return fitting(lines, ways, width) + left
 
 
 def _verdict(row: ResultRow, remarks: int) -> str:

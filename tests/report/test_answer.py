@@ -21,7 +21,7 @@ def row(method, word, change=NONE, *, n=60, failed=0, superiority=NONE, occurred
     is_baseline = method in ("KF", "S-MPC")
     counts = is_baseline, oracle, n - failed, failed
     values = mean, (7.4,) * 5, n - failed if occurred is None else occurred, 1.0, change, superiority
-    return ResultRow(method, "", *counts, *values, word, "", {} if is_baseline else {"average": "geometric"})
+    return ResultRow(method, "", *counts, *values, word, "", {} if is_baseline else {"average": "geometric"}, {})
 
 
 def better(method, *change, **others):

@@ -7,18 +7,15 @@ from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
-from rmpc_bench.analysis.comparison_text import about
 from rmpc_bench.analysis.ranks import Ranking
 from rmpc_bench.analysis.result_rows import BASELINE, BETTER, INCONCLUSIVE, WORSE, Form, ResultRow, ResultTable
-from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, short
+from rmpc_bench.analysis.shown_numbers import Estimate, change_texts
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.axes import Axis, Tick, change_axis, scaled_axis, spaced
 from rmpc_bench.figures.labels import quantity
 from rmpc_bench.figures.points import shown_change
-from rmpc_bench.report.point_tables import columns_of, other_average
+from rmpc_bench.report.columns import COLUMNS, columns_of, runs_text, written
 from rmpc_bench.report.ranks_table import part_columns
-from rmpc_bench.report.run_notes import step_times
-from rmpc_bench.types.result_layout import Column
 
 LABEL_GAP, LETTER = 0.03, 0.037
 """Space between two labels of the axis of runs, and the width of a letter, as shares of the narrowest column."""
@@ -114,7 +111,7 @@ def runs_strip(row: ResultRow, axis: Axis, grid: Sequence[Line]) -> Strip | None
 MANY = 10  # methods above which rows are low and labels are cut
 # Word of a verdict -> class of its cell, where it is not the word.
 STYLES = {"fails more": "fails", BASELINE: "base", "not computed": "base", "failed": "fails"}
-AVERAGE_HEADS = {"geometric": "geometric mean of ratios", "mean": "ratio of means"}
+FIRST = ("mean", "change", "verdict")  # columns that are always shown, with drawings and remarks
 UNKNOWN = "Infinity"  # sorts a cell without a number behind the others
 
 
@@ -194,13 +191,15 @@ def rows_of(table: ResultTable, *, everything: bool = False) -> Rows:
     axis = axis._replace(ticks=spaced(axis.ticks, partial(_are_apart, axis.high - axis.low)))
     grid = grid_of(axis) if any(row.n_occurred for row in shown) else []
     more = _more(table, shown, everything=everything)
-    mean = f"{'occurred; median' if table.may_not_occur else 'mean'} {quantity(table.info)}"
+    mean, change_head, verdict = (
+        written(COLUMNS[name].head, table).format(quantity=quantity(table.info)) for name in FIRST
+    )
     quantiles = f"runs: 5 %, quartiles, 95 %{' (log)' * axis.log}"
     heads = [Head(mean, "n m", True), Head(quantiles, "d0", strip=Strip(grid))]
     changes = Changes.of(form, [shown_change(row, form) for row in table.rows], table.margin)
     if form != "alone":
         heads += [Head(_change_head(table), "s0", strip=Strip(changes.grid))]
-        heads += [Head("better in" if form == "share" else "change", "n c", True), Head("verdict", "v")]
+        heads += [Head(change_head, "n c", True), Head(verdict, "v")]
     rows = []
     for k, row in enumerate(shown):
         style = STYLES.get(row.word, row.word) if not row.is_baseline else ""
@@ -238,28 +237,11 @@ def _verdict(row: ResultRow, n: int) -> Cell:
     return Cell(f"v {STYLES.get(row.word, row.word)}", row.word, "", remark, tip=row.remark if not remark else "")
 
 
-HEADS: dict[Column, str] = {
-    **{"median": "median (quartiles)", "counts": "won/lost/tied", "superiority": "superiority"},
-    **{"lost": "lost", "held": "held steps", "steps": "failed steps"},
-}  # of columns that are shown on demand
-
-
 def _more(table: ResultTable, shown: Sequence[ResultRow], *, everything: bool) -> dict[str, list[str]]:
     """Return head -> cells of the columns that are shown on demand."""
-    columns = columns_of(table, shown)
-    found = {head: columns[name] for name, head in HEADS.items() if name in columns}
-    if "other" in columns:
-        found[AVERAGE_HEADS[other_average(table)]] = columns["other"]
-    found["worst run"] = [short(row.worst, 4) for row in shown]
-    if any(row.word == INCONCLUSIVE for row in shown):
-        needed = [row.compared.get("runs_for_direction") if row.word == INCONCLUSIVE else None for row in shown]
-        found["runs needed"] = ["" if n is None or math.isnan(n) else about(float(n)) for n in needed]
-    times = step_times(table.trials, [row.method for row in shown])
-    # A file that is kept does not change from machine to machine.
-    found |= {"time per step": times} if times and not everything else {}
-    found |= {"p": columns["p"]} if everything and "p" in columns else {}
-    found["runs"] = [_runs(row.n, row.n_failed) for row in shown]
-    return {head: texts for head, texts in found.items() if any(texts)}
+    columns, elsewhere = columns_of(table, shown), "page" if everything else "file"
+    names = [name for name in columns if name not in FIRST and COLUMNS[name].only != elsewhere]
+    return {head: columns[name] for name in names if (head := written(COLUMNS[name].head, table))}
 
 
 def ranked_rows(found: Ranking, trials: Trials) -> Rows:
@@ -268,7 +250,7 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
     changes, info = Changes.of("ratio", ratios, trials.relevant), trials.primary_info
     what = f"{info.words if info else 'metric'} against {trials.baseline}, all points"
     heads = [Head(what, "s0", strip=Strip(changes.grid)), Head("change", "n c", True), Head("rank", "v")]
-    more = part_columns(found, trials.baseline) | {"runs": [_runs(row.n, row.n_failed) for row in found.rows]}
+    more = part_columns(found, trials.baseline) | {"runs": [runs_text(row.n, row.n_failed) for row in found.rows]}
     heads += [Head(text, "n more") for text in more]
     rows = []
     for k, (row, ratio) in enumerate(zip(found.rows, ratios, strict=True)):
@@ -281,7 +263,3 @@ def ranked_rows(found: Ranking, trials: Trials) -> Rows:
         cells.append(Cell(f"v {style}", rank, f"{row.rank_low}"))
         rows.append(row_of(trials, row.method, [*cells, *(Cell("n more", texts[k]) for texts in more.values())]))
     return Rows(heads, rows)
-
-
-def _runs(n: int, n_failed: int) -> str:
-    return f"{n}{f', {n_failed} failed' if n_failed else ''}"
