@@ -29,7 +29,7 @@ _MATRIX = ("number", "list of numbers", "list of lists of numbers")
 """A number (times the identity), a list (the diagonal) or rows."""
 _LIMITS = (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
 _UNIT = re.compile(r"\[([^\[\]]+)\]")
-_SYMBOLS = r"(?:m|mm|cm|ml|s|ms|kg|N|Nm|V|A|H|J|Ohm|rad|deg|in|pt|samples|runs|bytes|dB|1|u|y)"
+_SYMBOLS = r"(?:m|mm|cm|ml|s|ms|kg|N|Nm|V|A|W|H|J|Ohm|Pa|Hz|K|rad|deg|in|pt|samples|runs|bytes|dB|1|u|y)"
 _IS_UNIT = re.compile(rf"{_SYMBOLS}(?:\^-?\d+)?(?:[ /]{_SYMBOLS}(?:\^-?\d+)?)*")
 
 
@@ -106,6 +106,8 @@ def unit_of(meaning: str) -> str:
     --------
     >>> unit_of("sampling time [s]"), unit_of("viscous friction [N m s/rad]"), unit_of("limits [low, high]")
     ('s', 'N m s/rad', '')
+    >>> unit_of("pressure [Pa]"), unit_of("bandwidth [Hz]"), unit_of("losses [W/K]"), unit_of("gain [L]")
+    ('Pa', 'Hz', 'W/K', '')
     """
     return next((found for found in _UNIT.findall(meaning) if _IS_UNIT.fullmatch(found)), "")
 
