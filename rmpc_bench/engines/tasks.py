@@ -246,7 +246,7 @@ def contained(
 ) -> Iterator[Done]:
     """Do one task; if a component raises, repeat its halves until each run that raises is alone (bisection).
 
-    The runs of a block do not depend on each other, so a repeated run has the same numbers.
+    The runs of a block must not depend on each other; a repeated run then has the same numbers.
     """
     try:
         done = work(experiments, task, watch)

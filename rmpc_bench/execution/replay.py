@@ -1,4 +1,4 @@
-"""One run again, alone and with its full trace; its numbers are those of the experiment, bit for bit."""
+"""One run, or its first samples, simulated again with all signals, and compared with what is stored of it."""
 
 from __future__ import annotations
 

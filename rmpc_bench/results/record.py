@@ -13,6 +13,8 @@ from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_args
 
+from pydantic import TypeAdapter, ValidationError
+
 import rmpc_bench
 from rmpc_bench.analysis.levels import PlannedLook, planned_level, schedule
 from rmpc_bench.claims.claim import Claim, usual_parameters
@@ -28,11 +30,8 @@ from rmpc_bench.types.metric import ComparisonKeys, Direction, Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:
-    from pydantic import TypeAdapter
-
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.config.stop import StopKeys
-    from rmpc_bench.store.store import Store
 
 
 KEY = "layout"
@@ -248,8 +247,6 @@ def read_experiment(store: Store) -> StoredExperiment:
     `MissingError` where it is missing, because an earlier version wrote the store, or because the writer never came to
     it; `DamagedError` where a name or a number is none that a configuration may have.
     """
-    from pydantic import ValidationError
-
     data = store.data(KEY)
     if not data:
         raise MissingError(f"{store.directory}: an earlier version wrote it without what a report needs; {WAY_OUT}")
@@ -267,14 +264,12 @@ def read_experiment(store: Store) -> StoredExperiment:
 
 @cache
 def _adapter() -> TypeAdapter[StoredExperiment]:
-    # pydantic is imported by the commands that need it only.
-    from pydantic import TypeAdapter
-
+    # Made where the first record is read, and kept: it takes longer than reading a record.
     return TypeAdapter(StoredExperiment)
 
 
 def _wrong(found: StoredExperiment) -> Iterator[str]:
-    """Say which fields a configuration could not have: files have the names of experiments, papers and metrics."""
+    """Say what no configuration could have: names that are not fit for files, unknown names, numbers out of range."""
     for key, text in (("name", found.name), ("paper", found.paper)):
         if text is not None and wrong_experiment(text):
             yield f"{key} {wrong_experiment(text)} (got {text[:60]!r})"
