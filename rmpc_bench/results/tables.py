@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,14 +32,8 @@ def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
 
     Raises a MissingError if there are none.
     """
-    frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in experiment.points]
-    common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in frames]
-    series = SeriesReader(experiment, store, common)
-    quantities: dict[str, pd.DataFrame] = {}
-    tables = [
-        _table(experiment, number, store, found, series, common[number], quantities)
-        for number, found in enumerate(frames)
-    ]
+    reader = _TrialsReader(experiment, store)
+    tables = [reader.at_point(number) for number in range(len(experiment.points))]
     filled = [table for table in tables if len(table.methods)]
     if not filled:
         apart = other_code(experiment, store)
@@ -50,7 +45,7 @@ def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
         raise MissingError(f"{store.directory}: {text}")
     look = number_of_look(manifest.looks_of_store(store), n_runs)
     filled = [replace(table, look=look) for table in filled]
-    return _joined(experiment, filled, series) if experiment.paths else filled[0]
+    return _joined(experiment, filled, reader.series) if experiment.paths else filled[0]
 
 
 def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: SeriesReader) -> Trials:
@@ -69,60 +64,77 @@ def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: Seri
     return replace(whole, series=series.of_sweep(whole.methods))
 
 
-def _table(
-    experiment: StoredExperiment,
-    number: int,
-    store: Store,
-    frames: Mapping[str, pd.DataFrame],
-    series: SeriesReader,
-    common: Array | None,
-    quantities: dict[str, pd.DataFrame],
-) -> Trials:
-    """Read the table of one point; `quantities` keeps what points share."""
-    point = experiment.points[number]
-    methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
-    notes = {name: _notes(experiment, point, store, name) for name in methods}
-    traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
-    return Trials(
-        name=experiment.name,
-        methods=methods,
-        labels=experiment.labels,
-        metrics=point.metrics,
-        frame=stacked_rows([*frames.values()]),
-        series=series.at_point(number, methods),
-        baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
-        confidence=experiment.level,
-        planned=None if experiment.stop is None else experiment.stop.planned,
-        relevant=experiment.relevant,
-        margins=experiment.margins,
-        primary=experiment.primary,
-        average=experiment.average,
-        headline=experiment.headline,
-        axes=experiment.axes,
+class _TrialsReader:
+    """Reads the trials of an experiment, point by point; what points share is read once."""
+
+    def __init__(self, experiment: StoredExperiment, store: Store) -> None:
+        self._experiment, self._store = experiment, store
+        points = experiment.points
+        self._frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in points]
+        self._common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in self._frames]
+        self._quantities: dict[str, pd.DataFrame] = {}
+        self.series = SeriesReader(experiment, store, self._common)
+
+    def at_point(self, number: int) -> Trials:
+        """Read the table of one point."""
+        experiment, store = self._experiment, self._store
+        point, frames = experiment.points[number], self._frames[number]
+        methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
+        notes = {name: _notes(experiment, point, store, name) for name in methods}
+        traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
+        groups = {name: _groups(experiment, point, store, name, self._common[number]) for name in methods}
+        return Trials(
+            **_same_at_all_points(experiment),
+            **_of_record(point),
+            methods=methods,
+            frame=stacked_rows([*frames.values()]),
+            series=self.series.at_point(number, methods),
+            baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
+            units=with_estimates(point, point.units, traces.values()),
+            names=with_estimates(point, point.names, traces.values()),
+            traces=traces,
+            groups={name: each for name, each in groups.items() if each is not None},
+            notes=with_step_times(notes, experiment, point, store),
+            uncertainty=_quantities(experiment, point, store, self._quantities),
+        )
+
+
+def _same_at_all_points(experiment: StoredExperiment) -> dict[str, Any]:
+    """Return the fields of a table that do not depend on the point of the sweep."""
+    return {
+        "name": experiment.name,
+        "labels": experiment.labels,
+        "confidence": experiment.level,
+        "planned": None if experiment.stop is None else experiment.stop.planned,
+        "relevant": experiment.relevant,
+        "margins": experiment.margins,
+        "primary": experiment.primary,
+        "average": experiment.average,
+        "headline": experiment.headline,
+        "axes": experiment.axes,
         **experiment.comparison_keys(),
-        seed=point.seed,
-        Ts=point.Ts,
-        units=with_estimates(point, point.units, traces.values()),
-        names=with_estimates(point, point.names, traces.values()),
-        traces=traces,
-        point=point.coordinates,
-        title=point.title,
-        keys={name: method.key for name, method in point.methods.items()},
-        oracles=frozenset(name for name, method in point.methods.items() if method.is_oracle),
-        groups={
-            name: groups for name in methods if (groups := _groups(experiment, point, store, name, common)) is not None
-        },
-        with_verdicts=not experiment.is_smoke,
-        expected_failures=experiment.expected_failures,
-        notes=with_step_times(notes, experiment, point, store),
-        declared=tuple(experiment.methods),
-        uncertainty=_quantities(experiment, point, store, quantities),
-        random_besides=point.random_besides,
-        limitations=point.limitations,
-        requirements=experiment.requirements,
-        parameters=experiment.origins,
-        limits={name: method.limits for name, method in point.methods.items()},
-    )
+        "with_verdicts": not experiment.is_smoke,
+        "expected_failures": experiment.expected_failures,
+        "declared": tuple(experiment.methods),
+        "requirements": experiment.requirements,
+        "parameters": experiment.origins,
+    }
+
+
+def _of_record(point: StoredPoint) -> dict[str, Any]:
+    """Return the fields of a table that the record of its point has as they are, without a look at the trials."""
+    return {
+        "metrics": point.metrics,
+        "seed": point.seed,
+        "Ts": point.Ts,
+        "point": point.coordinates,
+        "title": point.title,
+        "keys": {name: method.key for name, method in point.methods.items()},
+        "oracles": frozenset(name for name, method in point.methods.items() if method.is_oracle),
+        "random_besides": point.random_besides,
+        "limitations": point.limitations,
+        "limits": {name: method.limits for name, method in point.methods.items()},
+    }
 
 
 def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunNotes:
