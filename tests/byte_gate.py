@@ -32,7 +32,7 @@ OF_THE_PROCESS = {
     "trials.sqlite-wal",
     "trials.sqlite-shm",
 }
-OF_THE_RUN = {"start", "stop", "git", "place", "blas"}
+OF_THE_RUN = {"start", "stop", "git", "place", "blas", "fonttools"}
 DURATION = re.compile(rb"(?<=(?:failed|trials|o runs)), [0-9.]+ (ms|s|min|h)\b|(?m:^[A-Z].* \.\.\.\n)")
 """How long a run took, which is said where it took long, and what is said of something that takes long."""
 TIMINGS = re.compile(rb"(?m)^<tr>.*<td class=\"n\">(?:step|first step|block|start|output)</td>.*</tr>$")

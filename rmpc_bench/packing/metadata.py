@@ -26,7 +26,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "series.csv": "What is indexed by time: gains, reported covariances, moments",
     "traces.npz": "Trajectories of the recorded runs",
     "timings.csv": "Times of computation of own components",
-    "summary.csv": "Metrics of every method: averages, spread, quantiles, failed runs",
+    "summary.csv": "Metrics of every method: mean, standard error, interval, median, quartiles, failed runs",
     "comparisons.csv": "Every method against the baseline, paired by run",
     "drivers.csv": "Share of the variance of the comparison that each uncertain quantity explains",
     "requirements.csv": "Runs that meet a requirement",

@@ -21,7 +21,16 @@ from rmpc_bench.config.own_code import in_directory, renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution.runner import added_in
-from rmpc_bench.packing.comparison import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text, read_rows
+from rmpc_bench.packing.comparison import (
+    DIFFERENT,
+    HASHED,
+    UNSEEN,
+    FileOutcome,
+    compared,
+    compared_text,
+    read_rows,
+    same_but_fonts,
+)
 from rmpc_bench.packing.metadata import CITATION, citation, crate, stated_by
 from rmpc_bench.packing.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
 from rmpc_bench.publishing.publish import choose, publish
@@ -220,6 +229,9 @@ class PackedFiles:
         if not here.is_file():
             return FileOutcome(name, DIFFERENT if name in FILES else UNSEEN, "is not made here")
         found = compared(name, packed, here, exact=self.exact)
+        other_fonts = name.endswith(".pdf") and self._way.get("fonttools") != version("fonttools")
+        if found.is_different and other_fonts and same_but_fonts(packed, here):
+            return FileOutcome(name, UNSEEN, "the same drawing, its fonts embedded by another version")
         if not found.is_different or self.exact:
             return found
         bench, library = self._stated.get("versions", {}).get("rmpc-bench"), self._way.get("matplotlib")

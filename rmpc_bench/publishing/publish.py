@@ -207,6 +207,7 @@ def _way(results: Results, place: str, file: str) -> dict[str, Any]:
         "labels": dict(results.experiment.labels),
         "own_figures": bool(results.components),
         "matplotlib": version_of("matplotlib"),
+        "fonttools": version_of("fonttools"),
     }
 
 

@@ -15,7 +15,7 @@ from own_experiment import write_own
 from small_experiment import cli, write
 
 import rmpc_bench
-from rmpc_bench.packing.comparison import _parts, compared
+from rmpc_bench.packing.comparison import _parts, compared, same_but_fonts
 from rmpc_bench.received.archive import ArchiveError
 from rmpc_bench.types import ConfigError
 
@@ -247,12 +247,14 @@ def compared_pdf(content, drawing, tmp_path):
     return compared("x.pdf", tmp_path / "a.pdf", tmp_path / "b.pdf", exact=False).word
 
 
-def changed_stream(content, change):
-    """Alter the first stream of a PDF file and everything that says where something stands."""
-    start = content.index(b"stream\n") + 7
+def changed_stream(content, change, after=b""):
+    """Alter the first stream of a PDF file, or the first after a text, and all that says where something stands."""
+    start = content.index(b"stream\n", content.index(after)) + 7
     end = content.index(b"\nendstream", start)
     stream = zlib.compress(change(zlib.decompress(content[start:end])), 1)
-    content = content[:start] + stream + content[end:]
+    # The length stands before the stream of a font and behind the one of a page.
+    before = re.sub(rb"(?<=/Length )\d+(?= /Filter[^\n]*\nstream\n\Z)", b"%d" % len(stream), content[:start])
+    content = before + stream + content[end:]
     content = content.replace(b"obj\n%d\nendobj" % (end - start), b"obj\n%d\nendobj" % len(stream), 1)
     number = count(1)
     places = lambda _: b"%010d" % (content.index(b"\n%d 0 obj\n" % next(number)) + 1)  # noqa: E731
@@ -284,6 +286,22 @@ def test_a_pdf_file_of_another_machine(drawing, tmp_path):
 )
 def test_all_of_a_pdf_file_is_compared(drawing, tmp_path, change):
     assert change(drawing) != drawing and compared_pdf(change(drawing), drawing, tmp_path) == "different"
+
+
+def test_other_embedded_fonts_are_no_difference_of_the_drawing(drawing, tmp_path):
+    """Outlines of a font and the order of its glyphs follow from the version of a library; all else is compared."""
+    a, b = tmp_path / "a.pdf", tmp_path / "b.pdf"
+    b.write_bytes(drawing)
+    for key in (b"FontFile2", b"CIDToGIDMap"):
+        place = b"\n%s 0 obj\n" % re.search(rb"/%s (\d+) 0 R" % key, drawing)[1]
+        other = changed_stream(drawing, lambda stream: stream + b"\0", after=place)
+        assert compared_pdf(other, drawing, tmp_path) == "different"
+        a.write_bytes(other)
+        assert same_but_fonts(a, b)
+        a.write_bytes(changed_stream(other, lambda text: re.sub(rb"(\d\.)(?=\d)", rb"\g<1>1", text, count=1)))
+        assert not same_but_fonts(a, b)
+        a.write_bytes(other + b"\n" * 200_000)
+        assert not same_but_fonts(a, b)
 
 
 @pytest.mark.parametrize("name", ["a.pdf", "a.tex", "a.csv"])
