@@ -28,6 +28,7 @@ from rmpc_bench.types import (
     Journal,
     Method,
     PassedOn,
+    Plant,
     Record,
     RunFailure,
     RunInfo,
@@ -193,14 +194,19 @@ def _simulated(
     last = n_steps if failure is None or failure.k is None else failure.k
     if status[0] != OK and (failure is None or failure.k is None):
         last = last_new_sample(record.x[0, : n_steps + 1])
+    signals = _signals(plant, record, last)
+    steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
+    found = {"status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics, "failed_steps": steps}
+    return {**common, **found}
+
+
+def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:
+    """Return the signals of the only run of a record, up to its last sample."""
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
     if not plant.limits_inputs:
         del named["u_command"]
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
-    signals = {name: values[0, : last + 1] for name, values in named.items()}
-    steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
-    found = {"status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics, "failed_steps": steps}
-    return {**common, **found}
+    return {name: values[0, : last + 1] for name, values in named.items()}
 
 
 def _ended(error: BaseException, experiment: Experiment, run: int) -> dict[str, Any]:

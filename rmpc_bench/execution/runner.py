@@ -50,13 +50,11 @@ def compute(
 ) -> None:
     """Compute and store what is missing; the same call continues an interrupted one."""
     progress = progress or Silent()
-    names = [method.name for method in config.experiment.methods]
-    methods = names if only is None else [name for name in names if name in only]
+    methods = [each.name for each in config.experiment.methods if only is None or each.name in only]
     place = directory if shard is None else shard.directory(directory)
     also = {} if shard is None else stored_in(directory, config, methods, progress.say)
     runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
-    if (place / FILE).is_file() and not (place / FILE).stat().st_size:
-        progress.say(f"{place / FILE} is empty: every trial is computed")
+    _say_if_empty(place / FILE, progress)
     with Store(place) as store:
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
@@ -75,15 +73,17 @@ def compute(
             runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, tasks=tasks, shard=shard)
             if tasks:
-                store.register(stored_methods(config, methods))
-                note_versions(config, store, methods)
+                _note_methods(config, store, methods)
                 engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
             if tasks or not file.is_up_to_date():
                 with file:
                     blocks = _compute(config, store, tasks, engine, progress, file, stopping) if tasks else {}
-            # Workers of dask may be other machines.
-            is_here = (means.engine or config.execution.engine) != "dask"
-            check_shared(config, store, trials, blocks if is_here else {}, first)
+            check_shared(config, store, trials, blocks if _is_here(config, means) else {}, first)
+
+
+def _say_if_empty(file: Path, progress: Progress) -> None:
+    if file.is_file() and not file.stat().st_size:
+        progress.say(f"{file} is empty: every trial is computed")
 
 
 def _prepare(
@@ -96,6 +96,17 @@ def _prepare(
             text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
             progress.say(text)
     keep_layout(config, store, methods)
+
+
+def _note_methods(config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
+    """Store what identifies the trials of methods, and the versions of the libraries that their own code uses."""
+    store.register(stored_methods(config, methods))
+    note_versions(config, store, methods)
+
+
+def _is_here(config: ExperimentConfig, means: Means) -> bool:
+    """Whether trials are computed on this machine; workers of dask may be other ones."""
+    return (means.engine or config.execution.engine) != "dask"
 
 
 def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> None:
