@@ -14,6 +14,7 @@ from rmpc_bench.claims.claim import Claim, usual_parameters
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.draft import DraftConfig, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, digest, method_data
+from rmpc_bench.config.method_tune import metric_of_tuning
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.config.sections import Execution
@@ -21,7 +22,6 @@ from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.stop import StopKeys
 from rmpc_bench.config.sweep import METHOD_COMPONENTS, NAME, SweptTree
 from rmpc_bench.config.tune import Chosen
-from rmpc_bench.config.tuned import metric_of_tuning
 from rmpc_bench.config_file.component import Component, without_path
 from rmpc_bench.simulation.random_streams import words_of
 from rmpc_bench.simulation.scenario import Experiment

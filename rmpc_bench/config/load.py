@@ -26,13 +26,13 @@ from rmpc_bench.config.identity import (
     uncertainty_data,
 )
 from rmpc_bench.config.left_out import fitting_metrics, fitting_sweep, join_findings, problems_at_origin
+from rmpc_bench.config.method_tune import check_tuning
 from rmpc_bench.config.own_code import OwnCode, as_of_configuration, check_copies
 from rmpc_bench.config.plugins import load_plugins, reported_once
 from rmpc_bench.config.sections import SECTIONS, Time
 from rmpc_bench.config.sweep import NAME, Sweep, columns, expand
 from rmpc_bench.config.tune import Chosen
-from rmpc_bench.config.tuned import check_tuning
-from rmpc_bench.config.tuning import with_tuning
+from rmpc_bench.config.tuning_designs import with_tuning
 from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source

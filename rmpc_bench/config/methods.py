@@ -20,8 +20,8 @@ from functools import partial
 from typing import Any, Literal, NamedTuple
 
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.method_tune import read_tuned
 from rmpc_bench.config.sweep import METHOD_COMPONENTS
-from rmpc_bench.config.tuned import read_tuned
 from rmpc_bench.config_file.component import Component, plain_data
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Map, locate_key, merge, plain, with_kind

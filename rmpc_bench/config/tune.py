@@ -1,4 +1,4 @@
-"""The section `tune`, and the key `tune` of a method: which parameters are chosen, in which ranges and how."""
+"""Keys of the section `tune` and of a range: how parameters are chosen, and between which values."""
 
 from __future__ import annotations
 

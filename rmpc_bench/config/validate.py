@@ -14,6 +14,7 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited
+from rmpc_bench.config.method_tune import shrink_tuning
 from rmpc_bench.config.methods import read_method_section
 from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
 from rmpc_bench.config.plant import RANGE_KEYS, read_plant_keys, refuse_sections
@@ -22,7 +23,6 @@ from rmpc_bench.config.sections import SECTIONS, Time, section_of
 from rmpc_bench.config.stop import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen
-from rmpc_bench.config.tuned import shrink_tuning
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.tree import Map, Mark, locate
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.tuning import Round, RoundBuilder, Trial
+from rmpc_bench.config.tuning_designs import Round, RoundBuilder, Trial
 from rmpc_bench.engines.choice import choose_engine
 from rmpc_bench.execution.missing import Means, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, WantedSearch
 from rmpc_bench.config.identity import digest
-from rmpc_bench.config.tuning import Trial
+from rmpc_bench.config.tuning_designs import Trial
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.missing import Means
 from rmpc_bench.execution.progress import Progress, Silent
@@ -68,11 +68,7 @@ def tuned(
         known |= read_record(directory)
     found = _usable(known, plan_of)
     left = _left(config, found, only, waits=waits)
-    try:
-        # progress.json is written into it before the first trial.
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(str(error)) from None
+    _make(directory)
     if left.any:
         _refuse_another(config, directory)
         shown = TuningProgress(directory, config, shard, progress or Silent(), left.title, left.n_trials)
@@ -85,6 +81,14 @@ def tuned(
     except OSError as error:
         raise WriteError(str(error)) from None
     return _with_values(config, found)
+
+
+def _make(directory: Path) -> None:
+    """Make the directory: progress.json is written into it before the first trial."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(str(error)) from None
 
 
 class _Left(NamedTuple):

@@ -11,10 +11,10 @@ from rmpc_bench.config.check import FirstCalls
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.experiment_config import ExperimentConfig, Origin, WantedSearch, parameter_words, tuning_plan
 from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.method_tune import as_value, with_values
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.sweep import SweptTree
-from rmpc_bench.config.tuned import as_value, with_values
 from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.tree import Items, Map, join, locate_key
 from rmpc_bench.types import ConfigError
