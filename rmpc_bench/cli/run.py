@@ -229,7 +229,7 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
     compute(
         config,
         directory,
-        means=request.means,
+        how=request.compute_options,
         only=request.only or None,
         progress=choose(request.how_progress),
         shard=request.shard,
@@ -273,7 +273,7 @@ def _tuned_config(
         directory,
         shard=request.shard,
         only=request.only or None,
-        means=request.means,
+        how=request.compute_options,
         progress=choose(request.how_progress),
         n_runs=n_runs,
     )

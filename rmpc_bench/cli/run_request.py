@@ -13,7 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.missing import Means
+    from rmpc_bench.execution.missing import ComputeOptions
     from rmpc_bench.execution.shards import Shard
 
 
@@ -106,11 +106,11 @@ class Request:
         return "dask" if self.scheduler else self.engine
 
     @property
-    def means(self) -> Means:
+    def compute_options(self) -> ComputeOptions:
         """How trials are computed."""
-        from rmpc_bench.execution.missing import Means
+        from rmpc_bench.execution.missing import ComputeOptions
 
-        return Means(self.jobs, self.engine_name, self.scheduler, self.accept_versions)
+        return ComputeOptions(self.jobs, self.engine_name, self.scheduler, self.accept_versions)
 
     def place(self, directory: Path) -> Path:
         """Return where the trials are stored: the directory of the results, or of the shard in it."""

@@ -22,7 +22,7 @@ from rmpc_bench.types import Array
 
 
 @dataclass(frozen=True)
-class Means:
+class ComputeOptions:
     """How trials are computed; what is not given follows from the configuration."""
 
     workers: int | None = None

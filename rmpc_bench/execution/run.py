@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.execution.missing import Means
+from rmpc_bench.execution.missing import ComputeOptions
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import compute
 from rmpc_bench.execution.shards import parse_shard
@@ -72,13 +72,13 @@ def run(
     part = None if shard is None else parse_shard(shard)
     usual = Path("results") / (config.paper or "") / config.name
     place = usual if directory is None else Path(directory)
-    means = Means(jobs, engine, scheduler, accept_versions)
+    how = ComputeOptions(jobs, engine, scheduler, accept_versions)
     if config.tuning is not None:
-        config = tuned(config, place, shard=part, only=only, means=means, progress=progress)
-    compute(config, place, means=means, only=only, progress=progress, shard=part, missing=missing)
+        config = tuned(config, place, shard=part, only=only, how=how, progress=progress)
+    compute(config, place, how=how, only=only, progress=progress, shard=part, missing=missing)
     stop = load_experiment(place).stop if config.tuning is not None and config.stop is not None else None
     if stop is not None:
-        tuned(config, place, only=only, means=means, progress=progress, n_runs=stop.looks.wanted)
+        tuned(config, place, only=only, how=how, progress=progress, n_runs=stop.looks.wanted)
     place = place if part is None else part.directory(place)
     own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
     return replace(load_results(place), components=own)

@@ -16,7 +16,7 @@ from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import Engine, choose_engine
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.execution.layout import keep_layout
-from rmpc_bench.execution.missing import Means, pending, stored_blocks
+from rmpc_bench.execution.missing import ComputeOptions, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
@@ -42,7 +42,7 @@ def compute(
     config: ExperimentConfig,
     directory: Path,
     *,
-    means: Means = Means(),  # noqa: B008 - immutable
+    how: ComputeOptions = ComputeOptions(),  # noqa: B008 - immutable
     only: Collection[str] | None = None,
     progress: Progress | None = None,
     shard: Shard | None = None,
@@ -60,7 +60,7 @@ def compute(
         if missing:
             take_shards(config, store, progress.say)
         first, trials, blocks = runs.start, dict[Pair, Mapping[str, float]](), dict[Pair, range]()
-        _prepare(config, store, methods, progress, means)
+        _prepare(config, store, methods, progress, how)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
         stopping = _stopping(config, store, methods, progress)
@@ -74,11 +74,11 @@ def compute(
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, tasks=tasks, shard=shard)
             if tasks:
                 _note_methods(config, store, methods)
-                engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
+                engine = choose_engine(config, tasks, how.workers, how.engine, place, progress.say, how.scheduler)
             if tasks or not file.is_up_to_date():
                 with file:
                     blocks = _compute(config, store, tasks, engine, progress, file, stopping) if tasks else {}
-            check_shared(config, store, trials, blocks if _is_here(config, means) else {}, first)
+            check_shared(config, store, trials, blocks if _is_here(config, how) else {}, first)
 
 
 def _say_if_empty(file: Path, progress: Progress) -> None:
@@ -87,10 +87,10 @@ def _say_if_empty(file: Path, progress: Progress) -> None:
 
 
 def _prepare(
-    config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, means: Means
+    config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, how: ComputeOptions
 ) -> None:
     """Check the stored rows, and store what reports need beside the trials."""
-    check_versions(config, store, methods, accept=means.accept_versions)
+    check_versions(config, store, methods, accept=how.accept_versions)
     for name in added_methods(store):
         if name not in config.methods:
             text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
@@ -104,9 +104,9 @@ def _note_methods(config: ExperimentConfig, store: Store, methods: Collection[st
     note_versions(config, store, methods)
 
 
-def _is_here(config: ExperimentConfig, means: Means) -> bool:
+def _is_here(config: ExperimentConfig, how: ComputeOptions) -> bool:
     """Whether trials are computed on this machine; workers of dask may be other ones."""
-    return (means.engine or config.execution.engine) != "dask"
+    return (how.engine or config.execution.engine) != "dask"
 
 
 def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> None:

@@ -11,7 +11,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config
 from rmpc_bench.engines.blocks import TaskQueue
-from rmpc_bench.execution.missing import Means
+from rmpc_bench.execution.missing import ComputeOptions
 from rmpc_bench.execution.progress import Silent
 from rmpc_bench.execution.runner import compute
 
@@ -63,7 +63,7 @@ def test_many_short_blocks(tmp_path, benchmark, monkeypatch, engine):
 
     monkeypatch.setattr(TaskQueue, "note", noting)
     arguments = (config, tmp_path / "out")
-    options = {"means": Means(WORKERS, engine), "progress": times}
+    options = {"how": ComputeOptions(WORKERS, engine), "progress": times}
     benchmark.pedantic(compute, arguments, options, rounds=1)
     assert len(times.seen) == RUNS
     between = times.seen[-1] - times.seen[0]

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_designs import Round, RoundBuilder, Trial
 from rmpc_bench.engines.choice import choose_engine
-from rmpc_bench.execution.missing import Means, pending, stored_blocks
+from rmpc_bench.execution.missing import ComputeOptions, pending, stored_blocks
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
 from rmpc_bench.execution.separation import separated, warm_up_tasks
@@ -108,9 +108,9 @@ DIGITS = 6
 class Rounds:
     """Computes the trials of values, or reads those that are stored below the directory of the results."""
 
-    def __init__(self, config: ExperimentConfig, directory: Path, means: Means, progress: Progress) -> None:
+    def __init__(self, config: ExperimentConfig, directory: Path, how: ComputeOptions, progress: Progress) -> None:
         assert config.tuning is not None
-        self._config, self._plan, self._means, self._progress = config, config.tuning, means, progress
+        self._config, self._plan, self._how, self._progress = config, config.tuning, how, progress
         self.directory, self._builder = directory, RoundBuilder(config)
         self.seconds: dict[str, float] = {}
         """Key of a search -> computing time of its trials in this process [s]."""
@@ -143,7 +143,7 @@ class Rounds:
         with Store(self.directory / FOLDER / folder[:12]) as store:
             store.claim(folder, {**self._config.shared, **seed})
             names = list(dict.fromkeys(trial.name for trial in made.places))
-            check_versions(config, store, names, accept=self._means.accept_versions)
+            check_versions(config, store, names, accept=self._how.accept_versions)
             self._compute(config, store, names, len(made.places) * n_runs)
             store.flush()
             found = {trial: self._read(config, store, trial, point, n_runs) for trial, point in made.places.items()}
@@ -154,7 +154,7 @@ class Rounds:
 
     def _compute(self, config: ExperimentConfig, store: Store, names: Sequence[str], n_trials: int) -> None:
         """Compute and store what is missing."""
-        means, progress = self._means, self._progress
+        how, progress = self._how, self._progress
         tasks = pending(config, store, names)
         progress.found(n_trials - sum(len(task.runs) for task in tasks))
         if not tasks:
@@ -162,11 +162,11 @@ class Rounds:
         store.register(stored_methods(config, names))
         note_versions(config, store, names)
         # Most rounds are short: this process begins, and worker processes join where that saves time.
-        n_workers = means.workers if means.workers is not None else config.execution.workers
+        n_workers = how.workers if how.workers is not None else config.execution.workers
         config = replace(config, execution=replace(config.execution, workers=n_workers))
         config, _ = separated(config, names, progress)
         place = store.directory
-        engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
+        engine = choose_engine(config, tasks, None, how.engine, place, progress.say, how.scheduler)
         warm_up_tasks([point.experiment for point in config.points], tasks, progress)
         with closing(stored_blocks(config, store, tasks, engine)) as results:
             for _, done in results:

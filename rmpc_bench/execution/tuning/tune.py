@@ -14,7 +14,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig, TuningPlan, Wa
 from rmpc_bench.config.identity import digest
 from rmpc_bench.config.tuning_designs import Trial
 from rmpc_bench.execution import progress_file
-from rmpc_bench.execution.missing import Means
+from rmpc_bench.execution.missing import ComputeOptions
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
@@ -43,14 +43,14 @@ def tuned(
     *,
     shard: Shard | None = None,
     only: Collection[str] | None = None,
-    means: Means | None = None,
+    how: ComputeOptions | None = None,
     progress: Progress | None = None,
     n_runs: int | None = None,
 ) -> ExperimentConfig:
     """Return a configuration with tuned values: those that are known, and those that are found here.
 
     The same call continues an interrupted one.  The directory of the results, or that of a shard, has or gets
-    tuning.json and the trials of the tuning.  A shard uses the tuning.json of the whole experiment too.  `means` says
+    tuning.json and the trials of the tuning.  A shard uses the tuning.json of the whole experiment too.  `how` says
     how trials are computed.  With a stopping rule the regret waits for `n_runs`, the number of runs that were made.
     Raises as `rmpc_bench.execution.runner.compute`.
     """
@@ -72,7 +72,7 @@ def tuned(
     if left.any:
         _refuse_another(config, directory)
         shown = TuningProgress(directory, config, shard, progress or Silent(), left.title, left.n_trials)
-        found |= _searched(Rounds(config, directory, means or Means(), shown), left, found, shown)
+        found |= _searched(Rounds(config, directory, how or ComputeOptions(), shown), left, found, shown)
     try:
         if any(each.key in found for each in plan_of.searches):
             write_record(directory, plan_of, found)
