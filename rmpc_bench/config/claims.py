@@ -380,7 +380,7 @@ def layout_of(
         "points": tuple(draft.coordinates for draft in drafts) if is_valid else (),
         "trials": tuple(point.method_keys for point in built) if is_complete else (),
         "has_runs": "runs" in drafts[0].values["evaluate"],
-        "tuned": tuple(drafts[0].tuned),
+        "tuned": tuple(drafts[0].tuning.methods),
     }
     experiments = [point.experiment for point in built]
     if not experiments:

@@ -129,6 +129,19 @@ class TunedMethod(NamedTuple):
     """The method at the lower end of all ranges: what identifies it does not depend on the values of the file."""
     values: Mapping[str, float | int] | None
     """Path -> value that was chosen; None where none was yet."""
+    untuned: MethodComponents
+    """The method without these values."""
+
+
+@dataclass
+class PointTuning:
+    """Tuning at one point of the sweep: values that are known, and the methods that have ranges."""
+
+    rows: Sequence[ValueRow] = ()
+    """Known values that the file has."""
+    chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Method -> path -> known value, of the file or of a search."""
+    methods: dict[str, TunedMethod] = field(default_factory=dict)
 
 
 class ModelFacts(NamedTuple):
@@ -193,13 +206,7 @@ class DraftConfig:
     """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
-    rows: Sequence[ValueRow] = ()
-    """Values of this point that the file has."""
-    chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Method -> path -> value that tuning has chosen at this point."""
-    tuned: dict[str, TunedMethod] = field(default_factory=dict)
-    defaults: dict[str, MethodComponents] = field(default_factory=dict)
-    """Tuned method with values that were chosen -> its components without them."""
+    tuning: PointTuning = field(default_factory=PointTuning)
     sources: dict[str, str] = field(default_factory=dict)
     """Method -> where its parameters come from, as its key `parameters` says."""
     labels: dict[str, str] = field(default_factory=dict)

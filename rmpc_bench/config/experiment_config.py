@@ -136,7 +136,7 @@ def tuning_seed(seed: int, number: int) -> int:
 def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> TuningPlan | None:
     """Return what there is to tune in a valid configuration; None where no method is tuned."""
     tune = drafts[0].values["tune"]
-    if tune is None or not drafts[0].tuned:
+    if tune is None or not drafts[0].tuning.methods:
         return None
     protocol = tune.protocol(metric_of_tuning(drafts[0]))
     seeds = [tuning_seed(draft.values["seed"], protocol.seed) for draft in drafts]
@@ -144,7 +144,7 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
     searches = [
         _search(draft, point, number, name, protocol, shared[number])
         for number, (draft, point) in enumerate(zip(drafts, points, strict=True))
-        for name in draft.tuned
+        for name in draft.tuning.methods
     ]
     folder, test_runs = digest(sorted(set(shared))), points[0].experiment.n_runs
     return TuningPlan(protocol, tune.regret, tuple(searches), tuple(seeds), folder, test_runs)
@@ -153,7 +153,7 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
 def _search(
     draft: DraftConfig, point: SweepPoint, number: int, name: str, protocol: TuningProtocol, shared: str
 ) -> WantedSearch:
-    tuned = draft.tuned[name]
+    tuned = draft.tuning.methods[name]
     data = {
         "experiment": shared,
         "method": method_data(draft, tuned.lowest, without_path),
@@ -163,7 +163,7 @@ def _search(
         "metric": point.metric_keys[protocol.metric],
     }
     key, settings = digest({**data, "code": point.code[name]}), digest(data)[:16]
-    carried = next((row.key for row in draft.rows if row.method == name), settings)
+    carried = next((row.key for row in draft.tuning.rows if row.method == name), settings)
     found = (tuned.parameters, tuned.default, key, tuned.values, settings, carried)
     return WantedSearch(draft.title, number, name, *found)
 
@@ -172,7 +172,9 @@ def parameter_words(draft: DraftConfig, plan: TuningPlan | None) -> dict[str, st
     """Say for every method where its parameters come from."""
     usual = usual_parameters(draft.values["paper"])
     words = {name: draft.sources.get(name, usual) for name in draft.methods}
-    return words if plan is None else {**words, **{name: plan.words(name, words[name]) for name in draft.tuned}}
+    if plan is None:
+        return words
+    return {**words, **{name: plan.words(name, words[name]) for name in draft.tuning.methods}}
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,7 +181,8 @@ def _methods(draft: DraftConfig) -> dict[str, Any]:
     methods = {}
     for name, components in draft.methods.items():
         # The values that tuning has chosen stand under `tune`.
-        data = method_data(draft, draft.defaults.get(name, components))
+        tuned = draft.tuning.methods.get(name)
+        data = method_data(draft, components if tuned is None else tuned.untuned)
         named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
         named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
         # A template stays one, so that an override of the resolved configuration changes the label too.
@@ -193,7 +194,7 @@ def _tune(draft: DraftConfig) -> dict[str, Any]:
     """Return the section `tune` without the values that were chosen; where it says so, nothing is tuned."""
     tune = draft.values["tune"]
     if tune is None:
-        return {"tune": None} if draft.tuned else {}
+        return {"tune": None} if draft.tuning.methods else {}
     return {"tune": plain_data(replace(tune, values=[]))}
 
 

@@ -62,17 +62,14 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     for row in ([each.ends[1] for each in parameters], [_inside(each) for each in parameters]):
         if _checked_at(draft, own, read, parameters, path, row) is None:
             return components
-    chosen = draft.chosen.get(name)
+    chosen = draft.tuning.chosen.get(name)
     mark = locate_key(draft.tree, path)
     values = None
     if chosen is not None and {*chosen} in ({each.path for each in parameters}, set()):
         values = {each.path: as_value(each, chosen[each.path]) for each in parameters if chosen}
     default = tuple(_number_at(components, each.path) for each in parameters)
-    draft.tuned[name] = TunedMethod(tuple(parameters), default, lowest, values)
-    if not values:
-        return components
-    draft.defaults[name] = components
-    return read(with_values(draft, own, values, mark))
+    draft.tuning.methods[name] = TunedMethod(tuple(parameters), default, lowest, values, components)
+    return read(with_values(draft, own, values, mark)) if values else components
 
 
 def as_value(parameter: TunedParameter, number: float) -> float | int:
@@ -225,7 +222,7 @@ def _check_values(drafts: Sequence[DraftConfig], names: Sequence[str]) -> None:
             else:
                 first.note([*place, key] if key == "method" or row.at else place, message)
         seen.add((row.at, row.method))
-        tuned = None if found else points[row.at].tuned.get(row.method)
+        tuned = None if found else points[row.at].tuning.methods.get(row.method)
         for path, message in [] if tuned is None else _wrong_values(row, tuned):
             first.note([*place, "values", *path], f"{message}; `-s tune.values=[]` searches again")
 
@@ -250,14 +247,15 @@ def _wrong_values(row: ValueRow, tuned: TunedMethod) -> Iterator[tuple[list[str]
 
 
 def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
+    tuned = draft.tuning.methods
     for name in names:
-        n = len(draft.tuned[name].parameters) if name in draft.tuned else 0
+        n = len(tuned[name].parameters) if name in tuned else 0
         if n > MOST_PARAMETERS:
             message = f"has {n} parameters; at most {MOST_PARAMETERS} are chosen together, so leave some out"
             draft.note(["methods", name, "tune"], message, key=True)
     tune = draft.values["tune"]
     for name in names if tune is not None and tune.search == "grid-golden" else ():
-        if name in draft.tuned and len(draft.tuned[name].parameters) > 1:
+        if name in tuned and len(tuned[name].parameters) > 1:
             message = "`search: grid-golden` takes one parameter; nelder-mead, quasi-random and auto take more"
             draft.note(["methods", name, "tune"], message, key=True)
 
@@ -265,7 +263,7 @@ def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
 def _check_sweep(draft: DraftConfig) -> None:
     """Refuse a parameter that is both swept and tuned."""
     swept = [split(path, draft.tree.mark) for path in draft.coordinates]
-    for name, tuned in draft.tuned.items():
+    for name, tuned in draft.tuning.methods.items():
         for parameter in tuned.parameters:
             steps = ["methods", name, *split(parameter.path, draft.tree.mark)]
             if any(path[: len(steps)] == steps for path in swept):

@@ -13,7 +13,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.claims import ClaimKeys
-from rmpc_bench.config.draft import DraftConfig, Inherited
+from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
 from rmpc_bench.config.method_tune import shrink_tuning
 from rmpc_bench.config.methods import read_method_section
 from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
@@ -73,8 +73,8 @@ def _sections(
     draft = DraftConfig(tree, [], point.coordinates, point.title, access, inherited)
     _top_level(draft)
     tune = draft.values["tune"]
-    draft.rows = [] if tune is None else [row for row in tune.values if row.at == point.title]
-    draft.chosen = {**{row.method: row.values for row in draft.rows}, **chosen}
+    rows = [] if tune is None else [row for row in tune.values if row.at == point.title]
+    draft.tuning = PointTuning(rows, {**{row.method: row.values for row in rows}, **chosen})
     check_required(draft)
     read_uncertainty(draft)
     draft.plant = _component(draft, "plant", ignore=("perturb", "set", *RANGE_KEYS))
