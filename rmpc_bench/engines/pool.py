@@ -105,13 +105,14 @@ class Pool:
             for number, worker in [*self._workers.items()]:
                 if worker.connection in ready:
                     try:
-                        message = worker.receive()
+                        messages = worker.receive()
                     except EOFError:
                         if self._cancelled:
                             raise WorkerError("the computation was cancelled") from None
                         yield from self._replace(number)
                     else:
-                        yield from self._handle(worker, message)
+                        for message in messages:
+                            yield from self._handle(worker, message)
                 else:
                     worker.check()
 

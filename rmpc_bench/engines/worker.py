@@ -20,6 +20,7 @@ from typing import Any
 from rmpc_bench.child_process import end_with
 from rmpc_bench.components.loading import described, place_of
 from rmpc_bench.components.transport import loads
+from rmpc_bench.engines.messages import send
 from rmpc_bench.engines.tasks import Done, Task, contained, warm_up_own
 from rmpc_bench.engines.watch import Limits, SharedWatch
 from rmpc_bench.simulation.scenario import Experiment
@@ -64,10 +65,10 @@ def _work(connection: Connection, data: bytes, limits: Limits, watch: SharedWatc
         experiments = _loaded(connection, data)
         too_small = _limit_memory(limits)
         if too_small:
-            connection.send(too_small)
+            send(connection, too_small)
         elif experiments is not None:
             signal.signal(STOP_STEP, _stopper(watch, limits))
-            connection.send(None)
+            send(connection, None)
             _serve(connection, experiments, watch, limits)
     except (EOFError, ConnectionError):
         pass
@@ -82,7 +83,7 @@ def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:
         warm_up_own(experiments)
     except BaseException as error:
         place = place_of(error)
-        connection.send(described(error) if place is None else f"{place.file}:{place.line}: {described(error)}")
+        send(connection, described(error) if place is None else f"{place.file}:{place.line}: {described(error)}")
         return None
     return experiments
 
@@ -142,10 +143,10 @@ def _serve(connection: Connection, experiments: Sequence[Experiment], watch: Sha
                 if os.getpid() != process:
                     # A component has called os.fork and returned: the copy must not answer in place of this process.
                     os._exit(0)
-                connection.send(done)
+                send(connection, done)
             is_fresh = False
         _cut_log(before, LOG_PER_RUN * len(task.runs))
-        connection.send(None)
+        send(connection, None)
 
 
 def _done(experiments: Sequence[Experiment], task: Task, watch: SharedWatch, *, may_be_full: bool) -> Iterator[Done]:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from rmpc_bench.child_process import Idleness, held, is_stopped, signal_name, start
+from rmpc_bench.engines.messages import Inbox
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.engines.watch import SIZE, Limits, SharedWatch
 from rmpc_bench.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
@@ -131,6 +132,7 @@ class WorkerProcess:
             self._watch = SharedWatch(file)
             self._trace = tempfile.TemporaryFile()
             self.connection, child = Pipe()
+            self._inbox = Inbox(self.connection)
             # An interruption between the start and the assignment would leave a process that nobody ends.
             with held(), child:
                 self._process = _started(child, experiments.fileno(), file.fileno(), self._trace.fileno(), log)
@@ -150,13 +152,13 @@ class WorkerProcess:
             # The process has ended; `receive` reports that.
             pass
 
-    def receive(self) -> Any:
-        """Return the next message."""
+    def receive(self) -> list[Any]:
+        """Return the messages that have arrived, none where the first is not complete; EOFError at the end."""
         self._checked = time.monotonic()
         self._idle.reset()
         try:
-            return self.connection.recv()
-        except (ConnectionError, OSError):
+            return [*self._inbox.messages()]
+        except OSError:
             raise EOFError from None
 
     def check(self) -> None:

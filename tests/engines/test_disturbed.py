@@ -116,6 +116,27 @@ def test_a_worker_that_is_stopped_while_it_starts(monkeypatch):
     assert [end.message for _, end in notes] == ["the worker process was stopped"] and len(started) == 2
 
 
+@pytest.mark.kill
+def test_a_worker_that_is_stopped_in_the_middle_of_a_message(monkeypatch):
+    """Nobody waits for the rest of it; another worker computes the block again."""
+    monkeypatch.setattr(workers, "STOPPED", 0.5)
+    receive, stopped, notes, n_runs = workers.WorkerProcess.receive, [], [], 60_000
+
+    def stop_it(worker):
+        found = receive(worker)
+        if worker.loaded and not found and not stopped:
+            stopped.append(worker.pid)
+            os.kill(worker.pid, signal.SIGSTOP)
+        return found
+
+    monkeypatch.setattr(workers.WorkerProcess, "receive", stop_it)
+    made = made_of(Halfway(), n_runs)
+    [done] = processes([made], queue_of(made, n_runs), 1, note=lambda *each: notes.append(each))
+    assert len(stopped) == 1 and [end.message for _, end in notes] == ["the worker process was stopped"]
+    [expected] = serial([made], queue_of(made, n_runs))
+    np.testing.assert_array_equal(done.block.metrics, expected.block.metrics)
+
+
 class HangsOnce(Halfway):
     """Waits without end the first time that it is called."""
 
