@@ -35,6 +35,7 @@ SENT = tuple(
         "rmpc_bench/components/transport.py",
         "rmpc_bench/conformance/subject.py",
         "rmpc_bench/conformance/information.py",
+        "rmpc_bench/engines/messages.py",
         "rmpc_bench/engines/worker.py",
         "rmpc_bench/execution/separation.py",
         "multiprocessing/connection.py",
