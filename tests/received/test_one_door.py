@@ -41,6 +41,8 @@ BETWEEN_OWN_PROCESSES = {
     "conformance/outcome.py": {"pickle.loads"},
     "conformance/information.py": {"pickle.loads"},
     "conformance/subject.py": {"pickle.loads"},
+    "engines/messages.py": {"pickle.loads"},
+    "engines/worker.py": {"pickle.load"},
     "execution/pilot.py": {"json.loads"},
     "execution/separation.py": {"pickle.loads"},
 }
