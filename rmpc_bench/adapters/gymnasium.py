@@ -1,4 +1,4 @@
-"""Environment of Gymnasium as plant, and a configuration as an environment.
+"""Environment of Gymnasium as kind of plant: its keys, and the trial whether its random numbers depend on actions.
 
 Model   x(k+1) is the state after `step` with the action u(k), plus w(k);  y(k) are entries of the state or the
         observation, or output(x, p), plus v(k).  There is one environment per run and method.

@@ -1,4 +1,4 @@
-"""A plant that consists of environments, one per run and method."""
+"""The plant that consists of environments, one per run and method: its steps and its signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled mechanics of the parallel robot for all rows of a block; moving_slide.py defines the equations.
+"""Compiled mechanics of the parallel robot for all rows of a block, with the limits of its poses.
 
 Phases
     1  geometry of the arms                                     _geometry

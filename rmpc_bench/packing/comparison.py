@@ -1,4 +1,4 @@
-"""Packed rows and files beside those that are computed here: which are equal, in what sense, where they differ."""
+"""Two versions of one file or of its rows: equal in bytes, equal up to rounding, or the first place of a difference."""
 
 from __future__ import annotations
 

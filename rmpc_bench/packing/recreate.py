@@ -1,4 +1,4 @@
-"""The files of an archive made again from computed trials, in the way that the archive records, and compared."""
+"""The files of an archive made again from computed trials; which of them are compared, and which cannot be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded data as plant: the runs of an experiment that took place elsewhere, for the comparison of estimators.
+"""Recorded data as plant: files of runs that took place elsewhere, and which of their cells may be empty.
 
 Model   None: y(k) and u(k) are those of the files, and so is x(k) where it was recorded.  Run i is file i, sorted by
         name.  The recorded input is replayed, so that there is no controller.

@@ -1,4 +1,4 @@
-"""Parallel robot of models/moving_slide.py as a plant, integrated by the Runge-Kutta method of order 4.
+"""Parallel robot as a plant, integrated by the Runge-Kutta method of order 4, and the poses that end a run.
 
 Model   M(y) v' + N(y, v) v = J' tau with a zero-order hold of the torques.  The process noise w is added to the state
         x = [x_c, y_c, psi, and their velocities] at the end of the sample; y = (x_c, y_c, psi) + v.

@@ -1,4 +1,4 @@
-"""Recorded columns at the samples of an experiment, which are Ts apart."""
+"""Which rows of a recorded file are the samples of an experiment, Ts apart; what a cell may have, a plant decides."""
 
 from __future__ import annotations
 

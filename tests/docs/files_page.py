@@ -12,7 +12,7 @@ PACKAGE = ROOT / "rmpc_bench"
 HEAD = """# Every file of the package
 
 [design.md](design.md) says how the folders belong together. Here every file has one sentence, the first one of its
-docstring. `make docs` writes this page.
+docstring, and the names of its public constants and classes. `make docs` writes this page.
 """
 
 
@@ -20,13 +20,27 @@ def generated() -> str:
     """The page: a heading for every folder, a line for every file of it."""
     folders: dict[str, list[str]] = {}
     for file in sorted(PACKAGE.rglob("*.py"), key=lambda path: (path.parent.as_posix(), path.name)):
-        text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        text = ast.get_docstring(tree) or ""
         if text and file.stem != "__main__":
             sentence = " ".join(re.split(r"(?<=\.)\s|\n\n", f"{text} ", maxsplit=1)[0].split()).rstrip(".:")
             folder = file.parent.relative_to(ROOT).as_posix()
-            folders.setdefault(folder, []).append(f"- `{file.name}`: {_plain(sentence)}")
+            folders.setdefault(folder, []).append(f"- `{file.name}`: {_plain(sentence)}{_names(tree)}")
     parts = [f"## `{folder}/`\n\n" + "\n".join(lines) + "\n" for folder, lines in folders.items()]
     return "\n".join([HEAD, *parts])
+
+
+def _names(tree: ast.Module) -> str:
+    """The public constants and classes of a file, in their order."""
+    found = []
+    for each in tree.body:
+        if isinstance(each, ast.ClassDef):
+            found.append(each.name)
+        elif isinstance(each, ast.Assign | ast.AnnAssign):
+            targets = each.targets if isinstance(each, ast.Assign) else [each.target]
+            found += [name.id for one in targets for name in ast.walk(one) if isinstance(name, ast.Name)]
+    names = [name for name in dict.fromkeys(found) if not name.startswith("_")]
+    return f" (`{', '.join(names)}`)" if names else ""
 
 
 def _plain(text: str) -> str:
