@@ -1,4 +1,4 @@
-"""A configuration while it is validated and built: its sections, with None where a section has an error."""
+"""A configuration while it is validated and built: its sections, None where one has an error, and the noise `same`."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rmpc_bench.recordings.recorded_input import RecordedInput, inputs
-from rmpc_bench.recordings.sampling import Resample, Sampling
-from rmpc_bench.recordings.table import File, columns_of, read_table
+from rmpc_bench.recordings.sampling import File, Resample, Sampling, columns_of, read_table
 from rmpc_bench.types import Array, DataFiles, DesignError, Motion, Plant, RecordedRuns, RunInfo
 
 Rows = Int[Array, " runs"]

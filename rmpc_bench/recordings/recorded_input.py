@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.recordings.sampling import Resample, Sampling
-from rmpc_bench.recordings.table import columns_of, read_table
+from rmpc_bench.recordings.sampling import Resample, Sampling, columns_of, read_table
 from rmpc_bench.types import Array, DataFiles, DesignError, InputSignal
 
 

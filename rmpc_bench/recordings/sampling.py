@@ -1,14 +1,17 @@
-"""Which rows of a recorded file are the samples of an experiment, Ts apart; what a cell may have, a plant decides."""
+"""Recorded files as columns, and which rows are the samples of an experiment, Ts apart; a plant checks the cells."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.received.arrays import ArrayFileError, columns
 from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types.errors import unknown
 
 Resample: TypeAlias = Literal["linear", "previous"]
 
@@ -98,3 +101,31 @@ class Sampling:
             row = int(wrong[0])
             text = f"the recorded steps are not {Ts:g} s: at t = {t[row - 1]:.6g} s the next sample is {t[row]:.6g} s"
         raise DesignError(f"{file.name}: {text}, or give `resample: linear` (or `previous`)", "t")
+
+
+File: TypeAlias = Path
+"""A recorded file, for rooms that touch no files themselves."""
+
+ENDINGS = (".csv", ".npz")
+Columns = Mapping[str, Float[Array, " samples"]]
+
+
+def read_table(file: Path) -> Columns:
+    """Read a file."""
+    try:
+        if file.suffix.lower() not in ENDINGS:
+            raise ArrayFileError(f"the ending must be one of {', '.join(ENDINGS)}")
+        return columns(file)
+    except ArrayFileError as error:
+        raise DesignError(f"{file.name}: {error}") from None
+
+
+def columns_of(table: Columns, names: str | Sequence[str], file: Path, key: str) -> Float[Array, "samples n"]:
+    """Return the columns of some names, side by side."""
+    found = []
+    for name in [names] if isinstance(names, str) else names:
+        numbered = [f"{name}.{i}" for i in range(len(table)) if f"{name}.{i}" in table]
+        if name not in table and not numbered:
+            raise DesignError(f"{file.name}: {unknown(name, table, 'column')}", key)
+        found += [table[each] for each in ([name] if name in table else numbered)]
+    return np.stack(found, axis=1) if found else np.zeros((len(next(iter(table.values()))), 0))
