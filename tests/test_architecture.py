@@ -271,10 +271,6 @@ FLOORS = {
     "config": 10,
     # The kit runs checks of all kinds in a process, on examples that are simulated.
     "conformance": 10,
-    # Signals are drawn from curves of quantities of recorded runs, with labels in a style.
-    "figures": 9,
-    # A page opens summaries of tables whose cells and notes lie below.
-    "report": 9,
 }
 """Longest chain of imports inside a room; 8 elsewhere."""
 OUTSIDE_WORLD = {"io", "os", "pathlib", "random", "shutil", "socket", "subprocess", "tempfile", "time", "datetime"}

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from rmpc_bench.analysis.comparison_text import per_cent
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
+from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.analysis.verdict import FACTOR
@@ -19,11 +20,23 @@ from rmpc_bench.figures.labels import printed
 from rmpc_bench.report import latex
 from rmpc_bench.report.columns import COLUMNS, other_average
 from rmpc_bench.report.comparison_table import AVERAGES
-from rmpc_bench.report.latex import WIDTH, capitalised, paper_table
+from rmpc_bench.report.latex import (
+    WIDTH,
+    Body,
+    PaperTable,
+    capitalised,
+    fitting_body,
+    paper_table,
+    row_label,
+    stacked,
+    title_of,
+)
+from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.page.rows import Rows
-from rmpc_bench.report.point_tables import Points
+from rmpc_bench.report.point_tables import Points, PointSummary
 from rmpc_bench.report.run_notes import counted
-from rmpc_bench.report.run_tables import latex_requirements
+from rmpc_bench.report.run_tables import REQUIREMENTS, difference_text, share_text
+from rmpc_bench.types.metric import Requirement
 from rmpc_bench.types.result_layout import Column
 
 LONGEST = 285  # characters of two lines
@@ -210,3 +223,50 @@ def _name(trials: Trials, method: str) -> str:
 def _plain(text: str) -> str:
     """Protect the dollar signs of a name."""
     return text.replace("$", r"\$")
+
+
+def latex_requirements(points: Sequence[PointSummary], comments: Sequence[str], width: float) -> dict[str, PaperTable]:
+    """Return name -> table of requirements for a paper; empty without requirements."""
+    tables = [point.trials for point in points if point.trials.requirements]
+    if not tables:
+        return {}
+    first = tables[0]
+    where = f" at {len(tables)} points of a sweep" if len(tables) > 1 else ""
+    named = ", ".join(dict.fromkeys(_named(trials, each) for trials in tables for each in trials.requirements))
+    caption = f"Runs that pass, which is to have {named}; {len(first.runs)} runs per method{where}."
+    level = f"{100 * first.confidence:g} %"
+    note = [f"Share: with its {level} interval of Wilson in brackets."]
+    if len(first.methods) > 1:
+        base = first.labels.get(first.baseline, first.baseline.replace("$", r"\$"))
+        note.append(f"Each run is paired with the run of {base} that has the same random numbers.")
+        what = f"share minus that of {base} in percentage points"
+        note.append(f"Difference: {what}, with the paired {level} score interval.")
+    failed = {name: sum(trials.n_failed(name) for trials in tables) for name in first.methods}
+    counts = ", ".join(f"{first.labels.get(name, name)} {n}" for name, n in failed.items() if n)
+    note.append(f"Failed runs: {counts}; they do not pass." if counts else "No run failed.")
+    body = fitting_body([_body(tables, short=short) for short in (False, True)], width)
+    return {REQUIREMENTS: paper_table(REQUIREMENTS, body, caption, " ".join(note), comments)}
+
+
+def _named(trials: Trials, requirement: Requirement) -> str:
+    """Write a requirement with the unit of its metric."""
+    units = {info.name: info.unit for info in trials.metrics}
+    return f"{requirement.text} {units.get(requirement.metric, '')}".rstrip().replace("$", r"\$")
+
+
+def _body(tables: Sequence[Trials], *, short: bool) -> Body:
+    """Lay out a group of rows per point and requirement."""
+    paired = len(tables[0].methods) > 1
+    head = ["Method", "Pass", stacked(["Share", r"[\%]"]), *([stacked(["Difference", "[points]"])] if paired else [])]
+    groups = []
+    for trials in tables:
+        rates = pass_rates(trials)
+        for requirement in trials.requirements:
+            rows = []
+            for row in rates[rates["requirement"] == requirement.text].to_dict("records"):
+                texts = [f"{row['passed']}/{row['n']}", share_text(row).replace(" %", "", 1)]
+                texts += [difference_text(row).replace(" points", "", 1)] if paired else []
+                rows.append([row_label(trials, row["method"], short=short), *map(number_latex, texts)])
+            title = ", ".join(filter(None, [title_of(trials), to_latex(_named(trials, requirement))]))
+            groups.append((title, rows))
+    return Body(head, groups)
