@@ -4,10 +4,10 @@
     python -m byte_gate COMMIT PART   # only configurations whose path contains PART
 
 The results of a commit stay in build/bytes/<commit> and are not computed again.  Files are equal if their bytes are.
-Left out are times, git state and directory in manifest.json, measured times in tables and sentences, and notes on the
-screen that come when something takes long.  Rows of trials.sqlite are compared by the keys of methods and columns:
-their numbers are given in the order in which blocks arrive.  PDF files are compared by their texts and sizes, for the
-version of fontTools decides the bytes of their fonts; the SVG file of the same draw is compared byte by byte.
+Left out are times and dates, git state and directory in manifest.json, measured times in tables and sentences, and
+notes on the screen that come when something takes long.  Rows of trials.sqlite are compared by the keys of methods and
+columns: their numbers are given in the order in which blocks arrive.  PDF files are compared by their texts and sizes,
+for the version of fontTools decides the bytes of their fonts; the SVG file of the same draw is compared byte by byte.
 """
 
 import json
@@ -36,6 +36,7 @@ OF_THE_RUN = {"start", "stop", "git", "place", "blas", "fonttools"}
 DURATION = re.compile(rb"(?<=(?:failed|trials|o runs)), [0-9.]+ (ms|s|min|h)\b|(?m:^[A-Z].* \.\.\.\n)")
 """How long a run took, which is said where it took long, and what is said of something that takes long."""
 TIMINGS = re.compile(rb"(?m)^<tr>.*<td class=\"n\">(?:step|first step|block|start|output)</td>.*</tr>$")
+DATE = re.compile(rb"\b20\d\d-\d\d-\d\d\b")
 LAUNCH = "import sys; from rmpc_bench.cli import main; sys.argv[0] = 'rmpc-bench'; main()"
 
 
@@ -99,13 +100,22 @@ def rows(path):
         names = [column for column, *_ in found.description]
         known = {"method": keys, "signal": keys, "column": columns}
         tables[table] = sorted(
-            repr([known.get(name, {}).get(value, value) for name, value in zip(names, row, strict=True)])
+            repr([known.get(name, {}).get(value, _data(value)) for name, value in zip(names, row, strict=True)])
             for row in found
             if table != "durations"  # wall time
         )
     tables["keys"] = sorted(keys.values())
     tables["columns"] = sorted(map(repr, columns.values()))
     return tables
+
+
+def _data(value):
+    """A stored value; the members of a mapping have no order."""
+    try:
+        found = json.loads(value) if isinstance(value, str) else None
+    except ValueError:
+        found = None
+    return json.dumps(found, sort_keys=True) if isinstance(found, dict) else value
 
 
 def content(path, place):
@@ -117,7 +127,7 @@ def content(path, place):
     if path.suffix == ".pdf":
         return "\n".join(f"{page.mediabox} {page.extract_text()}" for page in PdfReader(path).pages)
     text = path.read_bytes().replace(str(place).encode(), b"DIRECTORY")
-    return TIMINGS.sub(b"", DURATION.sub(b"", text))
+    return TIMINGS.sub(b"", DURATION.sub(b"", DATE.sub(b"DATE", text)))
 
 
 def differences(old, new):

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO, StringIO
+from logging import ERROR, getLogger
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -236,7 +237,10 @@ LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
 
 @contextmanager
 def small_fonts() -> Iterator[None]:
-    """Let fontTools leave out of the fonts of a PDF what only a text processor and a coarse screen use."""
+    """Let fontTools leave out of the fonts of a PDF what only a text processor and a coarse screen use.
+
+    What it logs of the fonts, such as an early date, is no concern of the user.
+    """
     from fontTools import subset
 
     usual = subset.Options
@@ -246,11 +250,15 @@ def small_fonts() -> Iterator[None]:
         made.drop_tables = [*made.drop_tables, *LAYOUT_TABLES]
         return made
 
+    log = getLogger("fontTools")
+    level = log.level
+    log.setLevel(ERROR)
     subset.Options = smaller
     try:
         yield
     finally:
         subset.Options = usual
+        log.setLevel(level)
 
 
 def svg_of(figure: MplFigure) -> str:

@@ -1,6 +1,7 @@
 """SVG and PDF from one draw show what a draw of their own shows; fonts of a PDF are small."""
 
 import io
+import logging
 import re
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
 from pypdf import PdfReader
 
-from rmpc_bench.figures.files import can_be_drawn_once, save, svg_of
+from rmpc_bench.figures.files import can_be_drawn_once, save, small_fonts, svg_of
 from rmpc_bench.figures.style import Rendering, style
 
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -107,6 +108,16 @@ def test_fonts_of_a_pdf_have_the_outlines_of_their_letters_only(tmp_path):
             assert small["hmtx"][glyph] == whole["hmtx"][glyph]
             outlines = [font["glyf"][glyph].getCoordinates(font["glyf"])[0] for font in (small, whole)]
             assert list(outlines[0]) == list(outlines[1])
+
+
+def test_what_a_library_logs_of_a_font_is_not_shown(tmp_path, caplog):
+    """The symbols of TeX have a date that fontTools remarks on."""
+    figure = Figure()
+    figure.text(0.5, 0.5, "abc", fontfamily="cmsy10")
+    with style(), small_fonts():
+        figure.savefig(tmp_path / "a.pdf")
+    assert b"Cmsy10" in (tmp_path / "a.pdf").read_bytes() and not caplog.records
+    assert logging.getLogger("fontTools").level == logging.NOTSET
 
 
 def _files(font):
