@@ -1,6 +1,7 @@
 """Who may import whom, and what no module may do; read from the sources, nothing is imported."""
 
 import ast
+import re
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -429,6 +430,19 @@ def test_no_file_is_too_long():
     lengths = {file: len(path.read_text(encoding="utf-8").splitlines()) for file, path in FILES.items()}
     long = {file: length for file, length in lengths.items() if length > 400}
     assert max(lengths.values()) <= 500, f"longer than 400 lines: {long}"
+
+
+def test_files_that_rooms_name_are_there():
+    """In the docstring of a room: a file of it, or of a room that it names, or a file of the package above."""
+    absent, n_named = [], 0
+    for file in (file for file in FILES if file.endswith("__init__.py")):
+        text = ast.get_docstring(trees()[file]) or ""
+        folder = FILES[file].parent
+        named = re.findall(r"(?<![\w/])(?!my_)[a-z_]+\.py\b", text)
+        rooms = [folder, ROOT, *(ROOT / room for room in re.findall(r"`(\w+)`", text))]
+        n_named += len(named)
+        absent += [f"{file}: {name}" for name in named if not any((room / name).exists() for room in rooms)]
+    assert n_named > 15 and not absent
 
 
 def test_names_say_something():

@@ -251,9 +251,11 @@ class UserClass:
 
     def _incomplete(self) -> str:
         wanted = " or ".join(" and ".join(each) for each in METHODS[self.group])
-        names = {name for each in METHODS[self.group] for name in each}
+        names = [name for each in METHODS[self.group] for name in each]
         own = [name for name in vars(self.cls) if callable(getattr(self.cls, name)) and not name.startswith("_")]
-        near = [unknown(name, names, "method") for name in own]
+        # A method that is there is neither misspelt nor what another name should have been.
+        lacking = [name for name in names if not callable(getattr(self.cls, name, None))]
+        near = [unknown(name, lacking, "method") for name in own if name not in names]
         hint = next((f": {text}" for text in near if "did you mean" in text), "")
         return f"{a_component(self.group)} written for one run has the method {wanted}; {self.name} has not{hint}"
 

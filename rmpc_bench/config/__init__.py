@@ -17,6 +17,6 @@ stage                  module             result
 
 A key of a configuration is in the file of its name (claims, methods, noise, plant, plugins, report, statistics, stop,
 sweep, tune), small ones in sections.py, `requires` in plugins.py, `uncertainty` and `initial` in noise.py; the key
-`tune` of a method is in tuned.py.  left_out.py has what is inherited and does not fit, own_code.py the files of users,
-tuning.py the designs of values that are tried.
+`tune` of a method is in method_tune.py.  left_out.py has what is inherited and does not fit, own_code.py the files of
+users, tuning_designs.py the designs of values that are tried.
 """

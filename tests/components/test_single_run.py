@@ -70,6 +70,14 @@ REFUSED = {
 }
 
 
+def test_a_method_that_is_there_is_not_taken_for_a_misspelt_one():
+    """Oracle: the sentence; only `ouput` is near to a method that is missing."""
+    plant = single_run(type("Tank", (), {"step": lambda self, x, u: x, "ouput": lambda self, x: x}))
+    with pytest.raises(DesignError) as error:
+        design_function("plants", plant)
+    assert str(error.value).endswith("Tank has not: 'ouput' is not a known method; did you mean 'output'?")
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_refused(name):
     """Oracle: the sentence, before any run, without an object made."""
