@@ -308,10 +308,10 @@ def seconds_of(config: ExperimentConfig) -> float:
                 total += STEP_OF_A_BLOCK * experiment.n_steps * n_blocks
                 total += estimated_seconds(experiment, name) * experiment.n_runs
             seen.add(key)
-    return math.ceil(START + (total + _tuning_seconds(config)) / config.execution.workers)
+    return math.ceil(START + (total + tuning_seconds(config)) / config.execution.workers)
 
 
-def _tuning_seconds(config: ExperimentConfig) -> float:
+def tuning_seconds(config: ExperimentConfig) -> float:
     """Estimate the computing time of what is to be tuned on one process [s]."""
     if config.tuning is None:
         return 0.0

@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rmpc_bench.engines.blocks import SECONDS
+from rmpc_bench.engines.blocks import SECONDS, tuning_seconds
 from rmpc_bench.simulation.ensemble import SIZE
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Pilot:
     ----------
     n_runs : runs of the experiment
     n_pilot : runs that were computed for the measurement
-    start : time until the first run: imports, design, compiled kernels, tables [s]
+    start : time until the first run: imports, design, compiled kernels, tables, and the estimated time of tuning [s]
     per_run : time of one run with all methods at all points [s]
     report : time of tables, figures and claims of all runs [s]
     megabytes : largest memory of the process [MB]
@@ -142,7 +142,7 @@ def _measured(config: ExperimentConfig) -> Pilot:
         report = (_cpu() - before) * n_runs / published
     memory = _megabytes() + _megabytes_of_rows(config, n_runs - published)
     start = loaded + max(0.0, first - min(FIRST, n_runs) * per_run)
-    return Pilot(n_runs, n, start, per_run * scale, report * scale, memory)
+    return Pilot(n_runs, n, start + tuning_seconds(config), per_run * scale, report * scale, memory)
 
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
@@ -229,9 +229,12 @@ def _points(config: ExperimentConfig) -> ExperimentConfig:
 
 
 def _with_runs(config: ExperimentConfig, n_runs: int) -> ExperimentConfig:
-    """Return an experiment with so many runs; a stopping rule would ask for more of them."""
+    """Return an experiment with so many runs, without what asks for more of them: a stopping rule and tuning.
+
+    Tuning would load the experiment again at its full size, with the values that it has found.
+    """
     points = tuple(replace(point, experiment=replace(point.experiment, n_runs=n_runs)) for point in config.points)
-    return replace(config, points=points, stop=None)
+    return replace(config, points=points, stop=None, tuning=None, origin=None)
 
 
 def enlarged(results: Results, n_runs: int) -> Results:

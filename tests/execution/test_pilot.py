@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import tuned_experiment
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config, load_results, run
@@ -61,6 +62,14 @@ def test_a_pilot_of_a_stopping_rule_ends(tmp_path):
     config = load_config(write(tmp_path, stop="{resolve: 50%, min_runs: 5, max_runs: 20}"))
     results = run(_with_runs(config, 2), directory=tmp_path / "out", jobs=1)
     assert config.stop is not None and len(results.trials.runs) == 2
+
+
+def test_a_pilot_of_a_tuned_experiment_has_its_own_runs(tmp_path):
+    """Oracle: 2 of 8 runs, and no file of a search; tuning would load the experiment with all runs."""
+    config = load_config(tuned_experiment.write(tmp_path, tune="{budget: 2, runs: 2, regret: false}"))
+    results = run(_with_runs(config, 2), directory=tmp_path / "out", jobs=1)
+    assert config.tuning is not None and len(results.trials.runs) == 2
+    assert not (tmp_path / "out" / "tuning.json").exists()
 
 
 def test_a_pilot_that_fails_is_said(tmp_path):
