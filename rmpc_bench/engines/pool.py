@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 from collections import deque
@@ -38,6 +39,8 @@ AHEAD = 0.2
 """Time of the tasks in a worker, which does not wait while this process commits results [s]."""
 
 
+_NO_MORE = frozenset({errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM})
+"""Errors of the system where too many files are open or too many processes run."""
 Note: TypeAlias = Callable[[str, End], None]
 """Takes a line about the end of a worker, and the end."""
 
@@ -72,7 +75,13 @@ class Pool:
         """Start workers, each in place of an earlier one with its number."""
         for number in numbers:
             log = self._log(number)
-            self._workers[number] = WorkerProcess(self._data, self._limits, log, self._patience)
+            try:
+                self._workers[number] = WorkerProcess(self._data, self._limits, log, self._patience)
+            except OSError as error:
+                if error.errno not in _NO_MORE:
+                    raise
+                text = f"cannot start worker {number + 1}: {error.strerror}; give fewer workers (--jobs)"
+                raise WorkerError(text) from None
             # `cancel` of another thread may have seen those before them only.
             if self._cancelled:
                 self._workers[number].kill()

@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -125,17 +125,25 @@ class WorkerProcess:
         self._late_since, self._asked, self._progress = 0.0, 0.0, 0.0
         # The process reads its experiments from a file: sending them would wait until the process takes them, and one
         # that is stopped while it starts never does.
-        with tempfile.TemporaryFile(buffering=0) as file, tempfile.TemporaryFile() as experiments:
+        with (
+            ExitStack() as opened,
+            tempfile.TemporaryFile(buffering=0) as file,
+            tempfile.TemporaryFile() as experiments,
+        ):
             file.truncate(SIZE)
             pickle.dump((data, limits), experiments)
             experiments.seek(0)
             self._watch = SharedWatch(file)
-            self._trace = tempfile.TemporaryFile()
+            opened.callback(self._watch.close)
+            self._trace = opened.enter_context(tempfile.TemporaryFile())
             self.connection, child = Pipe()
+            opened.enter_context(self.connection)
             self._inbox = Inbox(self.connection)
             # An interruption between the start and the assignment would leave a process that nobody ends.
             with held(), child:
                 self._process = _started(child, experiments.fileno(), file.fileno(), self._trace.fileno(), log)
+                # From now on `close` does it.
+                opened.pop_all()
         self._idle, self._checked, self._stopped = Idleness(self._process.pid), time.monotonic(), 0.0
 
     @property
