@@ -112,6 +112,8 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
         raise StoreError("\n".join([f"{place}: the shards are incomplete", *_said(place, missing), _ways_out(place)]))
     with inside(place), Store(place) as store:
         _copy(place, store, experiment, parts, say=say, partial=partial)
+        # Rows of a run whose status differs are not copied, so that a run that a shard has may be missing here.
+        missing = _missing(experiment, _finished_in(experiment, store))
         with _progress(place, store, experiment, missing.n):
             pass
     return Merged(tuple(part.shard for part in parts), tuple(_said(place, missing)))
@@ -138,6 +140,12 @@ def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tupl
         with Store(directory, writable=False) as store:
             _add_finished(finished, parts[0].experiment, store)
     return parts, finished
+
+
+def _finished_in(experiment: StoredExperiment, store: Store) -> _Finished:
+    finished: _Finished = {}
+    _add_finished(finished, experiment, store)
+    return finished
 
 
 def _add_finished(finished: _Finished, experiment: StoredExperiment, store: Store) -> None:

@@ -1,7 +1,7 @@
 """Copies of stored rows from one trial store to another, for shards.
 
 Rows that the target has stay as they are.  Where both have a run with different statuses, as after a time limit, all
-rows of the run stay those of the target.
+rows of the run stay those of the target.  The moments of a whole group that has such a run are left out.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def copy_rows(source: Columns, target: Columns) -> None:
     for method, runs in copied.items():
         numbers = there.find_number(method), here.number(method)
         _copy_runs(there, here, numbers, runs)
-        write_groups(here, numbers[1], _new_groups(there, here, numbers))
+        write_groups(here, numbers[1], _new_groups(there, here, numbers, runs))
 
 
 def _copy_columns(source: Columns, target: Columns) -> dict[str, Runs]:
@@ -78,10 +78,14 @@ def _copy_runs(source: StoreFile, target: StoreFile, numbers: tuple[int, int], r
         target.insert(table, new, "INSERT OR IGNORE")
 
 
-def _new_groups(source: StoreFile, target: StoreFile, numbers: tuple[int, int]) -> list[Group]:
-    """Return the moments of runs that the target lacks."""
+def _new_groups(source: StoreFile, target: StoreFile, numbers: tuple[int, int], runs: Runs) -> list[Group]:
+    """Return the moments of which the target lacks some of the runs, if all their runs are to be copied."""
     there, here = numbers
     found = read_groups(source, there, _ALL_RUNS)
     stop = max((group.stop for group in found), default=0)
     known = covered(stop, ((group.first, group.stop) for group in read_groups(target, here, stop)))
-    return [group for group in found if not known[group.first]]
+    allowed = np.zeros(max(stop, int(runs.max(initial=-1)) + 1), dtype=bool)
+    allowed[runs] = True
+    spans = [slice(group.first, group.stop) for group in found]
+    # The target may have single runs of a group that is whole in the source.
+    return [group for group, span in zip(found, spans, strict=True) if not known[span].all() and allowed[span].all()]

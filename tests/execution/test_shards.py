@@ -197,6 +197,19 @@ def test_groups_of_an_ensemble_that_shards_cut(tmp_path):
     same(tmp_path / "serial", tmp_path / "seven")
 
 
+def test_a_shard_joins_a_directory_with_the_first_runs(tmp_path, monkeypatch):
+    """Nothing is left to compute, and the ensemble is that of one process."""
+    path = write_estimation(tmp_path, runs=60, evaluate="[runs, ensemble]", execution="{max_failures: 1000}")
+    ran(path, tmp_path / "serial")
+    shard(path, tmp_path / "out", "1/1")
+    ran(path, tmp_path / "out", "--runs", 3)
+    assert joined(tmp_path / "out").exit_code == 0
+    blocks = spied(monkeypatch)
+    ran(path, tmp_path / "out")
+    assert blocks == []
+    same(tmp_path / "serial", tmp_path / "out", looks=2)
+
+
 def test_shards_of_a_sweep(tmp_path):
     keys = {"sweep": "{grid: {controller.Hp: [8, 10]}}", "runs": 9}
     path = write(tmp_path, **keys)

@@ -53,9 +53,9 @@ def group(first, value=1.0):
     return Group(first, first + SIZE, SIZE, np.full((2, 1), value), np.full((2, 1, 1), value))
 
 
-def add(store, runs, groups, method="m"):
+def add(store, runs, groups, method="m", status=Status.OK):
     """Store a block with groups of runs."""
-    block = Block(np.full(len(runs), Status.OK, dtype=np.int8), np.zeros((1, len(runs))), {}, groups, Journal())
+    block = Block(np.full(len(runs), status, dtype=np.int8), np.zeros((1, len(runs))), {}, groups, Journal())
     store.add_block(method, runs, block, {"q": np.zeros(len(runs))}, "d", [{} for _ in runs])
 
 
@@ -193,6 +193,55 @@ def test_single_runs_beside_a_group(tmp_path):
         assert store.finished("m", ["q"], ENSEMBLE, 2).tolist() == [0, 1]
         add(store, range(SIZE), [group(0)])
         assert (spans(store, SIZE), spans(store, 2)) == ([(0, SIZE)], [])
+
+
+def copied(tmp_path, here, there):
+    """Fill two stores, copy the second one into the first, and return (first, stop, mean) of the moments there."""
+    with Store(tmp_path / "here") as target, Store(tmp_path / "there") as source:
+        here(target)
+        there(source)
+        target.copy_from(source)
+        return [(part.first, part.stop, part.mean[0, 0]) for part in target.ensemble("m", 2 * SIZE)]
+
+
+@pytest.mark.parametrize("known", [[0, 1, 2], [7], [SIZE - 1]])
+def test_a_copied_group_takes_the_place_of_single_runs(tmp_path, known):
+    """Wherever they lie in the group."""
+
+    def here(store):
+        add(store, known, [single(run, 2.0) for run in known])
+
+    assert copied(tmp_path, here, lambda store: add(store, range(SIZE), [group(0)])) == [(0, SIZE, 1.0)]
+
+
+def test_a_copied_single_run_leaves_the_others(tmp_path):
+    """A run that both have stays; a group that the target has stays whole."""
+
+    def here(store):
+        add(store, range(2), [single(run, 2.0) for run in range(2)])
+        add(store, range(SIZE, 2 * SIZE), [group(SIZE, 4.0)])
+
+    def there(store):
+        runs = [1, 2, SIZE]
+        add(store, runs, [single(run, 3.0) for run in runs])
+
+    expected = [(0, 1, 2.0), (1, 2, 2.0), (2, 3, 3.0), (SIZE, 2 * SIZE, 4.0)]
+    assert copied(tmp_path, here, there) == expected
+
+
+def test_moments_of_a_run_with_another_status_are_not_copied(tmp_path):
+    """Neither of the run itself, nor of a group that has it; those of other groups are."""
+
+    def here(store):
+        add(store, [5], [], status=Status.TIMEOUT)
+        add(store, [SIZE + 1], [], status=Status.TIMEOUT)
+
+    def there(store):
+        add(store, range(SIZE), [group(0)])
+        runs = range(SIZE, SIZE + 3)
+        add(store, runs, [single(run, 3.0) for run in runs])
+
+    assert copied(tmp_path, here, there) == [(run, run + 1, 3.0) for run in (SIZE, SIZE + 2)]
 
 
 def test_other_methods_keep_their_groups(tmp_path):
