@@ -14,7 +14,7 @@ import numpy as np
 
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
-from rmpc_bench.config.identity import SweepPoint, nominal_plant, sweep_point
+from rmpc_bench.config.identity import SweepPoint, sweep_point
 from rmpc_bench.config.noise import NoiseLaws, refuse_unbridged
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
@@ -78,6 +78,10 @@ class DesignCache:
         return self._designs[key]
 
 
+START = ("x_hat", "P", "M")
+"""Keys under `initial` that say where the estimators start."""
+
+
 class MethodBuilder:
     """Builds the methods of a draft; what cannot be built is None, with the reason in the problems of the draft.
 
@@ -94,25 +98,34 @@ class MethodBuilder:
         self.plant: Plant | None = None
         """The nominal plant, for models made from it; set once it has been built."""
 
-    def size(self) -> list[Any]:
-        """Return the data that determine every design, besides its own keys."""
-        return [self.time.step, self.n_steps, *(self.draft.initial[key] for key in ("x_hat", "P", "M"))]
+    def key(
+        self, role: str, parts: Sequence[Component | None], *, of_plant: bool = False, start: Sequence[str] = START
+    ) -> list[Any]:
+        """Return all plain data that designs made of some components depend on, for the cache.
+
+        The plant is among them, with its bounds and its start, where it is asked for or where a component takes it.
+        """
+        plant = self.draft.plant
+        of_plant = of_plant or any(part is not None and _takes_plant(part) for part in parts)
+        nominal = None
+        if of_plant and plant is not None:
+            nominal = [plant.resolved(), self.draft.plant_range]
+            # Only such a plant depends on it; others are shared by all starts.
+            nominal += [mean_start(self.draft)] if plant.takes("x0") else []
+        given = [None if part is None else part.resolved() for part in parts]
+        return [role, self.time.step, self.n_steps, given, nominal, [self.draft.initial[key] for key in start]]
 
     def model(self, component: Component | None) -> Any:
         """Build a design model; methods with equal models share one."""
         if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        nominal = nominal_plant(self.draft, component)
         if component.takes("plant") and self.plant is None:
             # The plant has an error, which is reported there.
             return None
         # The disturbances of a model that depends on the state are checked at the initial estimate.
-        start = self.draft.initial["x_hat"] if component.shared else None
-        return self.cache.get(
-            ["model", size, component.resolved(), nominal, start],
-            lambda: self._model(component, {**size, "plant": self.plant}),
-        )
+        key = self.key("model", [component], start=("x_hat",) if component.shared else ())
+        return self.cache.get(key, lambda: self._model(component, {**size, "plant": self.plant}))
 
     def undisturbed(self, component: Component | None) -> Any:
         """Build a design model without its disturbances, as the plant has none."""
@@ -161,13 +174,11 @@ class MethodBuilder:
 
         The plant is disclosed to an estimator that takes it; it is None where it cannot be built.
         """
-        described = {key: component.resolved() for key, component in components.named.items() if component is not None}
-        applied = None if self.draft.input is None else self.draft.input.resolved()
-        if plant is not None and plant.recorded is not None and self.draft.plant is not None:
-            applied = self.draft.plant.resolved()
-        nominal = nominal_plant(self.draft, components.model)
-        description = ["method", name, self.size(), described, self._disclosed(components), applied, nominal]
-        return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
+        # Recorded runs have their inputs in the plant.
+        is_recorded = plant is not None and plant.recorded is not None
+        parts = [*components.named.values(), self.draft.input]
+        key = [name, *self.key("method", parts, of_plant=is_recorded)]
+        return cast("Method | None", self.cache.get(key, lambda: self._method(name, components, plant)))
 
     def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
         problems, model = self.draft.problems, self.model(components.model)
@@ -208,8 +219,8 @@ class MethodBuilder:
         if component is None:
             return None if "input" in self.draft.tree else Rest(model.nu)
         size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}
-        description = ["input", size, component.resolved()]
-        signal = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
+        key = [model.nu, *self.key("input", [component], start=())]
+        signal = self.cache.get(key, lambda: component.build(self.draft.problems, **size))
         if signal is None:
             return None
         refuse_runs(self.draft, signal.n_runs, "input.file")
@@ -221,22 +232,18 @@ class MethodBuilder:
         assert estimator is not None and model is not None
         if provided["plant"] is None and (estimator.takes("plant") or _is_informed(estimator)):
             return None
-        disclosed, nominal = self._disclosed(components), nominal_plant(self.draft, model)
-        description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed, nominal]
-        return self.cache.get(description, lambda: estimator.build(self.draft.problems, **provided))
-
-    def _disclosed(self, components: MethodComponents) -> Any:
-        """Data of the plant that a method depends on: an estimator takes it, or a component takes its nominal data."""
-        plant = self.draft.plant
-        oracle = components.estimator is not None and components.estimator.takes("plant")
-        parts = (components.estimator, components.controller)
-        informed = any(part is not None and _is_informed(part) for part in parts)
-        return plant.resolved() if plant is not None and (oracle or informed) else None
+        key = self.key("estimator", [model, estimator])
+        return self.cache.get(key, lambda: estimator.build(self.draft.problems, **provided))
 
 
 def _is_informed(component: Component) -> bool:
     """Whether a component takes nominal data of the plant."""
     return component.takes("plant_info") or component.takes("limits")
+
+
+def _takes_plant(component: Component) -> bool:
+    """Whether a component takes the plant or nominal data of it."""
+    return component.takes("plant") or _is_informed(component)
 
 
 AT_POINT = 1e-6
@@ -309,8 +316,8 @@ class _ExperimentBuilder:
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
         range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
-        description = ["plant", size, component.resolved()]
-        plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
+        described = self.methods.key("plant", [], of_plant=True, start=())
+        plant: Plant | None = self.cache.get(described, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
             refuse_runs(self.draft, plant.recorded and plant.recorded.n_runs, "plant.data")
             refuse_start(self.draft, plant)
@@ -339,9 +346,8 @@ class _ExperimentBuilder:
             self.draft.note(path, f"{name}: {laws}")
             return None
         components = self.draft.methods[name]
-        described = [each.resolved() for each in (components.model, components.estimator) if each is not None]
-        resolved = self.draft.plant.resolved() if self.draft.plant is not None else None
-        key = ["opposed", self.methods.size(), resolved, described, [each.tolist() for each in laws]]
+        described = self.methods.key("opposed", [components.model, components.estimator], of_plant=True)
+        key = [*described, [each.tolist() for each in laws]]
         try:
             made = self.cache.get(
                 key, lambda: plant.against(worst_sequence(plant, schedule, laws, self.n_steps, radius, n_disturbances))

@@ -164,3 +164,38 @@ def test_the_resolved_configuration_is_the_same(load):
     again = config.path.with_name("again.yaml")
     again.write_text(dump(config.resolved), encoding="utf-8")
     assert load_config(again).points[0].method_keys == config.points[0].method_keys
+
+
+CONSTANT = '''
+import numpy as np
+from rmpc_bench import single_run
+
+
+@single_run
+class Largest:
+    """Apply the upper limit of the input."""
+
+    def __init__(self, limits):
+        self.high = float(limits.u[1][0])
+
+    def control(self, x_hat, r):
+        return np.array([self.high])
+'''
+
+
+def test_points_with_other_bounds_share_no_controller_that_takes_them(load, tmp_path):
+    """Each point of a sweep has the limits of its own plant, also where no model is made from it."""
+    (tmp_path / "largest.py").write_text(CONSTANT, encoding="utf-8")
+    model = "model: {kind: linear, A: [[0.9, 0], [0.1, 0.9]], B: [[0.001], [0]], C: [[0, 1]], P_w: 1.0e-6, P_v: 4.0e-6}"
+    controller = "controller: {kind: mpc, Hp: 20, Hu: 3, Q: 1, R: 1.0e-6, limits: {u: [0, 30]}}"
+    sweep = "controller: {file: largest.py:Largest}\nsweep: {grid: {plant.bounds.pump: [[0, 30], [0, 5]]}}"
+    config = load((MODEL, model), (controller, sweep))
+    designs = [point.experiment.methods[0].controller for point in config.points]
+    assert [float(design.given["plant_info"].limits.u[1][0]) for design in designs] == [30.0, 5.0]
+
+
+def test_points_with_other_starts_share_no_model_of_the_plant(load):
+    """The plant of a differential equation is made with its initial state, which a design may use."""
+    sweep = "metrics: [mse]\nsweep: {grid: {initial.x: [[0.06, 0.08], [0.07, 0.08]]}}"
+    first, second = (point.experiment.methods[0] for point in load(("metrics: [mse]", sweep)).points)
+    assert first.estimator is not second.estimator and first.controller is not second.controller
