@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import pickle
 import sys
+import traceback
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -128,12 +129,20 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
     ordered = [(numbers.index(number), name) for number, name in sorted(pairs) if name in methods]
     tasks = [Task(name, runs.start, runs.stop, place) for place, name in ordered]
-    answer = _in_a_new_process((_remade, reduced, tasks, numbers, run))
-    return "they cannot be made without them" if answer is None else answer
+    return _in_a_new_process((_remade, reduced, tasks, numbers, run))
+
+
+class _Failure(NamedTuple):
+    """An exception in the new process, as text with its traceback."""
+
+    text: str
 
 
 def _in_a_new_process(call: tuple[Any, ...]) -> Any:
-    """Call a function with arguments in a process that has loaded no file of a user; None where it fails there."""
+    """Call a function with arguments in a process that has loaded no file of a user.
+
+    A ConfigError or WorkerError there is the answer, as text.  Any other exception is a WorkerError with its traceback.
+    """
     # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
     process = start(__name__, PIPE, PIPE, DEVNULL, given={"parent": os.getpid()}, session=True)
     with process:
@@ -147,7 +156,10 @@ def _in_a_new_process(call: tuple[Any, ...]) -> Any:
     if not answer:
         how = f"signal {signal_name(-code)}" if code < 0 else f"exit code {code}"
         raise WorkerError(f"{_ONLY}: died {how}")
-    return pickle.loads(answer)
+    found = pickle.loads(answer)
+    if isinstance(found, _Failure):
+        raise WorkerError(f"{_ONLY}: failed\n{found.text}")
+    return found
 
 
 def main(parent: int) -> None:
@@ -161,9 +173,12 @@ def main(parent: int) -> None:
     try:
         function, *arguments = loads(call)
         found = pickle.dumps(function(*arguments))
-    except Exception:
+    except (ConfigError, WorkerError) as error:
         # What cannot be made here.
-        found = pickle.dumps(None)
+        found = pickle.dumps(str(error))
+    except Exception:
+        # A mistake of the bench or of a file: without a word the methods would be computed unseparated.
+        found = pickle.dumps(_Failure(traceback.format_exc()))
     answers.write(found)
     answers.flush()
     # Without the exit handlers of the user's libraries, which belong to a process that ends by itself.
@@ -188,12 +203,9 @@ def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
 
 def _remade(
     reduced: _Reduced, tasks: list[Task], numbers: list[int], run: int
-) -> str | tuple[list[Mapping[str, str]], bytes, Trials]:
+) -> tuple[list[Mapping[str, str]], bytes, Trials]:
     """Return the keys of the methods of every point, the experiments as bytes with designs finished, and trials."""
-    try:
-        points = reduced.made()
-    except (WorkerError, ConfigError) as error:
-        return str(error)
+    points = reduced.made()
     experiments, trials = [point.experiment for point in points], dict[Pair, dict[str, float]]()
     warm_up_tasks(experiments, tasks, Silent())
     data = dumps(experiments)

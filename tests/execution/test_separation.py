@@ -257,9 +257,15 @@ def test_the_end_of_the_new_process_is_an_error(monkeypatch, call, message):
         _in_a_new_process(call)
 
 
-def test_what_a_new_process_prints_or_raises_is_no_answer():
-    """Neither gets between the bytes."""
-    assert _in_a_new_process((print, "x")) is None and _in_a_new_process((float, "x")) is None
+def test_what_a_new_process_prints_is_no_answer():
+    """It does not get between the bytes."""
+    assert _in_a_new_process((print, "x")) is None
+
+
+def test_an_exception_of_the_new_process_is_an_error_with_its_text():
+    """Trap: without it, methods would be computed unseparated where the bench has a mistake."""
+    with pytest.raises(WorkerError, match="could not convert string to float: 'x'"):
+        _in_a_new_process((float, "x"))
 
 
 def test_what_hides_a_method_or_a_function_of_python_is_removed():
