@@ -98,9 +98,9 @@ class SweepPoint:
     @cached_property
     def uncertainty_key(self) -> str:
         """Hash under which the values of the uncertain quantities are stored; the code that draws them is in it."""
-        law = self.shared["plant"].get("uncertainty", {})
-        # The plant itself draws these values, once per run.
-        own = {"plant": law} if law.get("per") == "run" else {}
+        law = self.shared["plant"].get("uncertainty")
+        # The plant itself draws these values, once per run; a key of a user's plant may be anything, such as a number.
+        own = {"plant": law} if isinstance(law, Mapping) and law.get("per") == "run" else {}
         # Random bursts of the noise are uncertain quantities too; they begin and end on samples.
         if self.experiment.scenario.burst_names:
             own |= {"noise": self.shared["noise"], "step": self.shared["time"]["step"]}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.components.designs import is_built_in
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import SweepPoint, digest, set_keys
 from rmpc_bench.config.statistics import read_requirement
@@ -131,7 +132,7 @@ class _Layout:
             moments=moments,
             holds=method.estimator.holds or method.controller.holds,
             optimises=method.controller.optimises,
-            limits=_limits(point.methods[name].get("controller") or {}),
+            limits=_limits(point.methods[name]["controller"]) if _is_of_bench(point, name) else {},
         )
 
     def _series_of(
@@ -159,6 +160,12 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
+
+
+def _is_of_bench(point: SweepPoint, name: str) -> bool:
+    """Whether a method has a controller of this package; the keys of any other mean what its author says."""
+    component = None if point.draft is None else point.draft.methods[name].controller
+    return component is not None and component.code is None and is_built_in("controllers", component.kind)
 
 
 def _limits(controller: Mapping[str, Any]) -> dict[str, tuple[float | None, float | None]]:

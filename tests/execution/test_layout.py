@@ -79,6 +79,33 @@ class Torn(Figure):
     def draw(self, results):
         return 1 / 0
 '''
+NAMESAKES = """
+import numpy as np
+from rmpc_bench import single_run
+
+
+@single_run
+class Zero:
+    def __init__(self, soft: bool = True):
+        self.soft = soft
+
+    def control(self, x_hat, r):
+        return np.zeros(1)
+
+
+@single_run
+class Plant:
+    nx = nu = ny = 1
+
+    def __init__(self, uncertainty: float = 0.1):
+        self.gain = uncertainty
+
+    def step(self, x, u):
+        return 0.9 * x + u
+
+    def output(self, x):
+        return x
+"""
 OWN = {
     "methods": "{S-MPC: {estimator: {kind: kalman}}, own: {estimator: {file: 'parts.py:slow', factor: 3}}}",
     "metrics": "[mse, {file: 'parts.py:Peak'}]",
@@ -326,3 +353,17 @@ def test_limits_are_stored(tmp_path):
     run(load_config(path), directory=tmp_path / "out", jobs=1)
     stored = load_trials(tmp_path / "out").limits
     assert set(stored) and all(limits == {"u": (-220.0, 220.0)} for limits in stored.values())
+
+
+def test_a_key_of_a_users_component_with_the_name_of_a_built_in_one_is_plain_data(tmp_path):
+    """`soft` of a controller and `uncertainty` of a plant mean what their author says."""
+    (tmp_path / "mine.py").write_text(NAMESAKES, encoding="utf-8")
+    methods = "{K: {estimator: {kind: kalman}, controller: {file: mine.py:Zero}}}"
+    model = "{kind: linear, A: [[0.9]], B: [[1]], C: [[1]], P_w: 1.0e-6, P_v: 4.0e-6}"
+    path = tmp_path / "own.yaml"
+    lines = ["version: 1", "name: own", "seed: 1", "runs: 2", "time: {step: 0.1, steps: 5}", "metrics: [mse]"]
+    lines += ["plant: {file: mine.py:Plant}", f"model: {model}", f"methods: {methods}", "figures: []"]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    results = run(load_config(path), directory=tmp_path / "out", jobs=1)
+    assert results.trials.n_failed_trials == 0
+    assert all(limits == {} for limits in results.trials.limits.values())
