@@ -329,7 +329,7 @@ def ranking(trials: Trials) -> Ranking | None:
 def _groups(trials: Trials) -> list[tuple[str, str, list[int]]]:
     """Return axis, value and places of the points, for every value of every axis; nothing without a sweep."""
     found = []
-    for paths in trials.axes if trials.ranks else ():
+    for paths in trials.axes:
         values = [point.point[paths[0]] for point in trials.points]
         for value in dict.fromkeys(values):
             found.append((paths[0], value, [number for number, each in enumerate(values) if each == value]))

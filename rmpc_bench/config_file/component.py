@@ -20,7 +20,7 @@ from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, is_reference
 from rmpc_bench.components.transport import Recipe, inside
-from rmpc_bench.config_file.keys import keys_of, keys_with_files, shown, validate
+from rmpc_bench.config_file.keys import keys_of, keys_with_files, own_first, shown, validate
 from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, locate, locate_key, split, with_kind
 from rmpc_bench.config_file.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
@@ -183,8 +183,7 @@ def plain_data(value: Any, write: Writer = as_given) -> Any:
     if isinstance(value, CodeReference | DataReference):
         return write(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        own = inspect.get_annotations(type(value))  # its own keys come before the inherited ones
-        names = sorted((field.name for field in dataclasses.fields(value)), key=lambda name: name not in own)
+        names = own_first(type(value), (field.name for field in dataclasses.fields(value)))
         fields = {name: getattr(value, name) for name in names}
         return {name.rstrip("_"): plain_data(item, write) for name, item in fields.items() if item is not None}
     if isinstance(value, Mapping):

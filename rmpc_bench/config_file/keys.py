@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import cache
 from types import NoneType, UnionType
@@ -221,9 +221,8 @@ def _record(kind: type) -> Any:
 def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
     parameters = inspect.signature(function).parameters.items()
     keys = {name: key for name, key in parameters if name not in provided and key.kind not in _NO_KEYS}
-    if inspect.isclass(function):  # its own keys come before the inherited ones
-        own = inspect.get_annotations(function)
-        keys = {name: key for name, key in keys.items() if name in own} | keys
+    if inspect.isclass(function):
+        keys = {name: keys[name] for name in own_first(function, keys)}
     annotated = {name: key.annotation for name, key in keys.items() if key.annotation is not key.empty}
     found = hints(function, annotated)
     fields: dict[str, Any] = {}
@@ -234,6 +233,12 @@ def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str,
         field = Field(default, alias=alias) if alias != name else Field(default)
         fields[name] = (with_quantities(found.get(name, unannotated)), field)
     return fields
+
+
+def own_first(kind: type, names: Iterable[str]) -> list[str]:
+    """Return keys of a class in their order: its own ones come before the inherited ones."""
+    own = inspect.get_annotations(kind)
+    return sorted(names, key=lambda name: name not in own)
 
 
 def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Captions and notes below tables, for page, Markdown and LaTeX.
+"""Captions and notes below tables, for page, Markdown and LaTeX, and the table of requirements in LaTeX.
 
 The note of a page has two lines at most.  A caption for a paper is one short line, for many classes of documents set
 captions of tables in capitals; the note below the table defines every column in full sentences.

@@ -25,7 +25,7 @@ from rmpc_bench.config.methods import Source
 from rmpc_bench.config.noise import DISTRIBUTIONS, SCALE
 from rmpc_bench.config.sections import SECTIONS
 from rmpc_bench.config.tune import Range
-from rmpc_bench.config_file.keys import hints, keys_of, model_of
+from rmpc_bench.config_file.keys import hints, keys_of, model_of, own_first
 from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import EXTRAS
 from rmpc_bench.models.disturbance import Disturbance
@@ -135,8 +135,7 @@ def _limits(constraint: Any) -> Schema:
 def record_schema(kind: type) -> Schema:
     """Return the schema of a mapping with the fields of a dataclass as keys."""
     found = get_type_hints(kind, include_extras=True)
-    own = inspect.get_annotations(kind)  # its own keys come before the inherited ones
-    found = dict(sorted(found.items(), key=lambda each: each[0] not in own))
+    found = {name: found[name] for name in own_first(kind, found)}
     defaults: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
         if field.default is not dataclasses.MISSING:

@@ -1,4 +1,4 @@
-"""Base class of metrics, what metrics read, and requirements on the metric of a run, such as settling_time < 20."""
+"""Base class of metrics, what they read, requirements such as settling_time < 20, and keys of comparisons."""
 
 from __future__ import annotations
 
