@@ -6,5 +6,12 @@ import sys
 
 
 def say(text: str) -> None:
-    """Write a line to stderr."""
-    print(text, file=sys.stderr)
+    """Write a line to stderr; where a program listens to the logger ``rmpc_bench``, log it there instead."""
+    # Imported here, so that the names of components are listed without it.
+    import logging
+
+    logger = logging.getLogger("rmpc_bench")
+    if logger.isEnabledFor(logging.INFO) and logger.hasHandlers():
+        logger.info(text)
+    else:
+        print(text, file=sys.stderr, flush=True)

@@ -197,23 +197,18 @@ def singular(group: str) -> str:
     return group.removesuffix("s")
 
 
+def group_named(group: str) -> str:
+    """Return a group by its name or by that of one member; a ValueError where there is none."""
+    if group in BUILT_IN:
+        return group
+    if f"{group}s" not in BUILT_IN:
+        raise ValueError(f"group: {unknown(group, BUILT_IN, 'group of components')}")
+    return f"{group}s"
+
+
 def register(group: str, name: str, design: DesignFunction) -> None:
-    """Add a component under a name; a changed one replaces the earlier one, with a line on stderr.
-
-    Parameters
-    ----------
-    group : ``"estimator"``, ``"controller"``, ``"plant"`` and so on (or the plural)
-    name : what a configuration writes after ``kind:``
-    design : the component's design function or class; its keywords become keys of the configuration
-
-    Raises
-    ------
-    ValueError
-        If the group is not one, or the name is that of a built-in component.
-    """
-    group = group if group in BUILT_IN else group + "s"
-    if group not in BUILT_IN:
-        raise ValueError(f"{group!r} is not a group of components; there are {', '.join(BUILT_IN)}")
+    """Add a design function or class under a name; see `rmpc_bench.register`, which checks it first."""
+    group = group_named(group)
     if name in BUILT_IN[group]:
         raise ValueError(f"{name!r} is a built-in {singular(group)}; choose another name")
     if _REGISTERED[group].get(name, design) is not design:

@@ -43,7 +43,7 @@ TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
 """Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and two all pages."""
 if ALL:
     jaxtyping.jaxtyped = remembered_checks.jaxtyped
-    jaxtyping.install_import_hook(CHECKED, "beartype.beartype")
+    jaxtyping.install_import_hook(CHECKED, "remembered_checks.checked")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell starts programs in the background with Ctrl-C ignored, and their children inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)

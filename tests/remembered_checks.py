@@ -14,7 +14,10 @@ from typing import Any
 
 import jaxtyping
 import numpy as np
+from beartype import BeartypeConf, beartype
 
+checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+"""Checks types as mypy does: an integer is a float."""
 CHECK = jaxtyping.jaxtyped
 """The check of jaxtyping, before `jaxtyped` takes its place."""
 ALWAYS, EVERY = 1000, 16

@@ -24,7 +24,7 @@ def test_public_names_are_the_documented_ones():
     """Data, verbs, extension; `model` is there because noise sets cannot be given from Python without it."""
     assert set(rmpc_bench._PUBLIC) == {
         *("LinearModel", "Scenario", "Experiment", "Method", "Status", "Trials", "Results"),
-        *("simulate", "run", "merge", "replay", "load_config", "load_results", "load_trials"),
+        *("simulate", "run", "run_one", "filter_data", "merge", "replay", "load_config", "load_results", "load_trials"),
         *("summarise", "compare", "drivers", "requirements", "ranks", "tuning"),
         *("judge", "figure", "publish", "pack", "verify"),
         *("compare_results", "compare_improvements"),

@@ -7,7 +7,7 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import Estimator, load_config, registry, single_run
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.config_file.keys import PROVIDED, model_of
 from rmpc_bench.extras import missing_for
 from rmpc_bench.installed import InstalledComponent
@@ -117,7 +117,7 @@ def test_kinds_follow_the_spelling_rule(group, name):
 
 def test_group_of_parts_built_by_name():
     """`plant`, `estimator` and `controller` call the design with what they are given."""
-    plant = designs.plant("servo-linear", 0.1, J_l=20.0)
+    plant = factories.plant("servo-linear", 0.1, J_l=20.0)
     assert (plant.Ts, plant.nominal["J_l"]) == (0.1, 20.0)
 
 
@@ -157,7 +157,7 @@ def test_register_a_changed_design_replaces_it_with_a_line(clean, capsys):
 
 def test_register_refuses_an_unknown_group(clean):
     """The message lists the groups."""
-    with pytest.raises(ValueError, match="'filter.*is not a group of components; there are plants, models, estimators"):
+    with pytest.raises(ValueError, match="'filter' is not a known group of .*; known: plants, models, estimators"):
         registry.register("filter", "half", design)
 
 
@@ -207,5 +207,5 @@ def test_a_registered_single_run_class_by_its_kind(clean):
             return y
 
     registry.register("estimator", "hold", Hold)
-    model = designs.model("servo-linear", 0.1, noise=ServoNoise(process=1.0, measurement=1.0))
-    assert isinstance(designs.estimator("hold", model, n_steps=3, Ts=0.1, x0=np.zeros(4), P0=np.eye(4)), Estimator)
+    model = factories.model("servo-linear", 0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+    assert isinstance(factories.estimator("hold", model, n_steps=3, Ts=0.1, x0=np.zeros(4), P0=np.eye(4)), Estimator)

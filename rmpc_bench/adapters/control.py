@@ -198,7 +198,7 @@ def plant(
 
 def model(
     Ts: float,
-    plant: Plant,
+    plant: Plant | None = None,
     *,
     control: UserFunction,
     parameters: dict[str, float] | None = None,
@@ -211,7 +211,7 @@ def model(
     Parameters
     ----------
     Ts : sampling time [s]; a linear continuous system is sampled with the input held
-    plant : plant of the experiment
+    plant : plant of the experiment; a program needs none for a linear system
     control : ``PATH.py:NAME`` of a system, or of a function that returns one, as for the plant
     parameters : values of its parameters (default: those of the system or the function)
     noise : covariances `process` and `measurement` of the noise of the sampled model
@@ -220,13 +220,16 @@ def model(
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:
+        if plant is None:
+            raise DesignError("is a nonlinear system; a program must give `plant`", KEY)
         _refuse_other_order(found, plant)
         with blamed(KEY):
             return ode_model.design(Ts, plant, **found.keys(KEY), noise=noise, at=at, substeps=substeps)
     if at is not None or substeps is not None:
         raise DesignError("has no effect on a linear system", "substeps" if at is None else "at")
     system = parametric_system(control, linear, parameters or {}, KEY)
-    _refuse_other_order(system.make(system.nominal), plant)
+    if plant is not None:
+        _refuse_other_order(system.make(system.nominal), plant)
     return design_model(system, Ts, noise)
 
 

@@ -93,12 +93,9 @@ class EpisodeCost:
         for name in given:
             if name not in WEIGHTS:
                 raise DesignError(unknown(name, WEIGHTS, "weight"), "cost")
-        try:
-            Q, R_u, R_du = (
-                as_covariance(given.get(name, 0.0), n) for name, n in zip(WEIGHTS[:3], (ny, nu, nu), strict=True)
-            )
-        except ValueError as error:
-            raise DesignError(str(error), "cost") from None
+        Q, R_u, R_du = (
+            as_covariance(given.get(name, 0.0), n, "cost") for name, n in zip(WEIGHTS[:3], (ny, nu, nu), strict=True)
+        )
         return cls(Q, R_u, R_du, float(given.get("failure", 0.0)))
 
     def __call__(self, sample: Sample, u: Array, u_previous: Array) -> float:

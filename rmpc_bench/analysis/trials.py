@@ -18,7 +18,7 @@ from rmpc_bench.types.metric import ComparisonKeys, Requirement
 from rmpc_bench.types.tuning import Tuning
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trials(ComparisonKeys):
     """What an experiment left behind, ready for statistics.
 
@@ -112,6 +112,9 @@ class Trials(ComparisonKeys):
     parameters: Mapping[str, str] = field(default_factory=dict)
     limits: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
     tuning: Tuning | None = None
+
+    def __repr__(self) -> str:
+        return f"<Trials of {self.name!r}: {len(self.runs)} runs of {len(self.methods)} methods>"
 
     def with_tuning(self, tuning: Tuning | None) -> Trials:
         """Return the same trials, and points of a sweep, with a record of how parameters were chosen."""

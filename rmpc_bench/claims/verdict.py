@@ -205,7 +205,7 @@ class Interpretation(NamedTuple):
     finding: Finding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClaimVerdict:
     """The computed finding of a claim, with its numbers.
 
@@ -234,6 +234,9 @@ class ClaimVerdict:
     cases: tuple[Outcome, ...] = ()
     level: float | None = None
     confidence: float = 0.95
+
+    def __repr__(self) -> str:
+        return f"<ClaimVerdict {self.claim.says[:60]!r}: {self.finding.sentence}>"
 
     @property
     def joined(self) -> Finding:

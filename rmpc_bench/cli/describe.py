@@ -14,7 +14,7 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
-from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, short_names
+from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, located, short_names
 from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
         _plot(name, config.experiment.plant.plots(), plot)
     from rmpc_bench.types.texts import folded
 
-    click.echo("\n".join(folded(_config_lines(config), screen_width())))
+    click.echo("\n".join(folded([str(located(_config(name))), *_config_lines(config)], screen_width())))
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
@@ -79,7 +79,7 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
     from rmpc_bench.config_file.yaml import dump
 
     plant, resolved = config.experiment.plant, config.first_point
-    lines = [str(config.path), config.title or config.name, ""]
+    lines = [config.title or config.name, ""]
     if config.paths:
         lines += [f"at the first of {len(config.points)} points, {config.points[0].title}", ""]
     lines += [f"plant {kind_of(resolved['plant'])}"]

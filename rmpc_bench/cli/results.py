@@ -52,13 +52,13 @@ def merge(directory: Path, partial: bool) -> int:
     """
     from rmpc_bench.execution.merge import merge as join
     from rmpc_bench.publishing.publish import publish
-    from rmpc_bench.results.results import load_results
+    from rmpc_bench.results.results import read_results
 
     merged = join(directory, partial=partial, say=lambda text: click.echo(text, err=True))
     click.echo(f"joined: {', '.join(shard.name for shard in merged.shards)}", err=True)
     if merged.missing:
         click.echo("\n".join(["incomplete:", *merged.missing]), err=True)
-    written = publish(load_results(directory))
+    written = publish(read_results(directory))
     exits.show(written)
     return exits.code_of(written, strict=False)
 
@@ -98,7 +98,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     """
     from rmpc_bench.publishing.publish import choose, publish
     from rmpc_bench.replaced_file import inside
-    from rmpc_bench.results.results import load_results
+    from rmpc_bench.results.results import read_results
 
     several = to is not None and len(directories) > 1
     kept = _kept_claims(directories) if several else {}
@@ -108,7 +108,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     published: dict[Path, Publication | KeptClaims] = {**kept}
     for directory, place in zip(stored, places, strict=True):
         with inside(to or directory):
-            written = publish(choose(load_results(directory), **choices), to=place, index=index)
+            written = publish(choose(read_results(directory), **choices), to=place, index=index)
         exits.show(written)
         code = max(code, exits.code_of(written, strict=False))
         published[directory] = written
@@ -180,11 +180,11 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
         raise click.UsageError("--tol compares all trials, and --of one method: give one of them")
     from rmpc_bench.analysis.shown_numbers import plain
     from rmpc_bench.results.compare import compare_improvements, compare_results
-    from rmpc_bench.results.results import load_results
+    from rmpc_bench.results.results import read_results
     from rmpc_bench.types import DesignError
     from rmpc_bench.types.texts import folded
 
-    first, second = load_results(a), load_results(b)
+    first, second = read_results(a), read_results(b)
     if method is None:
         found = compare_results(first, second, tolerance=tol or 0.0)
         click.echo(found.text(screen_width(), values=values))

@@ -143,21 +143,18 @@ def _run_all(
         return _show_again(request, shown, time.monotonic() - started)
     with held():
         from rmpc_bench.execution.progress import choose
-        from rmpc_bench.execution.run import run as run_experiment
+        from rmpc_bench.execution.run import filled
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
     _say_shards(request, directory)
     config = _tuned_config(request, config, directory)
-    results = run_experiment(
+    results = filled(
         config,
-        directory=directory,
-        jobs=request.jobs,
+        directory,
+        request.compute_options,
         only=request.only or None,
-        accept_versions=request.accept_versions,
         progress=choose(request.how_progress),
-        engine=request.engine_name,
-        scheduler=request.scheduler,
         missing=request.missing,
     )
     computed = time.monotonic()

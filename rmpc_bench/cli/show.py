@@ -84,7 +84,7 @@ def _debugger(until: int | None) -> Any:
     import pdb
     from bdb import BdbQuit
 
-    from rmpc_bench.types import PassedOn
+    from rmpc_bench.types.run_info import PassedOn, passed_on
 
     stopped: list[int] = []
 
@@ -93,19 +93,13 @@ def _debugger(until: int | None) -> Any:
             # The debugger itself would return nothing in place of the answer.
             raise PassedOn(BdbQuit())
 
-    def call(role: str, k: int | None, function: Callable[..., Any], values: Sequence[Any]) -> Any:
-        try:
-            return function(*values)
-        except Exception as error:
-            raise PassedOn(error) from error
-
     def stopping(role: str, k: int | None, function: Callable[..., Any], values: Sequence[Any]) -> Any:
         if k != until or stopped:
-            return call(role, k, function, values)
+            return passed_on(role, k, function, values)
         stopped.append(1)
         return Debugger(nosigint=True).runcall(function, *values)
 
-    return call if until is None else stopping
+    return passed_on if until is None else stopping
 
 
 def _post_mortem(error: BaseException) -> bool:

@@ -39,25 +39,30 @@ class CodeAccess:
     ----------
     directory : directory of the configuration, absolute; None for one that was not read from a regular file
     allowed : files and directories that are allowed besides
+    start : current directory when the configuration was read, to which names of files in places are relative
     """
 
     directory: Path | None
     allowed: tuple[Path, ...] = ()
+    start: Path = field(default_factory=Path.cwd, compare=False)
     _loaded: dict[tuple[str, CodeReference], Any] = field(default_factory=dict, compare=False, repr=False)
     """Group and reference -> what was loaded, or the error."""
 
     @classmethod
-    def of(cls, config: str | Path, allow_code: Sequence[str | Path] = ()) -> CodeAccess:
-        """Return what a configuration may load; further files are relative to the current directory."""
+    def of(cls, config: str | Path, allow_code: Sequence[str | Path] = (), *, is_file: bool = True) -> CodeAccess:
+        """Return what a configuration may load; further files are relative to the current directory.
+
+        One that is no file, but a mapping of a program, may load what it could load as a file of this name.
+        """
         path = Path(config)
-        directory = path.absolute().parent if path.is_file() else None
+        directory = path.absolute().parent if path.is_file() or not is_file else None
         return cls(directory, tuple(Path(each).resolve() for each in allow_code))
 
     def base(self, written_in: str) -> Path:
         """Return the directory that a path is relative to; an override stands in the configuration."""
         if not written_in or written_in.startswith(_OPTIONS):
-            return self.directory or Path.cwd()
-        return Path(written_in).absolute().parent
+            return self.directory or self.start
+        return (self.start / written_in).parent
 
     def reference(self, text: str, written_in: str) -> CodeReference:
         """Return what a text ``PATH.py:NAME`` names; the file need not exist."""

@@ -16,8 +16,8 @@ from rmpc_bench.components.single_run import design_function, is_single_run, sin
 from rmpc_bench.components.user_class import METHODS
 from rmpc_bench.components.user_runs import drawing_from
 from rmpc_bench.installed import BrokenPackageError
-from rmpc_bench.types import Controller, Estimator, Model, Plant
-from rmpc_bench.types.contract import BASES
+from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.contract import BASES, undefined_methods
 from rmpc_bench.types.errors import DesignError, unknown
 
 _ARGUMENTS: Mapping[str, frozenset[str]] = {
@@ -71,32 +71,30 @@ def components_in(module: Any) -> dict[str, str]:
     return {name: group for name, group in sorted(groups.items()) if group is not None}
 
 
-def plant(kind: str, *args: Any, **parameters: Any) -> Plant:
-    """Design a plant by its name."""
-    made: Plant = _made("plants", kind, args, parameters)
-    return made
+def register(group: str, name: str, design: Any) -> None:
+    """Add a component under a name; a changed one replaces the earlier one, with a line on stderr.
 
+    Parameters
+    ----------
+    group : ``"estimator"``, ``"controller"``, ``"plant"`` and so on (or the plural)
+    name : what a configuration writes after ``kind:``
+    design : the component's design function or class; its keywords become keys of the configuration
 
-def model(kind: str, *args: Any, **parameters: Any) -> Model:
-    """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
-    made: Model = _made("models", kind, args, parameters)
-    return made
-
-
-def estimator(kind: str, *args: Any, **parameters: Any) -> Estimator:
-    """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
-    made: Estimator = _made("estimators", kind, args, parameters)
-    return made
-
-
-def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
-    """Design a controller by its name."""
-    made: Controller = _made("controllers", kind, args, parameters)
-    return made
-
-
-def _made(group: str, kind: str, args: tuple[Any, ...], parameters: dict[str, Any]) -> Any:
-    return registry.checked(group, kind, registered_design(group, kind)(*args, **parameters), {})
+    Raises
+    ------
+    DesignError
+        If the group is not one, the name is that of a built-in component, or the class is none of the group.
+    """
+    check_arguments(register, locals())
+    group = registry.group_named(group)
+    where = f"{registry.singular(group)} {name!r}"
+    try:
+        if design_function(group, design) is design and isinstance(design, type):
+            if missing := undefined_methods(group, design):
+                raise DesignError(f"{design.__qualname__} does not define {', '.join(missing)}")
+    except DesignError as error:
+        raise DesignError(f"{where}: {error}", "design") from None
+    registry.register(group, name, design)
 
 
 def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:

@@ -52,6 +52,8 @@ def single_run(component: Marked) -> Marked:
     >>> Proportional(K=3.0).control(1.0, 2.0)
     3.0
     """
+    if not callable(component):
+        raise DesignError(f"single_run marks a class or a function (got {component!r:.60})")
     setattr(component, MARK, component)
     return component
 

@@ -177,13 +177,13 @@ def parameter_words(draft: DraftConfig, plan: TuningPlan | None) -> dict[str, st
     return {**words, **{name: plan.words(name, words[name]) for name in draft.tuning.methods}}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ExperimentConfig:
     """A valid configuration.
 
     Parameters
     ----------
-    path : file of the configuration
+    path : file of the configuration, absolute
     name, paper, title : as given; ``paper`` may be None
     points : points of the sweep; one where nothing is swept
     axes : swept paths; the paths of a zip, which change together, are one axis
@@ -206,6 +206,7 @@ class ExperimentConfig:
     parameters : method -> where its parameters come from, such as ``default`` or ``tuned (budget 16, 40 runs)``
     tuning : what there is to tune, and the values that are known; None without the section `tune`
     origin : what the configuration was made from; None where nothing is tuned
+    content : text of a configuration that was given as a mapping; None where `path` is its file
     """
 
     path: Path
@@ -234,6 +235,11 @@ class ExperimentConfig:
     parameters: Mapping[str, str] = field(default_factory=dict)
     tuning: TuningPlan | None = None
     origin: Origin | None = None
+    content: str | None = None
+
+    def __repr__(self) -> str:
+        n, runs = len(self.points), self.experiment.n_runs
+        return f"<ExperimentConfig {self.name!r}: {len(self.methods)} methods, {runs} runs, {n} point{'s' * (n > 1)}>"
 
     @property
     def experiment(self) -> Experiment:

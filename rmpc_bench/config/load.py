@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -29,7 +30,7 @@ from rmpc_bench.config.left_out import fitting_metrics, fitting_sweep, join_find
 from rmpc_bench.config.method_tune import check_tuning
 from rmpc_bench.config.own_code import OwnCode, as_of_configuration, check_copies
 from rmpc_bench.config.plugins import load_plugins, reported_once
-from rmpc_bench.config.sections import SECTIONS, Time
+from rmpc_bench.config.sections import MAX_RUNS, SECTIONS, Time
 from rmpc_bench.config.sweep import NAME, Sweep, columns, expand
 from rmpc_bench.config.tune import Chosen
 from rmpc_bench.config.tuning_designs import with_tuning
@@ -37,11 +38,15 @@ from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source
 from rmpc_bench.config_file.known_files import located
+from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.matrix_files import with_matrices
 from rmpc_bench.config_file.source import GivenConfig, read, texts_of
 from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
+from rmpc_bench.config_file.yaml import one_line
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import ConfigError
+from rmpc_bench.types import ConfigError, Problem
+from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.errors import MAPPING
 
 _AS_GIVEN = ("name", "paper", "title", "statistics", "execution", "stop", "report")
 """Sections that a configuration has as they were validated."""
@@ -221,13 +226,13 @@ def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list
 
 
 def load_config(
-    path: str | Path,
+    path: str | Path | Mapping[str, Any],
     *,
-    overrides: Sequence[str] = (),
+    overrides: str | Sequence[str] | Mapping[str, Any] = (),
     runs: int | None = None,
     smoke: bool = False,
-    allow_code: Sequence[str | Path] = (),
-    add_methods: Sequence[str] = (),
+    allow_code: str | Path | Sequence[str | Path] = (),
+    add_methods: str | Sequence[str] = (),
     lenient: bool = False,
 ) -> ExperimentConfig:
     """Read, check and build a configuration.
@@ -236,8 +241,9 @@ def load_config(
 
     Parameters
     ----------
-    path : the YAML file, or the name of an installed configuration such as ``quickstart``
-    overrides : texts PATH=VALUE, each replacing one value
+    path : the YAML file, the name of an installed configuration such as ``quickstart``, or a mapping with the same
+        keys, in which classes may stand for kinds; file names in it are relative to the current directory
+    overrides : texts PATH=VALUE, each replacing one value, or a mapping of paths to values; a text alone is one
     runs : number of runs instead of the one in the file
     smoke : whether to take the small size under ``smoke`` instead of the full one
     allow_code : Python files, or directories of such, that may be loaded besides those in the directory of the
@@ -248,13 +254,24 @@ def load_config(
     Raises
     ------
     ConfigError
-        If anything is wrong: all errors, sorted, each with its place.
+        If anything is wrong: all errors, sorted, each with its place, in a mapping the path of its key.
     """
-    source = read(located(path), overrides, add_methods)
-    check_copies(source.path.parent)
-    access = CodeAccess.of(source.path, allow_code)
+    if runs is not None:
+        if isinstance(runs, bool) or not isinstance(runs, Integral) or not 1 <= runs <= MAX_RUNS:
+            message = f"must be a whole number from 1 to {MAX_RUNS} (got {runs!r})"
+            raise ConfigError([Problem(f"runs={runs!r}", 1, 1, "runs", message)])
+        runs = int(runs)
+    check_arguments(load_config, locals())
+    added, changes = [add_methods] if isinstance(add_methods, str) else add_methods, _texts(overrides)
+    allow_code = [allow_code] if isinstance(allow_code, str | Path) else allow_code
     size = Size(runs, smoke, lenient=lenient or smoke or bool(overrides))
-    inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)
+    if isinstance(path, Mapping):
+        source = read(Path.cwd() / MAPPING, changes, added, canonical_text(path))
+    else:
+        source = read(located(path), changes, added)
+    check_copies(source.path.parent)
+    access = CodeAccess.of(source.path, allow_code, is_file=source.content is None)
+    inherited = Inherited(source.path, is_changed=bool(changes) or runs is not None)
     tree, left_out = fitting_sweep(with_matrices(inherit(source), source.path), inherited)
     load_plugins(tree, access)
     try:
@@ -264,6 +281,12 @@ def load_config(
         if not lines:
             raise
     return _validated(source, tree, access, size, inherited, [*left_out, *lines], {})
+
+
+def _texts(overrides: str | Sequence[str] | Mapping[str, Any]) -> Sequence[str]:
+    if isinstance(overrides, Mapping):
+        return [f"{path}={one_line(value)}" for path, value in overrides.items()]
+    return [overrides] if isinstance(overrides, str) else overrides
 
 
 class Size(NamedTuple):
@@ -304,5 +327,6 @@ def _validated(
     config = canonicalise(
         source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added
     )
+    config = replace(config, path=access.start / source.path, content=source.content)
     again = partial(_validated, source, tree, access, size, inherited, left_out)
     return with_tuning(config, drafts, Origin(sweep.points, access, size.smoke, again))

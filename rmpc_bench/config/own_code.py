@@ -46,6 +46,7 @@ class OwnCode:
     files : Python file as the configuration names it -> the file
     patterns : paths and patterns of data files as the configuration names them
     parts : hash of a part of a Python file -> the part with all that it imports
+    of_program : components that a program or a notebook has registered, which no other process knows
     """
 
     access: CodeAccess = NO_ACCESS
@@ -54,6 +55,7 @@ class OwnCode:
     files: dict[str, Path] = field(default_factory=dict)
     patterns: set[str] = field(default_factory=set)
     parts: dict[str, Source] = field(default_factory=dict)
+    of_program: set[str] = field(default_factory=set)
     _replacing: dict[bool, dict[Problem, None]] = field(default_factory=lambda: {True: {}, False: {}})
     """Whether a component is that of a method or a figure -> what such components replace for all others."""
     _with_data: set[Path] = field(default_factory=set)
@@ -70,7 +72,10 @@ class OwnCode:
                 sources = self.sources_of(component) if whole else self._parts_of(component)
                 found["sources"][role] = [source.sha for source in sources]
                 self._replacing[whole] |= dict.fromkeys(self._replaced(component))
-                found["installed"][role] = [each for each in _registered(component) if isinstance(each, str)]
+                registered = [*_registered(component)]
+                found["installed"][role] = installed = [each for each in registered if isinstance(each, str)]
+                if registered and _is_of_program(component, has_file=not installed):
+                    self.of_program.add(f"{registry.singular(component.group)} {component.kind!r}")
                 found["data"][role] = [self._hash(path) for path in self._data_files(component)]
         filled = {name: {role: value for role, value in roles.items() if value} for name, roles in found.items()}
         return {name: roles for name, roles in filled.items() if roles}
@@ -205,6 +210,13 @@ def _registered(component: Component) -> Iterator[Source | str]:
     if component.code is None and kind not in registry.BUILT_IN[group]:
         if reference_of(inspect.unwrap(registry.get(group, kind))) is None:
             yield registered_identity(group, kind)
+
+
+def _is_of_program(component: Component, *, has_file: bool) -> bool:
+    """Whether a registered component stands in a program or a notebook, and in no module that can be imported."""
+    group, kind = component.group, component.kind
+    in_main = inspect.unwrap(registry.get(group, kind)).__module__ == "__main__"
+    return registry.installed_component(group, kind) is None and (in_main or not has_file)
 
 
 def _shown(name: str, place: str) -> str:

@@ -77,11 +77,15 @@ class Component:
 
         A DesignError becomes a problem at the parameter to blame, and the design is None.
         """
+        return self._guarded(lambda: self.made(provided), problems)
+
+    def made(self, provided: Mapping[str, Any]) -> Any:
+        """Call the design function as `build` does; exceptions are not caught."""
         taken = inspect.signature(self.design).parameters
         given = {name: value for name, value in provided.items() if name in taken and name not in self.parameters}
         recipe = Recipe(self.group, self.design, self.code, given, self.parameters)
-        made = self._guarded(lambda: registry.checked(self.group, self.kind, recipe.make(), provided), problems)
-        if made is not None and not self.is_built_in:
+        made = registry.checked(self.group, self.kind, recipe.make(), provided)
+        if not self.is_built_in:
             recipe.remember(made)
         return made
 
@@ -186,6 +190,8 @@ def plain_data(value: Any, write: Writer = as_given) -> Any:
         names = own_first(type(value), (field.name for field in dataclasses.fields(value)))
         fields = {name: getattr(value, name) for name in names}
         return {name.rstrip("_"): plain_data(item, write) for name, item in fields.items() if item is not None}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
     if isinstance(value, Mapping):
         return {name: plain_data(item, write) for name, item in value.items() if item is not None}
     return [plain_data(item, write) for item in value] if isinstance(value, list | tuple) else value

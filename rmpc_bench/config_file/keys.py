@@ -17,6 +17,7 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -72,10 +73,16 @@ def _integer(value: Any) -> Any:
 
 def _system_matrix(value: Any) -> Any:
     """Read the numbers of a matrix; those that depend on the time index k stay functions of it."""
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "fiu":
+        if not np.isfinite(value).all():
+            raise ValueError("must be finite")
+        return value
     if isinstance(value, list):
         return [_system_matrix(entry) for entry in value]
     if value is None:
         return None
+    if callable(value):
+        return value
     expression = quantity.parse(value, ("k",))
     return expression if expression.names else expression()
 

@@ -48,6 +48,8 @@ class GivenConfig(NamedTuple):
     """The overrides as given."""
     added: Map = Map(mark=Mark("", 1, 1))
     """Methods that are added to those of the file."""
+    content: str | None = None
+    """Text of a configuration that stands in no file."""
 
     def options(self, runs: int | None, *, smoke: bool) -> tuple[str, ...]:
         """Return the options of the command line that change the experiment, its runs or size, against its file."""
@@ -56,9 +58,14 @@ class GivenConfig(NamedTuple):
         return (*found, *["--smoke"] * smoke)
 
 
-def read(path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] = ()) -> GivenConfig:
-    """Read a file, overrides PATH=VALUE and methods ``NAME: {..}``; `ConfigError` where the file is no mapping."""
-    tree = read_extended(path)
+def read(
+    path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] = (), content: str | None = None
+) -> GivenConfig:
+    """Read a file, overrides PATH=VALUE and methods ``NAME: {..}``; `ConfigError` where the file is no mapping.
+
+    A content is taken for that of the file, which then need not exist.
+    """
+    tree = read_extended(path, content=content)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
     parsed: list[Override] = []
@@ -72,7 +79,7 @@ def read(path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] 
         except ConfigError as error:
             problems += error.problems
     added = read_methods(add_methods, problems)
-    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added)
+    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added, content)
 
 
 NOT_INHERITED = ("name", "claims")
@@ -81,20 +88,20 @@ NOT_INHERITED = ("name", "claims")
 REQUIRES = "requires"
 """Top-level key whose list is joined with the inherited one: inherited components need their libraries, too."""
 
-_COMPONENTS = {
+COMPONENTS = {
     **{"plant": "plants", "model": "models", "estimator": "estimators", "controller": "controllers"},
     **{"reference": "references", "input": "inputs"},
 }
 """Keys of components -> their groups."""
 
 
-def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
+def read_extended(path: str | Path, extended: tuple[Path, ...] = (), content: str | None = None) -> Any:
     """Read a configuration with all that it inherits, without the key `extends`; not a mapping where the file is none.
 
-    `extended` has the resolved files that extend this one.  Raises a ConfigError if a file cannot be read, extends
-    itself, or deletes what it does not inherit.
+    `extended` has the resolved files that extend this one, `content` what this one holds unless it is to be read.
+    Raises a ConfigError if a file cannot be read, extends itself, or deletes what it does not inherit.
     """
-    tree = load(path)
+    tree = load(path) if content is None else parse(content, str(path), may_extend=True)
     if not isinstance(tree, Map) or EXTENDS not in tree:
         return tree
     base = _base_of(tree, Path(path), (*extended, Path(path).resolve()))
@@ -204,7 +211,7 @@ def _drop_other_length(result: Map, own: Map, path: list[str | int]) -> None:
 
 def _replaces(base: Map, own: Map, path: list[str | int]) -> bool:
     """Whether a mapping stands for something of another kind than the inherited one."""
-    group = _COMPONENTS.get(str(path[-1])) if len(path) == 1 or (len(path) == 3 and path[0] == "methods") else None
+    group = COMPONENTS.get(str(path[-1])) if len(path) == 1 or (len(path) == 3 and path[0] == "methods") else None
     if group is not None:
         base, own = with_kind(group, base), with_kind(group, own)
     if "kind" in base and "kind" in own:

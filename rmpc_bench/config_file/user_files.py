@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from rmpc_bench.components.consent import CodeAccess
@@ -54,6 +55,10 @@ def read_data(value: Any) -> Any:
     """Read the value of a key annotated as `DataFiles`."""
     if isinstance(value, DataReference):
         return value
+    paths = [value] if isinstance(value, Path) else value
+    if isinstance(paths, list | tuple) and paths and all(isinstance(each, Path) for each in paths):
+        # A program may give the files themselves.
+        return DataReference(", ".join(map(str, paths)), tuple(each.resolve() for each in paths))
     if not isinstance(value, str):
         raise CodeError("must be the name of a file, or a pattern such as 'runs/*.csv'")
     if not isinstance(value, PlacedText):

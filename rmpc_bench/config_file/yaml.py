@@ -47,6 +47,8 @@ def load(path: str | Path) -> Any:
     where = Path(path)
     try:
         return parse(content_of(where, MAX_BYTES).decode("utf-8-sig"), str(path), may_extend=True)
+    except ConfigError:
+        raise
     except FileNotFoundError:
         siblings = sorted(other.name for other in where.parent.glob("*.yaml"))
         near = get_close_matches(where.name, siblings, n=1, cutoff=0.0)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.designs import estimator as made_estimator
+from rmpc_bench.config_file.factories import estimator as made_estimator
 from rmpc_bench.conformance.information import CHANGE, FRESH, InformationExample, function_of_data, require_no_lookahead
 from rmpc_bench.conformance.outcome import REPETITION, first_checks, require_valid_return_values
 from rmpc_bench.conformance.results import (

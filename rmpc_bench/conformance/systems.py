@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.components.designs import estimator
+from rmpc_bench.config_file.factories import estimator
 from rmpc_bench.conformance.outcome import SEED, Outcome, RunsExample, global_seed
 from rmpc_bench.conformance.results import require
 from rmpc_bench.models.linear import LinearModel

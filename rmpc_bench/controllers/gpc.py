@@ -95,7 +95,7 @@ def design(
     now = model if isinstance(model, StateDependentModel) else model.at(0)
     if isinstance(now, LinearModel):
         require_effect(now.B)
-    outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
+    outputs, inputs = as_matrix(Q_yw, now.ny, "Q_yw"), as_matrix(Q_u, now.nu, "Q_u")
     R_u, extended = np.linalg.qr(inputs)[1], _extended_states(model, uses_mean=uses_mean)
     limited = limits_of(limits, soft, model, extended, Np, plant_info)
     if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
@@ -138,13 +138,6 @@ def _with_program(
     if limits is None or limits.horizon is None:
         return limits
     return replace(limits, program=constant_program(fixed, Q_yw, Q_u, limits.horizon.at(0)))
-
-
-def _root(name: str, root: Matrix, n: int) -> Float[Array, "n n"]:
-    try:
-        return as_matrix(root, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def _constant(model: Any, n_steps: int | None) -> Any:

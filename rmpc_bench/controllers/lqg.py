@@ -91,7 +91,7 @@ def design(
         raise DesignError("needs a design model that does not depend on k; use lqr, or another model")
     constant: LinearModel = model.at(0)
     rows = np.eye(model.ny)[_tracked(outputs, model.ny)]
-    R = _weight(R_u, model.nu, "R_u")
+    R = as_covariance(R_u, model.nu, "R_u")
     if np.linalg.eigvalsh(R)[0] <= 0.0:
         raise DesignError("must be positive definite", "R_u")
     n = constant.nx - model.n_disturbances
@@ -138,29 +138,21 @@ def _tracked(outputs: list[int] | None, ny: int) -> list[int]:
     return outputs
 
 
-def _weight(value: Matrix, n: int, name: str) -> Float[Array, "n n"]:
-    """Return a weight as a matrix."""
-    try:
-        return as_covariance(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
-
-
 def _weight_of_states(Q_x: Matrix | None, Q_y: Matrix | None, C: Float[Array, "ny nx"]) -> Float[Array, "nx nx"]:
     """Return the weight of the state, which one of two keys gives."""
     if Q_x is not None and Q_y is not None:
         raise DesignError("is given beside `Q_x`; choose one of the two", "Q_y")
     if Q_y is not None:
-        weighed: Array = C.T @ _weight(Q_y, len(C), "Q_y") @ C
+        weighed: Array = C.T @ as_covariance(Q_y, len(C), "Q_y") @ C
         return weighed
     if Q_x is None:
         raise DesignError("needs a weight: `Q_x` of the state or `Q_y` of the output", "Q_x")
-    return _weight(Q_x, C.shape[1], "Q_x")
+    return as_covariance(Q_x, C.shape[1], "Q_x")
 
 
 def _weight_of_sums(Q_i: Matrix, n: int) -> Float[Array, "nq nq"]:
     """Return the weight of the sums, of size 0 where it is 0."""
-    weight = _weight(Q_i, n, "Q_i")
+    weight = as_covariance(Q_i, n, "Q_i")
     if not weight.any():
         return np.zeros((0, 0))
     if np.linalg.eigvalsh(weight)[0] <= 0.0:

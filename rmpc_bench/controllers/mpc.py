@@ -218,13 +218,7 @@ def _constant(model: Model) -> LinearModel:
 
 def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:
     """Return the root of a weight divided by the scale of its signal; ``names`` are the keys for error messages."""
-    blamed = names[0]
-    try:
-        root = psd_sqrt(as_covariance(weight, n))
-        blamed = names[1]
-        return root / as_vector(span, n)
-    except ValueError as error:
-        raise DesignError(str(error), blamed) from None
+    return psd_sqrt(as_covariance(weight, n, names[0])) / as_vector(span, n, names[1])
 
 
 def _undetermined(error: str, root_R: Array, Hp: int, Hu: int) -> str:

@@ -236,12 +236,12 @@ def design(
     nu, ny = model.nu, model.ny
     rows = np.eye(ny)[_loops(outputs, nu, ny)]
     gains = {"Kp": Kp, "Ki": Ki, "Kd": Kd, "Tf": Tf, "b": b, "c": c}
-    sized = {name: _sized(value, nu, name) for name, value in gains.items()}
+    sized = {name: as_vector(value, nu, name) for name, value in gains.items()}
     if Tt is not None and anti_windup != "back-calculation":
         raise DesignError("has no effect without `anti_windup: back-calculation`", "Tt")
     if start == "bumpless" and not (sized["Ki"] != 0.0).all():
         raise DesignError("`bumpless` needs an integral in every loop; choose Ki other than 0", "start")
-    tracking = _tracking_time(sized, Ts) if Tt is None else _sized(Tt, nu, "Tt")
+    tracking = _tracking_time(sized, Ts) if Tt is None else as_vector(Tt, nu, "Tt")
     if (tracking < Ts).any():
         raise DesignError(f"must be at least the sampling time {Ts:g} s (got {tracking.min():g})", "Tt")
     constant = model.at(0) if on == "estimate" else None
@@ -271,14 +271,6 @@ def _loops(outputs: list[int] | None, nu: int, ny: int) -> list[int]:
     if len(outputs) != nu or not all(0 <= each < ny for each in outputs):
         raise DesignError(f"must have {nu} numbers from 0 to {ny - 1}, one per input (got {outputs})", "outputs")
     return outputs
-
-
-def _sized(value: float | list[float], nu: int, name: str) -> Gains:
-    """Return one number per loop."""
-    try:
-        return as_vector(value, nu)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def _tracking_time(gains: dict[str, Gains], Ts: float) -> Gains:

@@ -266,11 +266,8 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     nd = model.n_disturbances
     # A disturbance has no weight: the law takes it into account, and cannot change it.
     for name, weight, n, padded in (("Q_x", Q_x, A.shape[1] - nd, nd), ("R_u", R_u, B.shape[2], 0)):
-        try:
-            full = np.pad(as_covariance(weight, n), (0, padded))
-            weights.append(np.broadcast_to(full, (len(A), *full.shape)))
-        except ValueError as error:
-            raise DesignError(str(error), name) from None
+        full = np.pad(as_covariance(weight, n, name), (0, padded))
+        weights.append(np.broadcast_to(full, (len(A), *full.shape)))
     if np.linalg.eigvalsh(weights[1][0])[0] <= 0.0:
         raise DesignError("must be positive definite", "R_u")
     return Stages(A, B, *weights)

@@ -102,10 +102,7 @@ def feedback(A: Float[Array, "nx nx"], B: Float[Array, "nx nu"], Q_x: Matrix, R_
 
     weights = []
     for name, weight, n in (("Q_x", Q_x, len(A)), ("R_u", R_u, B.shape[1])):
-        try:
-            weights.append(as_covariance(weight, n))
-        except ValueError as error:
-            raise DesignError(str(error), name) from None
+        weights.append(as_covariance(weight, n, name))
     Q, R = weights
     if np.linalg.eigvalsh(R)[0] <= 0.0:
         raise DesignError("must be positive definite", "R_u")

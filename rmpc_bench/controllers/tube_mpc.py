@@ -200,10 +200,7 @@ def design(
     rows = limit_rows(model, limits, plant_info)
     if W is None and tightening != "none":
         raise DesignError(f"`W` is needed with tightening: {tightening}", "W")
-    try:
-        half_widths = as_vector(0.0 if tightening == "none" or W is None else W, at_zero.nx)
-    except ValueError as error:
-        raise DesignError(str(error), "W") from None
+    half_widths = as_vector(0.0 if tightening == "none" or W is None else W, at_zero.nx, "W")
     gains = feedback(at_zero.A, at_zero.B, Q_x, R_u)
     plan = TubeDesign(at_zero.B, gains, rows, horizon, tightening, half_widths * (1.0 + margin), alpha)
     # Computed here, so that an error is one of the design.

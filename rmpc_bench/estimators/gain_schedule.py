@@ -24,7 +24,7 @@ from rmpc_bench.estimators.bridging import BridgingState, MixedRecursion, Recurs
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.divergence import LARGEST, Inflation
-from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.linalg import at_sample, driven, innovation, mv
 from rmpc_bench.numerics.mixed_step import MixedStep, Rule
 from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
@@ -105,7 +105,7 @@ class GainScheduleFilter(Estimator):
 
     def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
         """Use y(k): x_hat = x_pred + L e."""
-        e = y - mv(at_sample(self.C, k), state.x_pred)
+        e = innovation(y, mv(at_sample(self.C, k), state.x_pred))
         if self.d is not None:
             e = e - at_sample(self.d, k)
         x_hat = state.x_pred + mv(at_sample(self.L, k), e) if self._corrects else state.x_pred
@@ -150,7 +150,7 @@ class GainScheduleFilter(Estimator):
         """Predict k+1: x_pred+ = F x_pred + B u + K e."""
         x_pred = mv(at_sample(self.F, k), state.x_pred)
         if self._is_driven:
-            x_pred = x_pred + mv(at_sample(self.B, k), u)
+            x_pred = x_pred + driven(at_sample(self.B, k), u)
         x_pred = x_pred + mv(at_sample(self.K, k), state.e)
         if self.f is not None:
             x_pred = x_pred + at_sample(self.f, k)

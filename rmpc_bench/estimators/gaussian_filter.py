@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.models.flow import Flow, flow_of
-from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.linalg import check_time, innovation, mv
 from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of, without_missing
@@ -105,6 +105,7 @@ class GaussianFilter(Estimator):
 
     def correct(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> tuple[GaussianState, Estimate]:
         """Use what was measured of y(k)."""
+        check_time(k, np.inf)
         given, after, R_v = self._innovation(k, state, y), state, self.flow.R_v_at(k)
         if k > 0 or self.use_y0:
             after = _corrected(state, given, R_v, np.isnan(y))
@@ -132,14 +133,14 @@ class GaussianFilter(Estimator):
         """Compare y(k) with its prediction."""
         C = self.flow.C_at(k)
         if C is not None:
-            return Innovation(y - self.flow.measure(k, state.x), C @ state.root, state.root)
+            return Innovation(innovation(y, self.flow.measure(k, state.x)), C @ state.root, state.root)
 
         def h(x: Array) -> Array:
             runs, points, n = x.shape
             return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
 
         found = self.rule.moments(h, state.x, state.root)
-        return Innovation(y - found.mean, *found[1:])
+        return Innovation(innovation(y, found.mean), *found[1:])
 
 
 def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Array) -> GaussianState:

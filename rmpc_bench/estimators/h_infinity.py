@@ -202,10 +202,7 @@ def design(
     """
     models = uncorrelated(model, n_steps)
     _refuse_singular_noise(models)
-    try:
-        recursion = Recursion(models, P0, as_matrix(weight, model.nx), form, use_y0)
-    except ValueError as error:
-        raise DesignError(str(error), "weight") from None
+    recursion = Recursion(models, P0, as_matrix(weight, model.nx, "weight"), form, use_y0)
     chosen, remarks = _theta(recursion, theta, gamma, fraction)
     periods, roots = recursion.run(chosen)
     if not periods[-1].margin > 0.0:

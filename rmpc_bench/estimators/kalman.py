@@ -33,7 +33,7 @@ from rmpc_bench.estimators.gain_schedule import (
 )
 from rmpc_bench.models.noise_sets import NoiseKind, stochastic_sets, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.numerics.linalg import check_signal, driven, innovation, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
@@ -82,7 +82,7 @@ class RelinearisedFilter(Estimator):
     ) -> tuple[RelinearisedState, Estimate]:
         """Use y(k) with the gain of the run."""
         C, (x_pred, root) = self.model.C, state
-        e = y - mv(C, x_pred)
+        e = innovation(y, mv(C, x_pred))
         after = state
         if k > 0 or self.use_y0:
             found = corrected(C, root_of(self.model.R_v_at(k)), root)
@@ -95,7 +95,7 @@ class RelinearisedFilter(Estimator):
     def predict(self, k: int, state: RelinearisedState, u: Float[Array, "runs nu"]) -> RelinearisedState:
         """Predict k+1 with the model at x_hat(k)."""
         A, B = self.model.at_state(state.x_hat)
-        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), predicted_root(A, self.model.Q_w, state.root))
+        return RelinearisedState(mv(A, state.x_hat) + driven(B, u), predicted_root(A, self.model.Q_w, state.root))
 
 
 class TrajectoryState(NamedTuple):
@@ -122,7 +122,7 @@ class TrajectoryFilter(RelinearisedFilter):
 
     def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
         """Use y(k) with the output linearised at the prediction of the run."""
-        e, after = y - self.model.measure(state.x_hat), state
+        e, after = innovation(y, self.model.measure(state.x_hat)), state
         if k > 0 or self.use_y0:
             C = self.model.around(k, state.x_hat, state.u).C
             found = corrected(C, root_of(self.model.R_v_at(k)), state.root)
@@ -131,6 +131,7 @@ class TrajectoryFilter(RelinearisedFilter):
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Predict k+1 with the nonlinear model; P with its linearisation at x_hat(k) and u(k)."""
+        check_signal("u", u, len(state.x_hat), self.model.nu)
         A = self.model.around(k, state.x_hat, u).A
         root = predicted_root(A, self.model.Q_w, state.root)
         return TrajectoryState(self.model.advance(k, state.x_hat, u), root, u)

@@ -112,10 +112,7 @@ def design(
         1e100, or the noises of the model are correlated.
     """
     nx = len(x0)
-    try:
-        D = as_covariance(D0, nx)
-    except ValueError as error:
-        raise DesignError(str(error), "D0") from None
+    D = as_covariance(D0, nx, "D0")
     if model.n_disturbances:
         message = "estimates a disturbance of every state already; use kalman, or a model without `disturbance`"
         raise DesignError(message)

@@ -86,10 +86,7 @@ def _of_one_run(models: list[LinearModel], R: Array | None, k: int, root: Array,
 
 def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:
     """Expand R; raise a DesignError if it is not consistent with the cross-covariance."""
-    try:
-        given = as_covariance(R, models[0].ny)
-    except ValueError as error:
-        raise DesignError(str(error), "R") from None
+    given = as_covariance(R, models[0].ny, "R")
     for now in dict.fromkeys(now for now in models if now.S_wv.any()):
         _, J = _joint(now, given)
         try:

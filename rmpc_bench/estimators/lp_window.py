@@ -33,7 +33,7 @@ from jaxtyping import Float, Int
 from rmpc_bench.estimators.gain_schedule import over_time
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
 from rmpc_bench.numerics.bounded_window import PROCESS, MeasurementWindow, WindowFits, fit_anchored, fit_free
-from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Positive, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
@@ -98,6 +98,7 @@ class LpWindow(Estimator):
 
     def correct(self, k: int, state: WindowState, y: Float[Array, "runs ny"]) -> tuple[WindowState, Estimate]:
         """Use y(k): solve LP1."""
+        check_signal("y", y, len(state.x_pred), self.C.shape[1])
         state = state._replace(y=_pushed(state.y, y - at_sample(self.d, k)))
         points = min(k, self.Ne) + 1 if self.start == "free" else min(k, self.Ne + 1)
         enough = k > 0 and points >= self.least + 1
@@ -113,7 +114,7 @@ class LpWindow(Estimator):
     def predict(self, k: int, state: WindowState, u: Float[Array, "runs nu"]) -> WindowState:
         """Predict k+1 from x_hat(k)."""
         pair = pair_at(self.model, k, state.x_hat)
-        c = mv(pair.B, u)
+        c = driven(pair.B, u)
         if not self._depends:
             c = c + self.model.at(k).f0
         moved = (_pushed(state.A, pair.A), _pushed(state.c, c), _pushed(state.before, state.x_hat))

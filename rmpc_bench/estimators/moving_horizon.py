@@ -39,7 +39,7 @@ from rmpc_bench.models.model_series import ModelSeries, model_series, window_bou
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs
-from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
+from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.square_root import covariance_of, without_missing
@@ -134,6 +134,7 @@ class MovingHorizon(Estimator):
 
     def correct(self, k: int, state: HorizonState, y: Float[Array, "runs ny"]) -> tuple[HorizonState, Estimate]:
         """Use y(k): fit the window."""
+        check_signal("y", y, len(state.x_hat), self.model.C.shape[1])
         y = y - at_sample(self.model.d0, k)
         own = state.own | np.isnan(y).any(axis=1)
         state = state._replace(y=np.concatenate([state.y, y[:, None]], axis=1), own=own)
@@ -149,7 +150,7 @@ class MovingHorizon(Estimator):
 
     def predict(self, k: int, state: HorizonState, u: Float[Array, "runs nu"]) -> HorizonState:
         """Predict k+1 from x_hat(k), which is not estimated again."""
-        c = mv(at_sample(self.model.B, k), u) + at_sample(self.model.f0, k)
+        c = driven(at_sample(self.model.B, k), u) + at_sample(self.model.f0, k)
         x_pred = mv(at_sample(self.model.A, k), state.x_hat) + c
         # After the last sample of the experiment no covariance is known or needed.
         common = self._roots[min(k + 1, len(self._roots) - 1)]

@@ -24,7 +24,7 @@ from rmpc_bench.estimators.gain_schedule import Form
 from rmpc_bench.models.disturbed import DisturbedUncertain, augmented_system
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
-from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.linalg import check_signal, check_time, driven, mv
 from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, Status
 
@@ -78,6 +78,8 @@ class Oracle(Estimator):
 
     def correct(self, k: int, state: OracleState, y: Float[Array, "runs ny"]) -> tuple[OracleState, Estimate]:
         """Compute the gain of every run and use y(k); the estimate of a predictor is x_pred(k)."""
+        check_time(k, state.F_x.shape[1])
+        check_signal("y", y, *state.e.shape)
         m, x_pred, root = self.system.at(k), state.x_pred, state.root
         A, C = _sum(m.A, m.H_A, state.F_x[:, k], m.G_x), _sum(m.C, m.H_C, state.F_x[:, k], m.G_x)
         B = np.concatenate(
@@ -107,7 +109,7 @@ class Oracle(Estimator):
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
         """Predict k+1."""
         B = self.system.at(k).B
-        return state._replace(x_pred=state.x_pred + mv(state.K, state.e) + mv(B, u))
+        return state._replace(x_pred=state.x_pred + mv(state.K, state.e) + driven(B, u))
 
 
 def _sum(M: Array, H: Array, F: Array, G: Array) -> Float[Array, "runs n m"]:

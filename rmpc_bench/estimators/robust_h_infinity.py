@@ -81,7 +81,7 @@ def design(
         inputs or noises with a mean.
     """
     systems, nx = design_systems(model, n_steps), len(x0)
-    limits = Limits(alpha, theta, _of_size("weight", weight, nx), eps)
+    limits = Limits(alpha, theta, as_matrix(weight, nx, "weight"), eps)
     uncertain = any(_has_uncertainty(now) for now in systems)
     start = Bounds(
         root_of(_bound("S1", S1, (2.0 if uncertain else 1.0) * P0)),
@@ -164,15 +164,5 @@ def _out_of_range(parameter: str, k: int) -> DesignError:
     return DesignError(message, parameter)
 
 
-def _of_size(name: str, value: Matrix, n: int) -> Float[Array, "n n"]:
-    try:
-        return as_matrix(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
-
-
 def _bound(name: str, value: Matrix | None, default: Array) -> Float[Array, "n n"]:
-    try:
-        return default if value is None else as_covariance(value, len(default))
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
+    return default if value is None else as_covariance(value, len(default), name)

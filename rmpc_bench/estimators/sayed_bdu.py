@@ -35,7 +35,7 @@ from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predic
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
 from rmpc_bench.numerics.divergence import LARGEST
-from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise
+from rmpc_bench.numerics.linalg import as_covariance, at_sample, check_signal, driven, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative, Positive, Status
@@ -94,7 +94,8 @@ class SayedSearch(Estimator):
 
     def correct(self, k: int, state: SearchState, y: Float[Array, "runs ny"]) -> tuple[SearchState, Estimate]:
         """Choose lam with y(k), predict from the sample before, and use y(k)."""
-        now = self.systems[k].nominal
+        now = at_sample(self.systems, k).nominal
+        check_signal("y", y, len(state.x_hat), len(now.C))
         x_pred, root, R, lam = self._predicted(k, state, y)
         e = y - now.d0 - mv(now.C, x_pred)
         found = corrected(now.C, root_of(R), root)
@@ -104,8 +105,8 @@ class SayedSearch(Estimator):
 
     def predict(self, k: int, state: SearchState, u: Float[Array, "runs nu"]) -> SearchState:
         """Keep the known part of the step; the rest follows with y(k+1)."""
-        now = self.systems[k].nominal
-        return state._replace(known=mv(now.B, u) + now.f0)
+        now = at_sample(self.systems, k).nominal
+        return state._replace(known=driven(now.B, u) + now.f0)
 
     def _predicted(self, k: int, state: SearchState, y: Array) -> tuple[Array, Array, Array, Array]:
         """Return x_pred, the root of P_pred, the R to use and lam at k; P is formed, which costs digits."""
@@ -156,7 +157,7 @@ def design(
     systems = design_systems(model, n_steps)
     if any(now.nominal.S_wv.any() for now in systems):
         raise DesignError("this filter needs uncorrelated process and measurement noise; use kalman-predictor")
-    R_given = _given(R, systems[0].nominal.ny)
+    R_given = None if R is None else as_covariance(R, systems[0].nominal.ny, "R")
     noise = [now.nominal.R_v if R_given is None else R_given for now in systems]
     if lam == "search":
         if form == "predictor":
@@ -202,13 +203,6 @@ def _of_one_run(
     step = filter_step(now.m.A, C, now.nominal.Q_w, R, root)
     F, root_next = _predict(now, chosen, step.root)
     return Gains(step.L, F.dot(step.L), root_next, covariance_of(step.root if corrects else root), F=F)
-
-
-def _given(R: Matrix | None, ny: int) -> Array | None:
-    try:
-        return None if R is None else as_covariance(R, ny)
-    except ValueError as error:
-        raise DesignError(str(error), "R") from None
 
 
 def _bound(CM: Array, R: Array) -> float:

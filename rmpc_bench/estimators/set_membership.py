@@ -31,7 +31,7 @@ from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, mixed_schedu
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import LEVEL, NoiseSets
 from rmpc_bench.numerics.ellipsoid import Criterion, intersection, sum_shapes
-from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
+from rmpc_bench.numerics.linalg import at_sample, driven, innovation, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, EMPTY_SET = np.int8(Status.OK), np.int8(Status.EMPTY_SET)
@@ -81,7 +81,7 @@ class IntersectionFilter(Estimator):
     def correct(self, k: int, state: SetState, y: Float[Array, "runs ny"]) -> tuple[SetState, Estimate]:
         """Enclose the predicted states that are consistent with y(k)."""
         now = self._at(k)
-        e = y - mv(now.C, state.x) - now.d0
+        e = innovation(y, mv(now.C, state.x)) - now.d0
         if k == 0 and not self.use_y0:
             lam, met = np.zeros(len(y)), np.ones(len(y), dtype=bool)
         else:
@@ -97,12 +97,13 @@ class IntersectionFilter(Estimator):
     def predict(self, k: int, state: SetState, u: Float[Array, "runs nu"]) -> SetState:
         """Predict k+1."""
         now = self._at(k)
-        x = mv(now.A, state.x) + mv(now.B, u) + now.f0
+        x = mv(now.A, state.x) + driven(now.B, u) + now.f0
         moved = np.einsum("rik,jk->rij", np.einsum("ij,rjk->rik", now.A, state.M), now.A)
         return SetState(x, sum_shapes(symmetrise(moved), at_sample(self.M_w, k)))  # (18)
 
     def _at(self, k: int) -> LinearModel:
-        return self.models[k] if len(self.models) > 1 else self.models[0]
+        model: LinearModel = at_sample(self.models, k)
+        return model
 
 
 def design(

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import over_time, uncorrelated
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
-from rmpc_bench.numerics.linalg import at_sample
+from rmpc_bench.numerics.linalg import at_sample, check_signal
 from rmpc_bench.numerics.output_weights import (
     OwnState,
     WeightLaw,
@@ -80,6 +80,7 @@ class WeightedFilter(Estimator):
 
     def correct(self, k: int, state: OwnState, y: Float[Array, "runs ny"]) -> tuple[OwnState, Estimate]:
         """Use what was measured of y(k), with weights."""
+        check_signal("y", y, len(state.x), self.C.shape[1])
         missing = np.isnan(y)
         some = bool(missing.any())
         C, d, R_v, T = (at_sample(each, k) for each in (self.C, self.d, self.R_v, self.T))
@@ -95,6 +96,7 @@ class WeightedFilter(Estimator):
     def predict(self, k: int, state: OwnState, u: Float[Array, "runs nu"]) -> OwnState:
         """Predict k+1."""
         A, B, f, Q_w = (at_sample(each, k) for each in (self.A, self.B, self.f, self.Q_w))
+        check_signal("u", u, len(state.x), B.shape[1])
         return predicted(A, B, f, Q_w, state, u)
 
     def warm_up(self) -> None:

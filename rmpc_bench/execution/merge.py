@@ -25,6 +25,7 @@ from rmpc_bench.store.columns import said_runs
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.result_layout import COPIES, SHARDS
 
 KEPT = ("config.yaml", "config.resolved.yaml", "tuning.json")
@@ -96,6 +97,7 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     >>> [shard.name for shard in rmpc_bench.merge(directory).shards]
     ['1-of-2', '2-of-2']
     """
+    check_arguments(merge, locals())
     place = Path(directory)
     parts, finished = _read(place, partial=partial, say=say)
     if not parts:

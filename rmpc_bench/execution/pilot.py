@@ -147,11 +147,12 @@ def _measured(config: ExperimentConfig) -> Pilot:
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
     """Compute more and more runs; return the time of the first call and of a run [s], their number, and results."""
-    from rmpc_bench.execution.run import run
+    from rmpc_bench.execution.missing import ComputeOptions
+    from rmpc_bench.execution.run import filled
 
     def computed(n: int) -> tuple[float, Results]:
         before = _cpu()
-        found = run(_with_runs(config, n), directory=place, jobs=1)
+        found = filled(_with_runs(config, n), place, ComputeOptions(workers=1))
         return _cpu() - before, found
 
     n_runs = config.experiment.n_runs

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rmpc_bench import notices
+
 if TYPE_CHECKING:
     from rmpc_bench.results.running import RunningComparison
 
@@ -58,7 +60,7 @@ class Silent:
 
     def say(self, text: str) -> None:
         """Show a line."""
-        print(text, file=sys.stderr, flush=True)
+        notices.say(text)
 
     def stop(self) -> None:
         """End."""
@@ -115,6 +117,20 @@ class Plain(Silent):
         left = self._left(seconds)
         line = f"{self._title}: {self._done} of {self._total} trials" + ("" if left is None else f", {left:.0f} s left")
         self.say(f"{line}; {so_far}" if so_far else line)
+
+
+class Called(Plain):
+    """Calls a function of the user with the finished trials, all trials and a text."""
+
+    def __init__(self, function: Callable[[int, int, str], Any]) -> None:
+        super().__init__(0.0)
+        self._function = function
+
+    def _begin(self) -> None:
+        self._show(0.0)
+
+    def _show(self, seconds: float) -> None:
+        self._function(self._done, self._total, self._title)
 
 
 class JsonLines(Plain):

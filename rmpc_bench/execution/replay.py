@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import pdb
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from rmpc_bench.analysis.traces import last_new_sample
+from rmpc_bench.components.user_code import user_entry
+from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import SweepPoint, chosen_point
 from rmpc_bench.config.load import load_config
 from rmpc_bench.engines.tasks import failure_of, named_values
 from rmpc_bench.received.store import FILE, MissingError
 from rmpc_bench.simulation.checked_calls import metric_values
-from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.simulation.recording import SIGNALS
+from rmpc_bench.simulation.closed_loop import covariances, simulate
+from rmpc_bench.simulation.recording import COVARIANCE, SIGNALS
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -25,6 +30,7 @@ from rmpc_bench.store.store import Store
 from rmpc_bench.types import (
     Array,
     DesignError,
+    InvalidReturnValue,
     Journal,
     Method,
     PassedOn,
@@ -35,8 +41,10 @@ from rmpc_bench.types import (
     Status,
     Statuses,
 )
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import RESOLVED
+from rmpc_bench.types.run_info import passed_on
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}
@@ -44,7 +52,7 @@ Call = Callable[[str, int | None, Callable[..., Any], Sequence[Any]], Any]
 """Calls a method of a component written for one run: role, sample (None before the first), function, arguments."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Replay:
     """A run of one method.
 
@@ -56,7 +64,8 @@ class Replay:
     failure : why it has failed; None where it has not, or where there is no description
     Ts : sampling time [s]
     signals : signal -> (samples, components), up to the last sample or the failure; u and what the controller reports
-        have one sample less where the run reached its end; u_command only where the plant has bounds of its inputs
+        have one sample less where the run reached its end; u_command only where the plant has bounds of its inputs; P,
+        row by row, of `run_one` only
     r : (samples, ny) reference
     units : signal -> unit, and of single components, such as ``y.2``
     uncertainty : named uncertain quantity -> value in this run
@@ -81,6 +90,34 @@ class Replay:
     stored_status: str
     error: BaseException | None = None
     failed_steps: Mapping[str, int] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<run {self.run} of {self.method!r}: {self.status}, {len(self.x)} samples>"
+
+    @property
+    def x(self) -> Float[Array, "samples nx"]:
+        """True state."""
+        return self.signals["x"]
+
+    @property
+    def y(self) -> Float[Array, "samples ny"]:
+        """Output without noise."""
+        return self.signals["y"]
+
+    @property
+    def u(self) -> Float[Array, "steps nu"]:
+        """Applied input."""
+        return self.signals["u"]
+
+    @property
+    def x_hat(self) -> Float[Array, "samples n"]:
+        """Estimate."""
+        return self.signals["x_hat"]
+
+    @property
+    def P(self) -> Float[Array, "samples n n"]:
+        """Reported covariance of x_hat - x, NaN where there is none; of `run_one` only."""
+        return self.signals["P"].reshape(*self.x_hat.shape, -1)
 
     @property
     def differing(self) -> dict[str, tuple[float, float]]:
@@ -142,22 +179,84 @@ def replay(
     >>> again.status, again.differing
     ('ok', {})
     """
+    check_arguments(replay, locals())
     place = Path(directory)
     if not (place / FILE).exists() or not (place / RESOLVED).exists():
         raise MissingError(f"{place}: there is no experiment; fill the directory with `rmpc-bench run`")
-    config = load_config(place / RESOLVED)
-    point = chosen_point(config.points, at or {})
+    point = _point(load_config(place / RESOLVED), method, run, at)
     experiment = point.experiment
-    if method not in config.methods:
-        raise DesignError(unknown(method, config.methods, "method"), "method")
-    if not 0 <= run < experiment.n_runs:
-        raise DesignError(f"there is no run {run}; they count from 0 to {experiment.n_runs - 1}", "run")
     if until is not None and not 0 <= until <= experiment.n_steps:
         raise DesignError(f"there is no sample {until}; they count from 0 to {experiment.n_steps}", "until")
     with single_thread():
         found = _simulated(experiment, experiment.method(method), run, until, call)
     status, stored = _stored(place, point, method, run)
+    del found["signals"][COVARIANCE]
     return Replay(run, method, point.title, **found, stored=stored, stored_status=status)
+
+
+def run_one(
+    config: ExperimentConfig | str | Path | Mapping[str, Any],
+    method: str,
+    run: int = 0,
+    *,
+    at: Mapping[str, str] | None = None,
+    debug: bool = False,
+) -> Replay:
+    """Simulate one run of a configuration, with the numbers of the experiment; nothing is stored.
+
+    Parameters
+    ----------
+    config : from `load_config`, or what it takes
+    method : name of the method
+    run : index of the run
+    at : path of the sweep -> value, for one of its points; the first point unless given
+    debug : whether the debugger of Python opens where a component has raised an exception
+
+    Returns
+    -------
+    the run with y, x, u, x_hat, P, status and more, and `to_frame()`
+
+    Raises
+    ------
+    Exception
+        What a component has raised in a run that `run` would count as `crashed`.
+    DesignError
+        If there is no such run, method or point.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> one = rmpc_bench.run_one("configs/quickstart.yaml", "R-MPC", run=34)
+    >>> one.status, one.x_hat.shape, one.P.shape
+    ('ok', (201, 4), (201, 4, 4))
+    """
+    check_arguments(run_one, locals())
+    config = config if isinstance(config, ExperimentConfig) else load_config(config)
+    point = _point(config, method, run, at)
+    simulated = partial(_simulated, point.experiment, point.experiment.method(method), run, None)
+    with single_thread():
+        found = simulated(None)
+        if found["status"] == Status.CRASHED.word and "error" not in found:
+            # Once more, so that the exception of a component written for one run is at hand.
+            found = {**found, **simulated(passed_on)}
+    error = found.get("error")
+    if error is None and found["status"] == Status.CRASHED.word:
+        error = InvalidReturnValue(found["failure"].message)
+    if error is None:
+        return Replay(run, method, point.title, **found, stored={}, stored_status="")
+    if debug and error.__traceback__ is not None:
+        pdb.post_mortem(user_entry(error))
+    raise error
+
+
+def _point(config: ExperimentConfig, method: str, run: int, at: Mapping[str, str] | None) -> SweepPoint:
+    """Return a point of a sweep; a DesignError if there is no such point, or no such method or run at it."""
+    point = chosen_point(config.points, at or {})
+    if method not in config.methods:
+        raise DesignError(unknown(method, config.methods, "method"), "method")
+    if not 0 <= run < point.experiment.n_runs:
+        raise DesignError(f"there is no run {run}; they count from 0 to {point.experiment.n_runs - 1}", "run")
+    return point
 
 
 def _simulated(
@@ -206,13 +305,14 @@ def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:
     if not plant.limits_inputs:
         del named["u_command"]
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
+    named[COVARIANCE] = covariances(record)
     return {name: values[0, : last + 1] for name, values in named.items()}
 
 
 def _ended(error: BaseException, experiment: Experiment, run: int) -> dict[str, Any]:
     """Return the fields of a run whose simulation an exception has ended; it has no trace."""
     failure = failure_of(error, experiment, run)
-    empty = {name: np.zeros((0, 1)) for name in SIGNALS}
+    empty = {name: np.zeros((0, 1)) for name in (*SIGNALS, COVARIANCE)}
     found = {"status": _WORDS[failure.status], "failure": failure, "signals": empty, "metrics": {}}
     return {**found, "error": error}
 

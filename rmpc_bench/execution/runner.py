@@ -137,7 +137,8 @@ def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mappin
         keep_sources(config.own, directory)
         resolved = in_directory(config.resolved, directory, config.own)
         replace_text(directory / RESOLVED, dump(plain(resolved)))
-        lines = [line for line in content_of(given).splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
+        content = content_of(given) if config.content is None else config.content.encode()
+        lines = [line for line in content.splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
         comments = [f"{_ADDED}{shlex.quote(text)}\n".encode() for text in added.values()]
         end = b"\n" if comments and lines and not lines[-1].endswith(b"\n") else b""
         with replaced(kept) as partial:

@@ -124,7 +124,7 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
     chosen = {(draft.title, name): values for draft in drafts for name, values in draft.tuning.chosen.items()}
-    access = CodeAccess(drafts[0].access.directory, drafts[0].access.allowed)
+    access = replace(drafts[0].access, _loaded={})
     is_shared = bool(shared_of(points))
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
     ordered = [(numbers.index(number), name) for number, name in sorted(pairs) if name in methods]

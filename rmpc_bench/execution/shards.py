@@ -71,10 +71,12 @@ def parse_shard(text: str) -> Shard:
     """Read ``I/N``."""
     found = _TEXT.fullmatch(text.strip())
     if found is None:
-        raise ValueError(f"{text!r} is neither I/N, such as 2/7, nor 'auto'")
+        raise ValueError(f"shard {text!r} is neither I/N, such as 2/7, nor 'auto'")
     shard = Shard(int(found[1]), int(found[2]))
     if not 1 <= shard.number <= shard.total:
-        raise ValueError(f"{text!r}: the shards of {shard.total} are 1/{shard.total} to {shard.total}/{shard.total}")
+        raise ValueError(
+            f"shard {text!r}: the shards of {shard.total} are 1/{shard.total} to {shard.total}/{shard.total}"
+        )
     return shard
 
 

@@ -281,7 +281,7 @@ def _drawn(figure: MplFigure) -> str:
     return themed(text.getvalue())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FigureResult:
     """A drawn figure.
 
@@ -293,6 +293,13 @@ class FigureResult:
 
     figure: MplFigure
     rendering: Rendering = field(default_factory=Rendering)
+
+    def __repr__(self) -> str:
+        return f"<FigureResult: {len(self.figure.axes)} panels>"
+
+    def _repr_svg_(self) -> str:
+        with rendered(self.rendering), style():
+            return svg_of(self.figure)
 
     @property
     def axes(self) -> tuple[Axes, ...]:

@@ -1,4 +1,4 @@
-"""How figures are rendered: width, fonts, formulas, and settings of matplotlib for reproducible files."""
+"""How and where figures are rendered: width, fonts, formulas, settings for reproducible files, a place of the user."""
 
 from __future__ import annotations
 
@@ -12,11 +12,72 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rmpc_bench import notices
+from rmpc_bench.types import DesignError
 from rmpc_bench.types.result_layout import DEFAULT_FORMATS, Font, Format, Style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
+
+
+class Place:
+    """Stands for a new picture, and draws into `at`, an Axes or a SubFigure; size and layout are those of the user."""
+
+    def __init__(self, at: Any) -> None:
+        from matplotlib.axes import Axes
+        from matplotlib.figure import FigureBase
+
+        if not isinstance(at, Axes | FigureBase):
+            raise DesignError(f"ax must be an Axes or a SubFigure of matplotlib (got {type(at).__name__})", "ax")
+        self.is_panel = isinstance(at, Axes)
+        self.at: Any = at
+        self.root: Any = at.get_figure(root=True)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.at, {"suptitle": "set_title"}.get(name, name) if self.is_panel else name)
+
+    @property
+    def axes(self) -> list[Any]:
+        """The panels."""
+        return [self.at] if self.is_panel else self.at.axes
+
+    @property
+    def legends(self) -> list[Any]:
+        """The legends, of which a panel has one."""
+        return [self.at.get_legend()] if self.is_panel else self.at.legends
+
+    def subplots(self, nrows: int = 1, ncols: int = 1, **keys: Any) -> Any:
+        """Return panels; a DesignError where there are several, and a single Axes is given."""
+        if not self.is_panel:
+            return self.at.subplots(nrows, ncols, **keys)
+        if nrows * ncols > 1:
+            raise DesignError(
+                f"ax: this figure has {nrows * ncols} panels; give a SubFigure, as subfigures() makes", "ax"
+            )
+        return np.array([[self.at]])
+
+    def legend(self, *handles: Any, **keys: Any) -> Any:
+        """Write a legend above the panels, or inside of a panel."""
+        return self.at.legend(*handles, **{**keys, **({"loc": "best"} if self.is_panel else {})})
+
+    def get_figwidth(self) -> float:
+        """Return the width [in]."""
+        return float(self.at.bbox.width / self.root.dpi)
+
+    def get_figheight(self) -> float:
+        """Return the height [in]."""
+        return float(self.at.bbox.height / self.root.dpi)
+
+    def get_layout_engine(self) -> Place:
+        """Return what does nothing."""
+        return self
+
+    def _leave(self, *_: Any) -> None:
+        """Leave size and layout to the user."""
+
+    execute = set_figheight = set_layout_engine = align_ylabels = _leave
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +91,7 @@ class Rendering:
     style : ``bench`` for the screen, ``paper`` for a printed column
     formats : endings of the files to write
     labels : whether methods have their labels in place of their keys, as in files for papers
+    place : where to draw in a picture of the user; a picture of its own if None
     """
 
     width: float | None = None
@@ -37,6 +99,7 @@ class Rendering:
     style: Style = "bench"
     formats: tuple[Format, ...] = DEFAULT_FORMATS
     labels: bool = False
+    place: Place | None = None
 
 
 DEJAVU, STIX = "DejaVu Sans", "STIXGeneral"  # both come with matplotlib
@@ -234,10 +297,15 @@ def style() -> Iterator[None]:
 
 
 def new_figure(size: tuple[float, float]) -> MplFigure:
-    """Make an empty picture [in], whose layout leaves room for its labels; call it under `style`."""
+    """Make an empty picture [in], or empty the place for it, with room for its labels; call it under `style`."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    place: Any = _CURRENT.get().place
+    if place is not None:
+        # Some figures are drawn anew where their labels cover something.
+        place.at.clear()
+        return place  # type: ignore[no-any-return]
     return Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=EDGE / POINTS_PER_INCH))
 
 

@@ -16,7 +16,6 @@ from jaxtyping import Float
 from rmpc_bench.numerics.linalg import as_covariance, mv
 from rmpc_bench.types import (
     Array,
-    DesignError,
     Direction,
     Issue,
     Matrix,
@@ -59,29 +58,15 @@ class Cost(WindowMetric):
         """Find an invalid window, and weights that do not fit the plant."""
         yield from super().check(layout)
         if layout.plant is not None:
-            yield from issues_of(weight, "Q_x", self.Q_x, layout.plant.nx)
-            yield from issues_of(weight, "R_u", self.R_u, layout.plant.nu)
+            yield from issues_of(as_covariance, self.Q_x, layout.plant.nx, "Q_x")
+            yield from issues_of(as_covariance, self.R_u, layout.plant.nu, "R_u")
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Add up the weighted squares."""
         window = self.samples(record)
         next_x, u = record.x[:, window.first + 1 : window.last + 2], record.u[:, window.slice]
-        Q, R = weight("Q_x", self.Q_x, record.x.shape[2]), weight("R_u", self.R_u, record.u.shape[2])
+        Q, R = as_covariance(self.Q_x, record.x.shape[2], "Q_x"), as_covariance(self.R_u, record.u.shape[2], "R_u")
         return weighted_sum(Q, next_x) + weighted_sum(R, u)  # (36)
-
-
-def weight(key: str, value: Matrix, n: int) -> Float[Array, "n n"]:
-    """Expand a weight to a symmetric positive semidefinite n x n matrix.
-
-    Raises
-    ------
-    DesignError
-        Naming the key, if it does not fit or is not positive semidefinite.
-    """
-    try:
-        return as_covariance(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), key) from None
 
 
 def weighted_sum(W: Float[Array, "n n"], values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:

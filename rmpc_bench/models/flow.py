@@ -20,7 +20,7 @@ from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics,
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.ode_functions import padded, rows
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.linalg import driven, mv
 from rmpc_bench.types import Array, DesignError, Model
 
 
@@ -87,7 +87,7 @@ class LinearFlow(Flow):
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return A x + B u + f0."""
         now: LinearModel = self.model.at(k)
-        return mv(now.A, x) + mv(now.B, u) + now.f0
+        return mv(now.A, x) + driven(now.B, u) + now.f0
 
     def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
         """Return C x + d0."""
@@ -151,7 +151,7 @@ class PlantFlow(Flow):
         """Return x(k+1) of points of all runs, which use the intervals that all of the run need."""
         dynamics = self.dynamics
         if isinstance(dynamics, LinearDynamics):
-            return mv(dynamics.A, x) + mv(dynamics.B, u)
+            return mv(dynamics.A, x) + driven(dynamics.B, u)
         if self.compiled is not None:
             states, inputs = (each.reshape(len(x) // points, points, each.shape[1]) for each in (x, u))
             return _each(lambda i: self.compiled.points(k, states[i], inputs[i]), states.shape).reshape(x.shape)

@@ -72,12 +72,13 @@ class LinearModel(Model):
             object.__setattr__(self, name, matrix)
         nx, ny = len(self.A), len(self.C)
         for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
+            array = _array(name, cov)
             try:
-                object.__setattr__(self, name, as_covariance(np.array(cov, dtype=float), n))
+                object.__setattr__(self, name, as_covariance(array, n))
             except ValueError as error:
                 raise DesignError(f"{name}: {error}") from None
         for name, value, shape in (("S_wv", S_wv, (nx, ny)), ("f0", f0, (nx,)), ("d0", d0, (ny,))):
-            array = np.zeros(shape) if value is None else np.array(value, dtype=float)
+            array = np.zeros(shape) if value is None else _array(name, value)
             if array.shape != shape:
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
@@ -141,11 +142,22 @@ def _product(matrix: Array, x: ArrayLike) -> Array:
     return mv(matrix, np.atleast_2d(rows)).reshape(*rows.shape[:-1], len(matrix))
 
 
+def _array(name: str, value: Given | Rows) -> Array:
+    """Return finite numbers as an array."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise DesignError(f"{name} must be numbers, row by row (got {value!r:.60})") from None
+    if not np.isfinite(array).all():
+        raise DesignError(f"{name} must be finite numbers")
+    return array
+
+
 def _system(given: Mapping[str, Given]) -> dict[str, Array]:
     """Return A, B and C as matrices; a number is a matrix of one entry, a list the diagonal of A."""
     read = {}
     for name, value in given.items():
-        array = np.array(value, dtype=float)
+        array = _array(name, value)
         read[name] = array.reshape(1, 1, 1) if array.ndim == 0 else array[None]
         if array.ndim > 2:
             raise DesignError(f"{name} has shape {array.shape}; a matrix is expected")

@@ -187,10 +187,7 @@ def design(
     matrices = _read({"A": A, "B": B, "C": C, "P_w": P_w, "M_w": M_w, "P_v": P_v, "M_v": M_v})
     means = {}
     for name, mean, matrix in (("w_mean", w_mean, "P_w"), ("v_mean", v_mean, "P_v")):
-        try:
-            means[name] = as_vector(mean, matrices[matrix].shape[0])
-        except ValueError as error:
-            raise DesignError(str(error), name) from None
+        means[name] = as_vector(mean, matrices[matrix].shape[0], name)
     # Evaluate every k of the experiment now, so that an invalid entry is an error of the design.
     for each in matrices.values():
         for k in range(n_steps + 1 if each.varies else 1):

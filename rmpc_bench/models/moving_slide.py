@@ -159,10 +159,7 @@ def kernel_numbers(p: Mapping[str, float]) -> Float[Array, " 8"]:
 def _noise(noise: SlideNoise, Ts: float) -> tuple[Float[Array, "6 6"], Float[Array, "3 3"]]:
     sizes = []
     for name in ("process", "measurement"):
-        try:
-            size = as_vector(getattr(noise, name), 3)
-        except ValueError as error:
-            raise DesignError(str(error), f"noise.{name}") from None
+        size = as_vector(getattr(noise, name), 3, f"noise.{name}")
         if not (np.isfinite(size) & (size >= 0.0)).all():
             raise DesignError("must be >= 0: it is a standard deviation or a half-width", f"noise.{name}")
         sizes.append(size)

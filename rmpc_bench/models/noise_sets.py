@@ -17,7 +17,7 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative
+from rmpc_bench.types import Array, Matrix, Model, NonNegative
 
 LEVEL = 0.95
 """Probability of the confidence ellipsoid that represents a covariance where a method needs a set."""
@@ -126,10 +126,7 @@ class DesignNoise:
         """Return Q_w and R_v."""
         found = []
         for name, n in (("process", nx), ("measurement", ny)):
-            try:
-                found.append(as_covariance(getattr(self, name), n))
-            except ValueError as error:
-                raise DesignError(str(error), f"noise.{name}") from None
+            found.append(as_covariance(getattr(self, name), n, f"noise.{name}"))
         return found[0], found[1]
 
 

@@ -9,10 +9,9 @@ Source  souto2011, (8), (9), (20), (21).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -121,19 +120,11 @@ def design(
     """
     system = uncertain_system(n_steps, matrices)
     nw, nv = system.size("nw"), system.size("nv")
-    cov_w, cov_v = _sized("W", as_covariance, W, nw), _sized("V", as_covariance, V, nv)
-    mean_w, mean_v = _sized("wbar", as_vector, wbar, nw), _sized("vbar", as_vector, vbar, nv)
+    cov_w, cov_v = as_covariance(W, nw, "W"), as_covariance(V, nv, "V")
+    mean_w, mean_v = as_vector(wbar, nw, "wbar"), as_vector(vbar, nv, "vbar")
     cross, factor = _cross(S, cov_w, cov_v), scale or SAME_SCALE
     cov_w, cov_v = factor.process**2 * cov_w, factor.measurement**2 * cov_v
     return UncertainModel(system, cov_w, cov_v, factor.process * factor.measurement * cross, mean_w, mean_v)
-
-
-def _sized(name: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array:
-    """Expand a short form; report a size that does not fit under the name of the parameter."""
-    try:
-        return expand(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw nv"]:

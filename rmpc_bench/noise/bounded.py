@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.parameters import Share, matrix, vector
+from rmpc_bench.noise.parameters import Share
 from rmpc_bench.noise.points import Ball, Box, Corners, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
-from rmpc_bench.numerics.linalg import as_covariance, psd_sqrt, symmetrise
+from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
@@ -99,10 +99,10 @@ def uniform(
     DesignError
         If a size does not fit, or a burst does not fit into its window.
     """
-    factor = np.diag(vector("radius", radius, n))
+    factor = np.diag(as_vector(radius, n, "radius"))
     if mix is not None:
-        factor = matrix("mix", mix, n) @ factor
-    return with_bursts(KnownBoundedNoise(vector("center", center, n), factor, Box()), bursts, Ts)
+        factor = as_matrix(mix, n, "mix") @ factor
+    return with_bursts(KnownBoundedNoise(as_vector(center, n, "center"), factor, Box()), bursts, Ts)
 
 
 def corners(
@@ -130,8 +130,8 @@ def corners(
     DesignError
         If a size does not fit, or a burst does not fit into its window.
     """
-    factor = np.diag(vector("radius", radius, n))
-    return with_bursts(KnownBoundedNoise(vector("center", center, n), factor, Corners()), bursts, Ts)
+    factor = np.diag(as_vector(radius, n, "radius"))
+    return with_bursts(KnownBoundedNoise(as_vector(center, n, "center"), factor, Corners()), bursts, Ts)
 
 
 def ellipsoid(
@@ -175,11 +175,8 @@ def ellipsoid(
         If a size does not fit, the shape is not positive semidefinite, a Cholesky factor of a singular shape is
         required, `outside` or `skew` is given for the uniform law, or a burst does not fit into its window.
     """
-    try:
-        M = as_covariance(shape, n)
-    except ValueError as error:
-        raise DesignError(str(error), "shape") from None
-    factor, middle, points = scale * _root(M, root), vector("center", center, n), _points(n, law, outside, skew)
+    M = as_covariance(shape, n, "shape")
+    factor, middle, points = scale * _root(M, root), as_vector(center, n, "center"), _points(n, law, outside, skew)
     if isinstance(points, KnownPoints):
         return with_bursts(KnownBoundedNoise(middle, factor, points), bursts, Ts)
     return with_bursts(BoundedNoise(middle, factor, points), bursts, Ts)

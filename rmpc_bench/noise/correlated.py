@@ -21,7 +21,8 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.parameters import spread_root, vector
+from rmpc_bench.noise.parameters import spread_root
+from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
@@ -109,7 +110,7 @@ def drift(
     DesignError
         If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
     """
-    return with_bursts(Drift(vector("start", start, n), scale * spread_root(n, std, cov)), bursts, Ts)
+    return with_bursts(Drift(as_vector(start, n, "start"), scale * spread_root(n, std, cov)), bursts, Ts)
 
 
 def coloured(
@@ -147,4 +148,4 @@ def coloured(
     if (time is None) == (pole is None):
         raise DesignError("give either time or pole")
     a = exp(-Ts / time) if time is not None else pole or 0.0
-    return with_bursts(Coloured(vector("mean", mean, n), scale * spread_root(n, std, cov), a), bursts, Ts)
+    return with_bursts(Coloured(as_vector(mean, n, "mean"), scale * spread_root(n, std, cov), a), bursts, Ts)

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.parameters import spread_root, vector
+from rmpc_bench.noise.parameters import spread_root
+from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, Matrix, NonNegative, Positive
 
@@ -65,4 +66,4 @@ def gaussian(
         If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
     """
     root = scale * spread_root(n, std, cov)
-    return with_bursts(Gaussian(vector("mean", mean, n), root), bursts, Ts)
+    return with_bursts(Gaussian(as_vector(mean, n, "mean"), root), bursts, Ts)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.parameters import vector
+from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, NonNegative, Positive
 
@@ -71,5 +71,5 @@ def half_normal(
     DesignError
         If a size does not fit, or a burst does not fit into its window.
     """
-    steady = HalfNormal(vector("center", center, n), scale * vector("std", std, n))
+    steady = HalfNormal(as_vector(center, n, "center"), scale * as_vector(std, n, "std"))
     return with_bursts(steady, bursts, Ts)

@@ -22,8 +22,8 @@ from annotated_types import Ge
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, child_of, with_bursts
-from rmpc_bench.noise.parameters import Share, spread_root, vector
-from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.noise.parameters import Share, spread_root
+from rmpc_bench.numerics.linalg import as_vector, symmetrise
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, Matrix, NonNegative, Positive
 
@@ -120,7 +120,7 @@ def student_t(
         window.
     """
     root = spread_root(n, scale, scale_matrix, ("scale", "scale_matrix"))
-    return with_bursts(StudentT(vector("mean", mean, n), root, dof, joint), bursts, Ts)
+    return with_bursts(StudentT(as_vector(mean, n, "mean"), root, dof, joint), bursts, Ts)
 
 
 def outliers(
@@ -155,4 +155,4 @@ def outliers(
         If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
     """
     root = scale * spread_root(n, std, cov)
-    return with_bursts(ContaminatedNormal(vector("mean", mean, n), root, probability, factor), bursts, Ts)
+    return with_bursts(ContaminatedNormal(as_vector(mean, n, "mean"), root, probability, factor), bursts, Ts)

@@ -24,7 +24,8 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from rmpc_bench.noise.parameters import Share, vector
+from rmpc_bench.noise.parameters import Share
+from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError, Noise, Positive
 
 NEGLIGIBLE = 1e-12
@@ -100,7 +101,7 @@ def quantised(ny: int, *, step: Positive | list[Positive], offset: float | list[
     DesignError
         If a size does not fit.
     """
-    return Quantised(vector("step", step, ny), vector("offset", offset, ny))
+    return Quantised(as_vector(step, ny, "step"), as_vector(offset, ny, "offset"))
 
 
 def missing(

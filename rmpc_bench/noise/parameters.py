@@ -2,52 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.types import Array, DesignError, Matrix
 
 Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 """A probability."""
-
-
-@contextmanager
-def _naming(key: str) -> Iterator[None]:
-    """Raise an error of a value as one that names its key."""
-    try:
-        yield
-    except ValueError as error:
-        raise DesignError(str(error), key) from None
-
-
-def vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
-    """Expand a number, for every coordinate, or n; raises a DesignError, with the key, if the length does not fit."""
-    with _naming(name):
-        return as_vector(value, n)
-
-
-def matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Expand a number (times the identity), a diagonal or a matrix.
-
-    Raises a DesignError, with the key, if the size does not fit.
-    """
-    with _naming(name):
-        return as_matrix(value, n)
-
-
-def psd_root(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Symmetric root of a covariance: a number (times the identity), a diagonal or a matrix.
-
-    Raises a DesignError, with the key, if the size does not fit or the matrix is not positive semidefinite.
-    """
-    with _naming(name):
-        return psd_sqrt(as_covariance(value, n))
 
 
 def spread_root(
@@ -63,6 +28,6 @@ def spread_root(
     if (std is None) == (cov is None):
         raise DesignError(f"give either {names[0]} or {names[1]}")
     if std is not None:
-        return np.diag(vector(names[0], std, n))
+        return np.diag(as_vector(std, n, names[0]))
     assert cov is not None
-    return psd_root(names[1], cov, n)
+    return psd_sqrt(as_covariance(cov, n, names[1]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from rmpc_bench.types import Array, Matrix
+from rmpc_bench.types import Array, DesignError, Matrix
 
 SMALLEST = 1e-13
 """Pivot relative to its rows that counts as 0, because of the rounding of a factorisation."""
@@ -48,45 +48,86 @@ def as_compiled(array: Array) -> Array:
     return array if is_ready else np.require(array, np.float64, ["C", "W"])
 
 
-def at_sample(schedule: Array, k: int) -> Array:
-    """Return entry k of a schedule, axis 0 = k; a constant one has length 1."""
-    entry: Array = schedule[k] if len(schedule) > 1 else schedule[0]
-    return entry
+def at_sample(schedule: Any, k: int) -> Any:
+    """Return entry k of a schedule, an array with axis 0 = k or a list; a constant one has length 1."""
+    if len(schedule) == 1:
+        return schedule[0]
+    check_time(k, len(schedule))
+    return schedule[k]
 
 
-def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+def check_time(k: int, n: int | float) -> None:
+    """Refuse a time index for which NumPy would count from the end, with a ValueError."""
+    if not 0 <= k < n:
+        raise ValueError(f"k = {k} is outside the design, which has 0 <= k < {n}")
+
+
+def innovation(y: Float[Array, "runs ny"], y_pred: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
+    """Return e = y - y_pred, where y is a measurement of every run."""
+    check_signal("y", y, *y_pred.shape)
+    return y - y_pred
+
+
+def driven(B: Float[Array, "n nu"] | Float[Array, "runs n nu"], u: Float[Array, "runs nu"]) -> Float[Array, "runs n"]:
+    """Return B u, where u is an input of every run."""
+    check_signal("u", u, len(u), B.shape[-1])
+    return mv(B, u)
+
+
+def check_signal(name: str, value: Array, runs: int, n: int) -> None:
+    """Refuse a y or u that NumPy would repeat, or of which a kernel would read more than there is."""
+    if np.shape(value) == (runs, n):
+        return
+    noun, shape = {"y": "output", "u": "input"}[name], np.shape(value)
+    what = f"must have the axes (runs, {noun}s)"
+    if len(shape) == 2:
+        what = f"has {shape[1]} value{'s' * (shape[1] != 1)}, the model has {n} {noun}{'s' * (n != 1)}"
+        if shape[1] == n:
+            what = f"has {shape[0]} row{'s' * (shape[0] != 1)}, the state has {runs} run{'s' * (runs != 1)}"
+    raise ValueError(f"{name} {what} (shape {shape}; ({runs}, {n}) fits)")
+
+
+def _numbers(value: Matrix | Array, parameter: str) -> Array:
+    try:
+        return np.asarray(value, dtype=float)
+    except ValueError as error:
+        raise DesignError(str(error), parameter) from None
+
+
+def as_matrix(value: Matrix | Array, n: int, parameter: str = "") -> Float[Array, "n n"]:
     """Expand a number (times the identity), a list (the diagonal) or a matrix to ``(n, n)``."""
-    M = np.asarray(value, dtype=float)
+    M = _numbers(value, parameter)
     if M.ndim == 0:
         return float(M) * np.eye(n)
     if M.shape == (n,):
         return np.diag(M)
     if M.shape == (n, n):
         return M
-    raise ValueError(f"shape {M.shape} does not fit: a number, {n} numbers or {n} x {n} numbers are required")
+    message = f"shape {M.shape} does not fit: a number, {n} numbers or {n} x {n} numbers are required"
+    raise DesignError(message, parameter)
 
 
-def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+def as_covariance(value: Matrix | Array, n: int, parameter: str = "") -> Float[Array, "n n"]:
     """Expand as in `as_matrix` and check that the result is symmetric and positive semidefinite."""
-    M = as_matrix(value, n)
+    M = as_matrix(value, n, parameter)
     if not np.isfinite(M).all():
-        raise ValueError("must be finite")
+        raise DesignError("must be finite", parameter)
     if not np.array_equal(M, M.T):
-        raise ValueError("must be symmetric")
+        raise DesignError("must be symmetric", parameter)
     smallest, scale = np.linalg.eigvalsh(M)[0], np.abs(M).max()
     if smallest < -1e-12 * scale:  # rounding of eigvalsh is about n * 1e-16 * scale
-        raise ValueError(f"must be positive semidefinite (smallest eigenvalue {smallest:.6g})")
+        raise DesignError(f"must be positive semidefinite (smallest eigenvalue {smallest:.6g})", parameter)
     return M
 
 
-def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
+def as_vector(value: float | list[float] | Array, n: int, parameter: str = "") -> Float[Array, " n"]:
     """Expand a number (in every entry) or a list to ``(n,)``."""
-    v = np.asarray(value, dtype=float)
+    v = _numbers(value, parameter)
     if v.ndim == 0:
         return np.full(n, float(v))
     if v.shape == (n,):
         return v
-    raise ValueError(f"shape {v.shape} does not fit: a number or {n} numbers are required")
+    raise DesignError(f"shape {v.shape} does not fit: a number or {n} numbers are required", parameter)
 
 
 def psd_sqrt(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:

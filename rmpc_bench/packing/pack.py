@@ -28,9 +28,10 @@ from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, writ
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.results import manifest
-from rmpc_bench.results.results import Results, load_results
+from rmpc_bench.results.results import Results, read_results
 from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.results.tuning import SECONDS as TIMES
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 DATA = "data"
@@ -90,7 +91,8 @@ def pack(
     MissingError
         If no trial is stored.
     ArchiveError
-        If a file is missing, is older than the stored trials, or is a symbolic link.
+        If a file is missing, is older than the stored trials, or is a symbolic link, or a component stands in
+        a program or a notebook.
     ConfigError
         If the stored configuration does not load.
     ModuleNotFoundError
@@ -105,14 +107,19 @@ def pack(
     >>> pack(directory, f"{directory}/quickstart.zip").files[:2]
     ('CITATION.cff', 'comparisons.csv')
     """
+    check_arguments(pack, locals())
     place = Path(directory)
-    results = load_results(place)
+    results = read_results(place)
     # First: a pipe in place of a file would never end.
     contents: dict[str, Path | bytes] = dict(_files(place))
     _refuse_stale(results, place)
     config = load_config(place / RESOLVED, lenient=True)
     if config.hash != results.experiment.hash:
         raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
+    if config.own.of_program:
+        names = ", ".join(sorted(config.own.of_program))
+        why = "stands in a program or a notebook, so nobody could compute the trials again"
+        raise ArchiveError(f"{place}: {names} {why}; write it to a file, and name it as `file: FILE.py:NAME`")
     contents |= _data_files(config, contents)
     facts = facts_of(results, manifest.read(place), contents, authors, licence)
     contents[CITATION] = citation(facts).encode()

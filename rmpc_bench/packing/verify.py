@@ -19,7 +19,9 @@ from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression, 
 from rmpc_bench.claims.record import ClaimRecord, claims_table
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution.run import run
+from rmpc_bench.execution.missing import ComputeOptions
+from rmpc_bench.execution.progress import Progress
+from rmpc_bench.execution.run import filled
 from rmpc_bench.packing.comparison import (
     DIFFERENT,
     HASHED,
@@ -42,13 +44,13 @@ from rmpc_bench.results.evaluate import judge
 from rmpc_bench.results.record import stop_of
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import RESOLVED
 from rmpc_bench.types.sweep_points import lies_at
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.execution.progress import Progress
 
 
 def verify(
@@ -94,6 +96,7 @@ def verify(
     >>> verify(f"{directory}/quickstart.zip", runs=2, jobs=1).reproduced
     True
     """
+    check_arguments(verify, locals())
     archive = open_archive(Path(path))
     with TemporaryDirectory() as temporary:
         place = Path(temporary) / "packed"
@@ -155,7 +158,7 @@ class _Packed:
         config, wanted = self._config(stated, extent, files), extent.methods
         if claim:
             config, wanted = only_claim(config, claim, wanted)
-        here = run(config, directory=temporary / "again", jobs=jobs, only=wanted, progress=progress)
+        here = filled(config, temporary / "again", ComputeOptions(jobs), only=wanted, progress=progress)
         extent = extent._replace(complete=extent.complete and len(here.stored.runs) in (0, extent.n_packed))
         found, packed = self._compared(here.stored, rows[rows["run"] < extent.n_runs], complete=extent.complete)
         if claim:

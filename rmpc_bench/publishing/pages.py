@@ -39,7 +39,7 @@ from rmpc_bench.types import ConfigError
 from rmpc_bench.types.tuning import Tuning
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Publication:
     """What `publish` has written.
 
@@ -95,6 +95,7 @@ class Publication:
             tables=self.tables,
             metric=(experiment.report.metrics or [experiment.primary])[0],
             page=self.directory / PAGE,
+            stored=Path(relative_to_cwd(results.directory) or results.directory),
             extent=results.extent,
             driven=self.drivers,
             tuned=self.tuning,
@@ -106,6 +107,9 @@ class Publication:
         )
         text = screen.text(width)
         return text if seconds is None else with_time(text, seconds, width)
+
+    def __repr__(self) -> str:
+        return f"<Publication: {len(self.paths)} files in {self.directory}>"
 
     def __str__(self) -> str:
         return self.summary()

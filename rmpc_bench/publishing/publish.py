@@ -31,6 +31,7 @@ from rmpc_bench.results.manifest import note_look, note_report, read
 from rmpc_bench.results.record import StoredExperiment
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import Column, Font, Format, Style
 
@@ -138,6 +139,7 @@ def publish(
     >>> [path.name for path in written.paths][:2]
     ['trials.csv', 'uncertainty.csv']
     """
+    check_arguments(publish, locals())
     directory = results.directory if to is None else Path(to)
     with inside(directory):
         report = results.experiment.report
@@ -232,4 +234,5 @@ def tuning(results: Results) -> TuningTable:
     >>> tuning(results).frame[["method", "parameter", "n_values", "n_runs"]].to_numpy().tolist()
     [['R-MPC', 'estimator.c', 3, 2]]
     """
+    check_arguments(tuning, locals())
     return TuningTable(results.trials, results.tuning)

@@ -14,15 +14,17 @@ from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.comparison_text import margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
+from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import pair_text
-from rmpc_bench.report.point_tables import markdown_table, stacked_points
+from rmpc_bench.report.latex import WIDTH
+from rmpc_bench.report.point_tables import AVERAGES, PointSummary, markdown_table, stacked_points, texts_of
 from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.result_layout import Column
 from rmpc_bench.types.texts import inert_markdown
-
-# What a change in per cent is an average of.
-AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
@@ -86,10 +88,11 @@ def explanation(trials: Trials) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ComparisonTable:
     """Paired comparisons of methods with a baseline."""
 
+    summary: Summary  # of the compared methods and metrics, with the same comparisons
     frame: pd.DataFrame  # sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
     sentences: tuple[str, ...]  # each row as one sentence that can be quoted
     notes: tuple[str, ...]  # what the columns mean: pairing, level of the intervals, relevant change
@@ -105,9 +108,19 @@ class ComparisonTable:
 
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
-        texts = self.frame.map(lambda x: ("" if x != x else f"{x:.4g}") if isinstance(x, float) else str(x))
-        columns = {str(name): [*texts[name]] for name in texts.columns}
-        return inert_markdown("\n".join([markdown_table(columns), "", *self.notes, ""]))
+        return inert_markdown("\n".join([markdown_table(texts_of(self.frame)), "", *self.notes, ""]))
+
+    def to_latex(
+        self, metric: str | None = None, *, columns: Sequence[Column] | None = None, width: float = WIDTH
+    ) -> str:
+        """Return the table of a metric for a paper; see `Summary.to_latex`."""
+        return self.summary.to_latex(metric, columns=columns, width=width)
+
+    def __repr__(self) -> str:
+        return f"<ComparisonTable: {len(self.frame)} comparisons with {self.summary.points[0].trials.baseline}>"
+
+    def _repr_html_(self) -> str:
+        return self.summary._repr_html_()
 
     def __str__(self) -> str:
         return "\n".join([*self.sentences, *self.notes])
@@ -116,16 +129,19 @@ class ComparisonTable:
 def _check_ranges(relevant: float | None, confidence: float | None) -> None:
     """Refuse a relevant change or a level that is no share."""
     if confidence is not None and not 0 < confidence < 1:
-        raise DesignError(f"must lie between 0 and 1 (got {confidence:g})", "confidence")
+        raise DesignError(f"confidence must lie between 0 and 1 (got {confidence:g})", "confidence")
     if relevant is not None and not 0 <= relevant < 1:
-        raise DesignError(f"must be at least 0 and below 1 (got {relevant:g})", "relevant")
+        raise DesignError(f"relevant must be at least 0 and below 1 (got {relevant:g})", "relevant")
+
+
+_NOUNS = {"metric": "metric", "baseline": "method", "methods": "method"}
 
 
 def _check_names(given: Sequence[tuple[str, str]], known: Collection[str]) -> None:
     """Refuse the first name, with its argument, that is not known."""
     for argument, name in given:
         if name not in known:
-            raise DesignError(f"{name!r} is unknown (known: {', '.join(known)})", argument)
+            raise DesignError(f"{argument}: {unknown(name, known, _NOUNS[argument])}", argument)
 
 
 def comparison_table(
@@ -158,7 +174,9 @@ def comparison_table(
     ]
     of = levels(replace(trials, points=tuple(points)) if trials.points else points[0])
     tables = [comparisons(point, of) for point in points]
+    found = [PointSummary(point, summary(point), table) for point, table in zip(points, tables, strict=True)]
     return ComparisonTable(
+        summary=Summary(found),
         frame=stacked_points(list(zip(points, tables, strict=True))),
         sentences=tuple(
             (f"{point.title}: " if point.title else "") + sentence(row, infos[row["metric"]], point)

@@ -172,13 +172,17 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> dict[str, list[s
     return means
 
 
-def paper_table(name: str, body: Body, caption: str, note: str, comments: Sequence[str]) -> PaperTable:
+def paper_table(
+    name: str, body: Body, caption: str, note: str, comments: Sequence[str], left_out: str = ""
+) -> PaperTable:
     """Write a table with comments at its head, and its texts, which have formulas between dollar signs.
 
-    All columns but the first are aligned to the right.
+    All columns but the first are aligned to the right.  A table without comments is no file: it names no other file,
+    but what was left out.
     """
     n = len(body.head)
-    needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
+    more = f"caption: {name}.caption.tex; note: {name}.note.tex" if comments else left_out
+    needs = "; ".join(filter(None, [r"needs \usepackage{booktabs}", more]))
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]
     lines += [rf"\begin{{tabular}}{{@{{}}l{(_GAP + 'r') * (n - 1)}@{{}}}}", r"\toprule", _row(body.head), r"\midrule"]
     for number, (title, rows) in enumerate(body.groups):

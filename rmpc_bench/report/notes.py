@@ -18,8 +18,7 @@ from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.analysis.verdict import FACTOR
 from rmpc_bench.figures.labels import printed
 from rmpc_bench.report import latex
-from rmpc_bench.report.columns import COLUMNS, other_average
-from rmpc_bench.report.comparison_table import AVERAGES
+from rmpc_bench.report.columns import COLUMNS, USUAL, columns_of, other_average
 from rmpc_bench.report.latex import (
     WIDTH,
     Body,
@@ -33,7 +32,7 @@ from rmpc_bench.report.latex import (
 )
 from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.page.rows import Rows
-from rmpc_bench.report.point_tables import Points, PointSummary
+from rmpc_bench.report.point_tables import AVERAGES, Points, PointSummary
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.report.run_tables import REQUIREMENTS, difference_text, share_text
 from rmpc_bench.types.metric import Requirement
@@ -145,7 +144,9 @@ def latex_tables(
         shown, body = latex.metric_body(tables, columns, width)
         caption = _subject(tables[0].info.words, trials, len(points))
         # A metric may have the name of the table of requirements.
-        found[name] = paper_table(name, body, caption, table_note(tables, shown), comments)
+        left = [each for each in USUAL if each not in shown and any(each in columns_of(table) for table in tables)]
+        text = f"wider than {width:g} pt with {', '.join(left)} (choose columns)" if left and columns is None else ""
+        found[name] = paper_table(name, body, caption, table_note(tables, shown), comments, text)
     if len(every) > 1:
         name, body = latex.ALL_METRICS, latex.all_metrics_body(points, width)
         caption, note = _subject("Metrics", trials, len(points)), _note_of_all([each[0] for each in every.values()])

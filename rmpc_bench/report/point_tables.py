@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
 from typing import NamedTuple
 
 import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.types.texts import inert_markdown, without_links
+
+# What a change in per cent is an average of.
+AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
 
 
 class PointSummary(NamedTuple):
@@ -76,3 +80,43 @@ def _cell(text: str) -> str:
         marks = _MARKS if "$" not in text or _LINKED.search(text) else None
         text = without_links(marks.sub(r"\\\g<0>", text) if marks else text)
     return inert_markdown(text).replace("|", r"\|")
+
+
+LONGEST = 2800
+"""Characters of the rows of a table; its head and its end come on top."""
+
+
+class FrameTable:
+    """A table with a data frame; a derived dataclass has no `__repr__` of its own."""
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The table."""
+        raise NotImplementedError("frame")
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a copy of the table."""
+        return self.frame.copy()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.frame)} rows>"
+
+    def _repr_html_(self) -> str:
+        return html_table(texts_of(self.frame)) if len(self.frame) else escape(repr(self))
+
+
+def texts_of(frame: pd.DataFrame) -> dict[str, list[str]]:
+    """Return the columns of a table as texts; a missing number is empty."""
+    texts = frame.map(lambda x: ("" if x != x else f"{x:.4g}") if isinstance(x, float) else str(x))
+    return {str(name): [*texts[name]] for name in texts.columns}
+
+
+def html_table(columns: Mapping[str, Sequence[str]], write: Callable[[str], str] = escape) -> str:
+    """Lay out columns, head -> cells, as HTML for a notebook; rows that would make it too long are only counted."""
+    rows = [*zip(*columns.values(), strict=True)]
+    found = [f"<tr><th>{'<th>'.join(map(write, columns))}"]
+    found += [f"<tr><td>{'<td>'.join(map(write, row))}" for row in rows]
+    ends = [sum(map(len, found[: n + 1])) for n in range(1, len(found))]
+    n = sum(end <= LONGEST for end in ends)
+    left = f"<tr><td colspan={len(columns)}>{len(rows) - n} more rows: to_frame()" if n < len(rows) else ""
+    return f"<table>{''.join(found[: n + 1])}{left}</table>"

@@ -16,7 +16,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_cells, parameter_legend
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.point_tables import markdown_page, markdown_table
+from rmpc_bench.report.point_tables import FrameTable, markdown_page, markdown_table
 from rmpc_bench.report.run_notes import short_time
 
 LIMITATIONS = (
@@ -35,8 +35,8 @@ COLUMNS = [
 _WHOLE = ["rank_low", "rank_high", "n", "n_failed", "better", "worse"]
 
 
-@dataclass(frozen=True, eq=False)
-class RanksTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class RanksTable(FrameTable):
     """The methods in the order of their ranks."""
 
     trials: Trials

@@ -21,7 +21,8 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.figures.labels import joined
-from rmpc_bench.report.comparison_table import AVERAGES, verb_and_size
+from rmpc_bench.report.comparison_table import verb_and_size
+from rmpc_bench.report.point_tables import AVERAGES
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
@@ -87,7 +88,7 @@ class Beside(NamedTuple):
         return " ".join(filter(None, [self.rows[0].method, self.difference.point]))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ResultsComparison:
     """How the results of two directories differ."""
 
@@ -112,6 +113,9 @@ class ResultsComparison:
                 found |= {name: largest.size, f"{name}_run": largest.run}
             rows.append(found | {"n_apart": each.n_apart})
         return pd.DataFrame(rows)
+
+    def __repr__(self) -> str:
+        return f"<ResultsComparison of {' and '.join(self.names)}: equal={self.equal}>"
 
     def __str__(self) -> str:
         return "\n".join(self._lines())
@@ -270,7 +274,7 @@ SHORT_AVERAGES = {"geometric": "geometric means of the paired ratios", "mean": "
 FEW_SETTINGS = 2  # differing settings that the sentence names itself
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ImprovementComparison:
     """How much the improvement of a method differs between two experiments."""
 
@@ -298,6 +302,9 @@ class ImprovementComparison:
                     found |= zip((name, f"{name}_low", f"{name}_high"), getattr(each, name), strict=True)
                 rows.append(found)
         return pd.DataFrame(rows)
+
+    def __repr__(self) -> str:
+        return f"<ImprovementComparison of {' and '.join(self.names)}: {len(self.rows)} points>"
 
     def __str__(self) -> str:
         parts = [[f"{letter}  {name}" for letter, name in zip("AB", self.names, strict=True)]]

@@ -127,6 +127,17 @@ def failed_runs(trials: Trials) -> list[tuple[str, int]]:
     return [(str(method), int(run)) for method, run in rows.itertuples(index=False)]
 
 
+def crashed_runs(trials: Trials) -> dict[str, tuple[list[int], int, str]]:
+    """Return method -> its runs that crashed, the number of all its runs, and the message of the first one."""
+    rows, found = trials.frame, {}
+    for method in trials.methods:
+        own = rows[rows["method"] == method]
+        runs = sorted(map(int, own.loc[own["status"] == Status.CRASHED.word, "run"]))
+        if runs:
+            found[method] = runs, len(own), message_of(trials, method, runs[0])
+    return found
+
+
 def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
     notes = trials.notes.get(method)
     return next((each for each in notes.failures if each.run == run), None) if notes else None

@@ -22,7 +22,13 @@ from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked, short_title
-from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import (
+    FrameTable,
+    columns_from,
+    markdown_page,
+    markdown_table,
+    stacked_points,
+)
 from rmpc_bench.report.run_notes import counted, show_command
 from rmpc_bench.types import Array, MetricInfo
 
@@ -169,8 +175,8 @@ def _parts(
     return [text for title, table in found for text in ([f"# {title}", table] if title else [table])]
 
 
-@dataclass(frozen=True, eq=False)
-class DriversTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class DriversTable(FrameTable):
     """Drivers of the primary metric."""
 
     points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its drivers, see `rmpc_bench.analysis.drivers`
@@ -250,8 +256,8 @@ MOST_NAMED = 4  # methods that the screen names
 _SHARES = ["pass_pct", "pass_low", "pass_high", "miss_upper", "difference_pct", "difference_low", "difference_high"]
 
 
-@dataclass(frozen=True, eq=False)
-class RequirementsTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class RequirementsTable(FrameTable):
     """Pass rates at every point of a sweep."""
 
     trials: Trials

@@ -46,7 +46,8 @@ class Screen:
     trials: Trials
     tables: Points
     metric: str  # that the table shows; the answer is that of the primary one
-    page: Path  # as a command names it
+    page: Path
+    stored: Path  # directory of the trials, as a command names it
     extent: Extent  # none is planned for exact moments alone
     driven: DriversTable
     tuned: TuningTable
@@ -196,7 +197,7 @@ class Screen:
         worst = worst_of(tables) if self.trials.with_verdicts else None
         if worst is None:
             return []
-        command = worst.command(self.page.parent)
+        command = worst.command(self.stored)
         line = f"worst run: {command}"
         return [line] if width_of(line) < width else ["worst run:", *command_lines(command, width - 1)]
 
@@ -212,7 +213,7 @@ class Screen:
         why = f", '{message[0][0]}'" if message else ""
         more = f" (and {counted(len(counts) - 1, 'more method')}: failures/)" if len(counts) > 1 else ""
         text = f"failed: {method}, {counted(n, 'run')}{why}{more}; the first again:"
-        command = show_command(table, self.page.parent, method, run)
+        command = show_command(table, self.stored, method, run)
         return [*wrapped(plain(cut(text, 2 * (width - 1))), width - 1), *command_lines(command, width - 1)]
 
     def _claims(self) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from html import escape
 
 import pandas as pd
 
@@ -13,10 +14,18 @@ from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.latex import ALL_METRICS, WIDTH
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH, capitalised
 from rmpc_bench.report.notes import latex_tables, note_of
+from rmpc_bench.report.page.rendering import said
 from rmpc_bench.report.page.rows import rows_of
-from rmpc_bench.report.point_tables import Points, PointSummary, markdown_page, markdown_table, stacked_points
+from rmpc_bench.report.point_tables import (
+    Points,
+    PointSummary,
+    html_table,
+    markdown_page,
+    markdown_table,
+    stacked_points,
+)
 from rmpc_bench.report.run_notes import counted, sections_of
 from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_markdown, requirement_columns, tail_columns
 from rmpc_bench.types import DesignError
@@ -50,6 +59,28 @@ MOST_ON_SCREEN = 6  # points of single runs that are shown one by one; of more a
 MOST_PAGES = 50  # points of a sweep that get a page in tables/summary.md; summary.csv has all
 
 
+def main_table(points: Points) -> str:
+    """Return the main table of the page as HTML, all points below each other, and its note; empty without runs."""
+    tables = [result_table(*each, each.trials.primary_info or each.trials.metrics[0]) for each in points.with_runs]
+    if not tables:
+        return ""
+    rows: list[dict[str, str]] = []
+    for table in tables:
+        found, title = rows_of(table).columns, table.trials.title
+        at = {"point": title} if title else {}
+        rows += [at | dict(zip(found, cells, strict=True)) for cells in zip(*found.values(), strict=True)]
+    heads = dict.fromkeys(head for row in rows for head in row)
+    columns = {head: [row.get(head, "") for row in rows] for head in heads}
+    first = tables[0]
+    drawn_none = rows_of(first, everything=True)
+    note = f"{first.info.words} against {first.baseline}. {note_of(tables, len(first.trials.runs), drawn_none)}"
+
+    def write(text: str) -> str:
+        return said(text, columns["method"])
+
+    return f"{html_table(columns, write)}<p>{write(capitalised(note))}</p>"
+
+
 class Summary(Points):
     """A table of trials with its statistics, point by point."""
 
@@ -69,6 +100,17 @@ class Summary(Points):
         """Return the same statistics with fewer or reordered methods and metrics in the tables; all where None."""
         points = [_reordered(point, order, metrics) for point in self.points]
         return Summary(points, self.pooled and _reordered(self.pooled, order, metrics))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the table `described`."""
+        return self.described
+
+    def __repr__(self) -> str:
+        trials = self.points[0].trials
+        return f"<Summary of {trials.name!r}: {len(trials.methods)} methods, {len(self.points)} points>"
+
+    def _repr_html_(self) -> str:
+        return main_table(self) or escape(repr(self))
 
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""

@@ -14,7 +14,7 @@ from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import Outcome, outcome, parameter_text, tuning_frame
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
-from rmpc_bench.report.point_tables import columns_from, markdown_page, markdown_table
+from rmpc_bench.report.point_tables import FrameTable, columns_from, markdown_page, markdown_table
 from rmpc_bench.report.run_notes import counted, percent
 from rmpc_bench.types.tuning import Tuning
 
@@ -95,8 +95,8 @@ _NUMBERS = ["objective", "test_default", "test_tuned", "test_best"]
 _RANKS = ["rank", "rank_smallest", "rank_largest"]
 
 
-@dataclass(frozen=True, eq=False)
-class TuningTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class TuningTable(FrameTable):
     """What tuning has chosen and gained, at every point of a sweep."""
 
     trials: Trials

@@ -22,6 +22,7 @@ from rmpc_bench.results.evaluate import judge
 from rmpc_bench.results.results import Results
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError, DesignError, MetricInfo
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import RESOLVED
 
@@ -176,6 +177,7 @@ def compare_results(a: Results, b: Results, *, tolerance: float = 0.0) -> Result
     >>> compare_results(a, b).equal
     True
     """
+    check_arguments(compare_results, locals())
     if not tolerance >= 0:
         raise DesignError(f"must be at least 0 (got {tolerance:g})", "tolerance")
     return ResultsComparison(
@@ -244,6 +246,7 @@ def compare_improvements(
     >>> [row.paired for row in compare_improvements(a, b, "R-MPC").rows]
     [False]
     """
+    check_arguments(compare_improvements, locals())
     if confidence is not None and not 0 < confidence < 1:
         raise DesignError(f"must lie between 0 and 1 (got {confidence:g})", "confidence")
     name = a.experiment.primary if metric is None else metric

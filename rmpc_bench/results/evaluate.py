@@ -4,34 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.config_file.component import Component, read_component
 from rmpc_bench.config_file.tree import Map, Mark
 from rmpc_bench.figures.files import FigureResult, thin_lines
-from rmpc_bench.figures.style import Rendering, rendered
+from rmpc_bench.figures.style import Place, Rendering, rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
-from rmpc_bench.results.results import Results
+from rmpc_bench.results.results import Results, load_results
 from rmpc_bench.types import DesignError, Figure, Problem
+from rmpc_bench.types.arguments import check_arguments
 
 
-def summarise(results: Results | Trials) -> summary.Summary:
+def summarise(results: Results | Trials | str | Path) -> summary.Summary:
     """Describe every method and compare it with the baseline, at every point of a sweep.
 
     Parameters
     ----------
-    results : from `run` or `load_results`, or their table of trials
+    results : from `run` or `load_results`, their table of trials, or the directory of them
 
     Returns
     -------
-    the tables `described` and `compared`, with `to_markdown()`
+    the tables `described` and `compared`, with `to_frame()`, `to_markdown()` and `to_latex()`
 
     Examples
     --------
@@ -42,13 +45,14 @@ def summarise(results: Results | Trials) -> summary.Summary:
     >>> summarise(results).described["method"].unique().tolist()
     ['S-MPC', 'R-MPC', 'RS-MPC']
     """
-    return summary.summarise(_common(results))
+    check_arguments(summarise, locals())
+    return summary.summarise(_common(load_results(results) if isinstance(results, str | Path) else results))
 
 
 def compare(
     results: Results,
-    *,
     metric: str | None = None,
+    *,
     methods: Sequence[str] | None = None,
     baseline: str | None = None,
     relevant: float | None = None,
@@ -67,7 +71,7 @@ def compare(
 
     Returns
     -------
-    the table, with `to_frame()`, `to_markdown()`, `to_dict()` and a text of one sentence per comparison
+    the table, with `to_frame()`, `to_markdown()`, `to_latex()`, `to_dict()` and a text of a sentence per comparison
 
     Raises
     ------
@@ -80,9 +84,10 @@ def compare(
     >>> directory = tempfile.mkdtemp()
     >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
     >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> compare(results, metric="mse").to_frame()[["method", "baseline", "n_pairs"]].values.tolist()
+    >>> compare(results, "mse").to_frame()[["method", "baseline", "n_pairs"]].values.tolist()
     [['R-MPC', 'S-MPC', 4], ['RS-MPC', 'S-MPC', 4]]
     """
+    check_arguments(compare, locals())
     return comparison_table(
         results.trials, metric=metric, methods=methods, baseline=baseline, relevant=relevant, confidence=confidence
     )
@@ -108,6 +113,7 @@ def drivers(results: Results | Trials) -> DriversTable:
     >>> drivers(results).frame["resolved"].any().item()
     False
     """
+    check_arguments(drivers, locals())
     return drivers_table(_common(results))
 
 
@@ -133,6 +139,7 @@ def requirements(results: Results | Trials) -> RequirementsTable:
     >>> requirements(results).frame["n"].tolist()
     [4, 4]
     """
+    check_arguments(requirements, locals())
     return requirements_table(_common(results))
 
 
@@ -156,6 +163,7 @@ def ranks(results: Results | Trials) -> RanksTable:
     >>> sorted(ranks(results).columns["method"])
     ['R-MPC', 'RS-MPC', 'S-MPC']
     """
+    check_arguments(ranks, locals())
     return ranks_table(_common(results))
 
 
@@ -185,18 +193,22 @@ def judge(results: Results) -> tuple[ClaimVerdict, ...]:
     >>> len(judge(results)) == len(config.claims)
     True
     """
+    check_arguments(judge, locals())
     return tuple(verdict.judge(claim, results.trials) for claim in results.experiment.claims)
 
 
-def figure(results: Results, kind: str, *, rendering: Rendering | None = None, **keys: Any) -> FigureResult:
+def figure(
+    results: Results, kind: str, *, ax: Any = None, rendering: Rendering | None = None, **keys: Any
+) -> FigureResult:
     """Draw a figure from stored results.
 
     Parameters
     ----------
     results : from `run` or `load_results`
     kind : kind of the figure, such as ``boxplot``; see ``rmpc-bench list figures``
+    ax : where to draw in a picture of yours: an Axes for a figure with one panel, a SubFigure for any other
     rendering : font, style and width; the usual ones unless given
-    keys : keys of the figure as in a configuration; ``from_`` stands for ``from``
+    keys : keys of the figure as in a configuration; ``from_`` stands for ``from``, and `width` may be a text, ``252pt``
 
     Returns
     -------
@@ -217,8 +229,14 @@ def figure(results: Results, kind: str, *, rendering: Rendering | None = None, *
     >>> picture.save(f"{directory}/settling_time.svg").name
     'settling_time.svg'
     """
-    component = figure_component({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}})
-    return drawn(results, component, rendering)
+    check_arguments(figure, locals())
+    if ax is not None:
+        place = Place(ax)
+        rendering = replace(rendering or Rendering(), place=place)
+        keys = {"width": max(1.0, place.get_figwidth()), **keys}
+    if isinstance(keys.get("width"), str):
+        keys["width"] = ReportKeys(width=keys["width"]).width_in
+    return drawn(results, figure_component({"kind": kind, **{key.rstrip("_"): keys[key] for key in keys}}), rendering)
 
 
 def figure_component(keys: Mapping[str, Any]) -> Component:
@@ -238,7 +256,7 @@ def drawn(results: Results, component: Component, rendering: Rendering | None = 
         picture = figure_of(results, component, rendering).draw(results.plotted)
         if rendering.style == "paper":
             thin_lines(picture)
-    return FigureResult(picture, rendering)
+    return FigureResult(rendering.place.root if rendering.place else picture, rendering)
 
 
 def figure_of(results: Results, component: Component, rendering: Rendering | None = None) -> Figure:

@@ -60,7 +60,7 @@ class Session:
             "blas": blas(),
             "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
-            "file": name if not wrong_line(name := relative_to_cwd(self._config.path)) else ascii(name),
+            "file": _file_of(self._config),
             "looks": looks_of_manifest(self._path.parent),
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
@@ -158,6 +158,12 @@ def relative_to_cwd(path: Path) -> str:
     """Return a path relative to the current directory; empty where it lies elsewhere."""
     here, path = Path.cwd().resolve(), path.resolve()
     return path.relative_to(here).as_posix() if path.is_relative_to(here) and path != here else ""
+
+
+def _file_of(config: ExperimentConfig) -> str:
+    """Return the file of a configuration from the current directory; empty where there is none, or elsewhere."""
+    name = relative_to_cwd(config.path) if config.content is None else ""
+    return ascii(name) if wrong_line(name) else name
 
 
 def _now() -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,17 +17,19 @@ from rmpc_bench.analysis.trial_arrays import rounded_trials
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.received.store import FILE, MissingError, decoded
+from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.results.record import StoredExperiment, read_experiment
 from rmpc_bench.results.tables import n_complete, other_code, stored_trials, timings, uncertainty
 from rmpc_bench.results.tuning import tuning_of
 from rmpc_bench.store.store import Store
+from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
     from rmpc_bench.config_file.component import Component
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Results:
     """What an experiment has left in its directory, for tables, figures and claims.
 
@@ -57,6 +60,18 @@ class Results:
     def trials(self) -> Trials:
         """The stored runs that every method has, finished or failed; tables, figures and claims rest on these."""
         return self.stored.common
+
+    @cached_property
+    def comparison(self) -> ComparisonTable:
+        """The main table: every method against the baseline in the primary metric, at every point of a sweep."""
+        return comparison_table(self.trials, metric=self.experiment.primary)
+
+    def __repr__(self) -> str:
+        runs, methods = len(self.trials.runs), len(self.trials.methods)
+        return f"<Results of {self.experiment.name!r}: {runs} runs of {methods} methods, {self.directory}>"
+
+    def _repr_html_(self) -> str:
+        return self.comparison._repr_html_() if len(self.trials.frame) else escape(repr(self))
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -131,6 +146,12 @@ def load_results(directory: str | Path) -> Results:
     >>> rmpc_bench.load_results(directory).trials.frame.equals(results.trials.frame)
     True
     """
+    check_arguments(load_results, locals())
+    return replace(read_results(directory), directory=Path(directory).absolute())
+
+
+def read_results(directory: str | Path) -> Results:
+    """Do what `load_results` does; the results name their directory as it is given."""
     place = _filled(directory)
     check_copies(place)
     with Store(place, writable=False) as store, decoded(place):

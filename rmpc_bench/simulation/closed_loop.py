@@ -213,11 +213,11 @@ def _signal(record: Record, name: str, plant: Plant) -> Float[Array, "runs _ _"]
     if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
     if name == COVARIANCE and name not in record.info:
-        return _covariances(record)
+        return covariances(record)
     return getattr(record, name) if name in SIGNALS else record.info.get(name)
 
 
-def _covariances(record: Record) -> Float[Array, "runs samples nn"]:
+def covariances(record: Record) -> Float[Array, "runs samples nn"]:
     """Reported covariances of every run, row by row; NaN where the method reports none."""
     runs, samples, n = record.x_hat.shape
     if record.P is None:

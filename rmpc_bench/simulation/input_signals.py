@@ -65,7 +65,7 @@ def steps(
     starts = np.array([_samples(time, Ts, "times") for time in times])
     if starts[0] != 0 or (np.diff(starts) <= 0).any():
         raise DesignError("the times must increase, and the first must be 0", "times")
-    return Steps(starts, np.array([_inputs(value, nu, "values") for value in values]))
+    return Steps(starts, np.array([as_vector(value, nu, "values") for value in values]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def sine(
     if period <= 2.0 * Ts:
         raise DesignError(f"must be longer than two samples, {2.0 * Ts:g} s", "period")
     named = {"mean": mean, "amplitude": amplitude, "phase": phase}
-    vectors = {name: _inputs(value, nu, name) for name, value in named.items()}
+    vectors = {name: as_vector(value, nu, name) for name, value in named.items()}
     return Sine(vectors["mean"], vectors["amplitude"], 2.0 * np.pi * Ts / period, vectors["phase"])
 
 
@@ -173,7 +173,7 @@ def prbs(
     samples = 1 if hold is None else _samples(hold, Ts, "hold")
     if samples < 1:
         raise DesignError(f"must be one sample, {Ts:g} s, or more", "hold")
-    return Prbs(_inputs(low, nu, "low"), _inputs(high, nu, "high"), samples, bits)
+    return Prbs(as_vector(low, nu, "low"), as_vector(high, nu, "high"), samples, bits)
 
 
 MAX_BITS = 2**20
@@ -186,10 +186,3 @@ def _samples(time: float, Ts: float, name: str) -> int:
     if abs(count - round(count)) > ON_SAMPLE * max(count, 1.0):
         raise DesignError(f"{time:g} s is between two samples, which are {Ts:g} s apart", name)
     return round(count)
-
-
-def _inputs(value: float | list[float], nu: int, name: str) -> Float[Array, " nu"]:
-    try:
-        return as_vector(value, nu)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None

@@ -38,10 +38,7 @@ def constant(ny: int, *, value: float | list[float]) -> Constant:
     DesignError
         If the number of values does not fit.
     """
-    try:
-        return Constant(as_vector(value, ny))
-    except ValueError as error:
-        raise DesignError(str(error), "value") from None
+    return Constant(as_vector(value, ny, "value"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +87,7 @@ def square(
             raise DesignError(f"the edges must lie on samples, {Ts:g} s apart", name)
     if round(edge) == round(samples):
         raise DesignError("leaves no sample for the second value", "duty")
-    try:
-        first, second = (as_vector(value, ny) for value in values)
-    except ValueError as error:
-        raise DesignError(str(error), "values") from None
+    first, second = (as_vector(value, ny, "values") for value in values)
     # Number of samples beyond any experiment; larger numbers are not exact in doubles.
     longest = 2**53
     return Square(first, second, min(round(samples), longest), min(round(edge), longest - 1))

@@ -22,7 +22,6 @@ from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import (
     Array,
     DesignError,
-    Matrix,
     Method,
     Metric,
     MetricInfo,
@@ -60,20 +59,16 @@ def one_by_one(
     return np.array([parameter({name: each[row] for name, each in lists.items()}) for row in range(n_runs)])
 
 
-def initial_state(value: float | list[float], n: int) -> Float[Array, " n"]:
+initial_covariance = as_covariance
+"""Expand a number (times the identity), a diagonal or a matrix to P(0); configurations do not import numerics."""
+
+
+def initial_state(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
     """Expand a number (in every coordinate) or one per coordinate."""
-    try:
-        return as_vector(value, n)
-    except ValueError as error:
-        raise DesignError(str(error)) from None
-
-
-def initial_covariance(value: Matrix, n: int) -> Float[Array, "n n"]:
-    """Expand a number (times the identity), a diagonal or a matrix."""
-    try:
-        return as_covariance(value, n)
-    except ValueError as error:
-        raise DesignError(str(error)) from None
+    x = as_vector(value, n)
+    if not np.isfinite(x).all():
+        raise DesignError(f"must be finite (got {', '.join(f'{each:g}' for each in x)})")
+    return x
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from inspect import isfunction
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,9 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
 }
 """Group of the registry -> attributes and methods that a component must define.
 
-They are no abstract methods: a size may be a field of a dataclass, which `abc` does not see, and a component that lacks
-one is reported like every other error of a configuration, at its place and with all names.
+Its methods are marked as abstract for type checkers alone.  A size may be a field of a dataclass, which `abc` does not
+see, and a component that lacks one is reported like every other error of a configuration, at its place and with all
+names.
 """
 
 
@@ -61,6 +63,12 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     if wrong is not None:
         raise DesignError(f"{name}: {wrong}", "kind")
     return made
+
+
+def undefined_methods(group: str, kind: type) -> list[str]:
+    """Return the methods that a class derived from the base class of a group would have to define, and does not."""
+    own = vars(BASES[group])
+    return [name for name in REQUIRED[group] if isfunction(own.get(name)) and _defined(kind, name) is own[name]]
 
 
 def _is_missing(made: Any, base: type, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -79,10 +80,12 @@ class Controller(Design):
         """
         raise NotImplementedError("compiled_form")
 
+    @abstractmethod
     def init(self, n_runs: int) -> Any:
         """Return the state before the first sample."""
         raise NotImplementedError("init")
 
+    @abstractmethod
     def control(
         self, k: int, state: Any, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[Any, Command]:

@@ -135,6 +135,10 @@ def shortened(message: str) -> str:
     return short if len(short) <= _MAX_MESSAGE else f"{short[:_MAX_MESSAGE]}..."
 
 
+MAPPING = "(mapping)"
+"""Name of the file, which does not exist, of a configuration that a program gives as a mapping."""
+
+
 @dataclass(frozen=True, order=True)
 class Problem:
     """One thing wrong with a configuration, at a place a text editor can open."""
@@ -146,13 +150,14 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        """Render as ``file:line:column: path: message``."""
-        where = f"{shortened(self.file)}:{self.line}:{self.column}: "
+        """Render as ``file:line:column: path: message``; without the place where there is no file."""
+        is_file = self.file and not self.file.endswith(MAPPING)
+        where = f"{shortened(self.file)}:{self.line}:{self.column}: " if is_file else ""
         message = shortened(self.message)
         return where + (f"{shortened(self.path)}: {message}" if self.path else message)
 
 
-class ConfigError(Exception):
+class ConfigError(ValueError):
     """All problems of a configuration, sorted by their position."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
@@ -165,7 +170,7 @@ class ConfigError(Exception):
         return type(self), (self.problems,)
 
 
-class DesignError(Exception):
+class DesignError(ValueError):
     """Invalid parameters of a design; raised before any run.
 
     Parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -101,6 +102,7 @@ class Estimator(Design):
         """Return the arrays with which the compiled simulation repeats `correct` and `predict`, bit for bit."""
         raise NotImplementedError("compiled_form")
 
+    @abstractmethod
     def init(self, n_runs: int) -> Any:
         """Return the state before the first measurement.
 
@@ -109,10 +111,12 @@ class Estimator(Design):
         """
         raise NotImplementedError("init")
 
+    @abstractmethod
     def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
         """Use y(k)."""
         raise NotImplementedError("correct")
 
+    @abstractmethod
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Go to k+1 with the applied u(k), which is within the bounds of the plant."""
         raise NotImplementedError("predict")

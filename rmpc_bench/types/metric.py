@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import re
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
@@ -257,6 +258,7 @@ class Metric:
         """Find every reason for which the metric cannot be computed, before any run."""
         yield from issues_of(self.window, layout)
 
+    @abstractmethod
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Return one value per run: inf where the event does not occur, NaN where there is no value."""
         raise NotImplementedError("evaluate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -234,6 +235,7 @@ class Plant(Design):
         """
         raise NotImplementedError("between")
 
+    @abstractmethod
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> Any:
@@ -259,12 +261,14 @@ class Plant(Design):
         """Return x(0): the one of the section `initial` unless a recorded run has its own."""
         return x0
 
+    @abstractmethod
     def step(
         self, k: int, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]
     ) -> Motion:
         """Move to x(k+1)."""
         raise NotImplementedError("step")
 
+    @abstractmethod
     def output(
         self, k: int, delta: Any, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
     ) -> Float[Array, "runs ny"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -39,6 +39,14 @@ class PassedOn(BaseException):
     def __init__(self, error: BaseException) -> None:
         self.error = error
         super().__init__(str(error))
+
+
+def passed_on(role: str, k: int | None, function: Callable[..., Any], values: Sequence[Any]) -> Any:
+    """Call a method of a component for `Journal.call`, so that its exception ends the simulation."""
+    try:
+        return function(*values)
+    except Exception as error:
+        raise PassedOn(error) from error
 
 
 @dataclass

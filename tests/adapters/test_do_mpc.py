@@ -11,7 +11,7 @@ from controllers.predictions import predict_moves
 from scipy.optimize import lsq_linear
 
 from rmpc_bench import load_config
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.extras import is_installed
 from rmpc_bench.simulation.closed_loop import simulate_block
 from rmpc_bench.types import Status
@@ -61,7 +61,7 @@ def traces(path, n_runs, signal="u"):
 
 def test_without_limits_it_is_the_built_in_mpc():
     """Oracle: the closed form of `mpc` with Hu = Hp, in a loop of 12 samples with noise in six runs."""
-    built_in = designs.controller("mpc", MODEL, Hp=6, Hu=6, Q=1.0, R=0.5)
+    built_in = factories.controller("mpc", MODEL, Hp=6, Hu=6, Q=1.0, R=0.5)
     expected = simulated(experiment(controller=built_in))
     got = simulated(experiment(controller=designed("controllers", small_mpc, preview=7)))
     assert (got[0] == Status.OK).all()

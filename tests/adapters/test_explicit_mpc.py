@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear
 
 from rmpc_bench import SolverError
 from rmpc_bench.adapters.explicit_mpc import explicit_controller, stacked
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.types import Status
 
 HP, R = 3, 0.5
@@ -82,7 +82,7 @@ def test_in_the_loop_without_active_limits_it_is_mpc():
     design = designed("controllers", law, limit=100.0)
     got = simulated(experiment(controller=design))
     assert CALLS == [100.0]
-    expected = simulated(experiment(controller=designs.controller("mpc", MODEL, Hp=HP, Hu=HP, Q=1.0, R=R)))
+    expected = simulated(experiment(controller=factories.controller("mpc", MODEL, Hp=HP, Hu=HP, Q=1.0, R=R)))
     np.testing.assert_allclose(got[2]["u"], expected[2]["u"], rtol=0, atol=1e-9)
     copied = simulated(experiment(controller=pickle.loads(pickle.dumps(design))), 1)
     np.testing.assert_allclose(copied[2]["u"], got[2]["u"], **EXACT)

@@ -23,8 +23,8 @@ from filterpy.kalman import (
 from small_experiment import cli
 
 from rmpc_bench.adapters.filterpy import filterpy_estimator
-from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import design_function
+from rmpc_bench.config_file import factories
 from rmpc_bench.conformance.outcome import global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import LinearisedModel
@@ -403,7 +403,7 @@ def test_a_model_around_an_operating_point():
 
 def of_bench(given):
     """Return the Kalman filter of the bench."""
-    return designs.estimator("kalman", **given)
+    return factories.estimator("kalman", **given)
 
 
 def in_deviation(given):

@@ -19,8 +19,8 @@ from stonesoup.types.state import GaussianState, State
 from stonesoup.updater.kalman import KalmanUpdater
 
 from rmpc_bench.adapters.stonesoup import EPOCH, stonesoup_estimator
-from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import design_function
+from rmpc_bench.config_file import factories
 from rmpc_bench.conformance.outcome import global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.linearised import LinearisedModel
@@ -144,7 +144,7 @@ def test_a_model_around_an_operating_point():
     y, u = signals()
     given = {"model": model, "n_steps": len(y) - 1, "x0": START["x0"] + point.x, "P0": START["P0"]}
     ours = alone(design_function("estimators", around)(**given, Ts=TS), y + point.y, u + point.u)
-    expected = alone(designs.estimator("kalman", **given), y + point.y, u + point.u)
+    expected = alone(factories.estimator("kalman", **given), y + point.y, u + point.u)
     np.testing.assert_allclose(ours[0], expected[0], rtol=0, atol=1e-12)
 
 

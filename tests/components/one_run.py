@@ -3,8 +3,8 @@
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import design_function, single_run
+from rmpc_bench.config_file import factories
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.closed_loop import simulate_block
@@ -98,7 +98,7 @@ def designed(group, component, **keys):
 
 def kalman():
     """Return the filter of the bench."""
-    return designs.estimator("kalman", MODEL, n_steps=N, **START)
+    return factories.estimator("kalman", MODEL, n_steps=N, **START)
 
 
 def experiment(estimator=None, controller=None, plant=None, metrics=(), n_runs=6, record=("x", "y", "u", "x_hat")):

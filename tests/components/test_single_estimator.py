@@ -8,8 +8,8 @@ from components.one_run import MODEL, Fixed, N, Textbook, designed, experiment, 
 from conftest import EXACT, ROUND
 
 from rmpc_bench import SolverError
-from rmpc_bench.components import designs
 from rmpc_bench.components.single_run import single_run
+from rmpc_bench.config_file import factories
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.simulation.closed_loop import simulate_block
@@ -21,7 +21,7 @@ LQR = {"Q_x": 1.0, "R_u": 1.0, "horizon": 5}
 
 def lqr():
     """Return a controller of the bench, so that u is not 0."""
-    return designs.controller("lqr", MODEL, n_steps=N, estimator=kalman(), **LQR)
+    return factories.controller("lqr", MODEL, n_steps=N, estimator=kalman(), **LQR)
 
 
 def test_a_textbook_filter_is_the_kalman_filter():

@@ -10,7 +10,7 @@ import pytest
 from conftest import random_model, random_psd
 from scipy.optimize import brentq
 
-from rmpc_bench.components.designs import estimator
+from rmpc_bench.config_file.factories import estimator
 from rmpc_bench.estimators.bridging import RunByRun
 from rmpc_bench.estimators.kalman import stationary_filter
 from rmpc_bench.models.linear import LinearModel

@@ -5,7 +5,7 @@ import pytest
 from estimators.state_dependent_models import Base, Mass
 from numerics import lp_twin
 
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.estimators.lp_window import PATIENCE, design
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Pair
@@ -182,8 +182,8 @@ def test_what_it_offers(rng):
 
 def robot(rng, runs, steps):
     """Model, first state, measurements and torques of the robot along a path of its own."""
-    model = designs.model("moving-slide", 0.01)
-    plant = designs.plant("moving-slide", 0.01)
+    model = factories.model("moving-slide", 0.01)
+    plant = factories.plant("moving-slide", 0.01)
     nominal = {name: np.full(runs, value) for name, value in plant.nominal.items()}
     delta = plant.draw(nominal, [np.random.default_rng(i) for i in range(runs)], steps)
     x, u = np.tile([0.05, 0.08, 0.0, 0.0, 0.0, 0.0], (runs, 1)), np.zeros((runs, steps + 1, 4))

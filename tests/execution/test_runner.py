@@ -8,7 +8,7 @@ from small_experiment import cli, ran, spied, write
 from threadpoolctl import threadpool_info
 
 from rmpc_bench import load_config, registry
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.engines import tasks
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import serial
@@ -203,7 +203,7 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
 
     def watching(model, n_steps, *, x0, P0):
         note("design")
-        return designs.estimator("kalman", model, n_steps, x0=x0, P0=P0)
+        return factories.estimator("kalman", model, n_steps, x0=x0, P0=P0)
 
     registry.register("estimator", "watching", watching)
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))

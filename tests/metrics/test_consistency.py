@@ -5,7 +5,7 @@ import pytest
 from conftest import ROUND, random_model, random_psd, within_stat
 from metrics.estimate_records import LAYOUT, NX, trajectories
 
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.tracking import Mse
@@ -36,7 +36,7 @@ def test_nees_has_no_unit_and_needs_P():
 
 def filtered(model, x0, P0, rng, runs, n_steps):
     """Runs of a model and the Kalman filter designed for it, step by step."""
-    estimator = designs.estimator("kalman", model, n_steps=n_steps, x0=x0, P0=P0)
+    estimator = factories.estimator("kalman", model, n_steps=n_steps, x0=x0, P0=P0)
     x = rng.multivariate_normal(x0, P0, runs, method="svd")
     state, xs, x_hats = estimator.init(runs), [], []
     for k in range(n_steps + 1):

@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
@@ -164,7 +165,7 @@ def test_default_directory_of_run(tmp_path, monkeypatch):
     """results/<paper>/<name>, as the command line."""
     monkeypatch.chdir(tmp_path)
     results = run(load_config(write(tmp_path, paper="p")), jobs=1)
-    assert results.directory.as_posix() == "results/p/tiny" and (results.directory / "trials.sqlite").exists()
+    assert results.directory == Path.cwd() / "results/p/tiny" and (results.directory / "trials.sqlite").exists()
 
 
 def test_an_incomplete_experiment_is_not_final(tmp_path):
@@ -208,9 +209,9 @@ def test_compare_in_other_forms(results):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"metric": "mes"}, "'mes' is unknown"),
-        ({"methods": ["R"]}, "'R' is unknown"),
-        ({"baseline": "R"}, "'R' is unknown"),
+        ({"metric": "mes"}, "metric: 'mes' is not a known metric; did you mean 'mse'"),
+        ({"methods": ["R"]}, "methods: 'R' is not a known method"),
+        ({"baseline": "R"}, "baseline: 'R' is not a known method"),
         ({"confidence": 95}, "between 0 and 1"),
         ({"relevant": -1}, "at least 0"),
     ],

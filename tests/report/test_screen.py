@@ -57,6 +57,7 @@ def screen_of(trials, **others):
         "tables": summarise(trials),
         "metric": trials.metrics[0].name,
         "page": Path("results/tiny/report.html"),
+        "stored": Path("results/tiny"),
         "extent": extent_of(trials),
         "driven": DriversTable([]),
         "tuned": TuningTable(trials, None),
@@ -174,7 +175,7 @@ def test_a_replay_command_and_the_page_are_copied_whole():
     """Lines end between arguments of the shell only: not within a path, whatever its length and its blanks."""
     method, directory = "Sage Husa", Path("results") / "long  name" / ("x" * 90)
     trials = one({"KF": BASE, method: np.where(np.arange(N) == 3, np.nan, BASE)})
-    lines = screen_of(trials, page=directory / "report.html").text(80).split("\n")
+    lines = screen_of(trials, page=directory / "report.html", stored=directory).text(80).split("\n")
     start = next(i for i, line in enumerate(lines) if line.endswith("the first again:")) + 1
     end = next(i for i in range(start, len(lines)) if not lines[i].endswith("\\")) + 1
     command = shlex.split("\n".join(lines[start:end]).replace("\\\n", ""))

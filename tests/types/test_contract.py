@@ -11,7 +11,7 @@ from simulation.toy import Halfway, Proportional, Walk
 from small_experiment import write
 
 from rmpc_bench import load_config, registry
-from rmpc_bench.components import designs
+from rmpc_bench.config_file import factories
 from rmpc_bench.estimators import kalman
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.metrics.tracking import Mse
@@ -240,4 +240,4 @@ def test_a_component_built_by_name_passes_the_checks(group, monkeypatch):
     """Oracle: the verbs of the Python interface raise the same error."""
     registered(monkeypatch, group, lambda *args: {})
     with pytest.raises(DesignError, match=f"must return an instance of {BASES[group].__name__}"):
-        getattr(designs, group.removesuffix("s"))("mine")
+        getattr(factories, group.removesuffix("s"))("mine")
