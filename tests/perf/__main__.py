@@ -24,6 +24,7 @@ from perf import (
     horizon_rows,
     large,
     libraries,
+    linear_rows,
     loops,
     mpc_rows,
     nonlinear_rows,
@@ -33,8 +34,8 @@ from perf import (
 )
 from perf.row import measured
 
-ROWS = [*loops.ROWS, *solvers.ROWS, *gpc_rows.ROWS, *mpc_rows.ROWS, *horizon_rows.ROWS]
-ROWS += [*nonlinear_rows.ROWS, *outlier_rows.ROWS, *libraries.ROWS, *commands.ROWS]
+ROWS = [*loops.ROWS, *linear_rows.ROWS, *solvers.ROWS, *gpc_rows.ROWS, *mpc_rows.ROWS]
+ROWS += [*horizon_rows.ROWS, *nonlinear_rows.ROWS, *outlier_rows.ROWS, *libraries.ROWS, *commands.ROWS]
 ROWS += wasserstein_rows.ROWS
 TARGET = Path(__file__).parents[2] / "results" / "perf"
 COMPARED = 50
@@ -47,7 +48,7 @@ class RowError(Exception):
 
 def one_side(number, side):
     """Measure one side of a row in this process and print it."""
-    seconds, result = measured(getattr(ROWS[number], side))
+    seconds, result = measured(getattr(ROWS[number], side), ROWS[number].clock)
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e3
     numbers = None if result is None else np.ravel(result)[:COMPARED].tolist()
     print(json.dumps({"seconds": seconds, "megabytes": peak, "numbers": numbers}))
@@ -56,14 +57,14 @@ def one_side(number, side):
 def both_sides(number):
     """Measure a row and compare what its sides compute."""
     found, row = {}, ROWS[number]
-    for side in ("ours", "baseline"):
+    for side in ("ours", "baseline")[: 1 + (row.baseline is not None)]:
         command = [sys.executable, "-W", "ignore", "-m", "perf", str(number), side]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RowError(f"{row.name}, {side}: {done.stderr.strip().splitlines()[-1]}")
         found[side] = json.loads(done.stdout.strip().splitlines()[-1])
     numbers = [side.pop("numbers") for side in found.values()]
-    found["difference"] = difference(*numbers) if None not in numbers else None
+    found["difference"] = difference(*numbers) if len(numbers) == 2 and None not in numbers else None
     if found["difference"] is not None and not found["difference"] <= row.tolerance:
         raise RowError(f"{row.name}: the sides differ by {found['difference']:.2g} (tolerance {row.tolerance:.0e})")
     return {"name": row.name, "unit": row.unit, "beside": row.beside, **found}
@@ -86,7 +87,10 @@ def text(seconds):
 
 def line(each):
     """Return a row of the table in Markdown."""
-    ours, other = each["ours"], each["baseline"]
+    ours, other = each["ours"], each.get("baseline")
+    if other is None:
+        head = f"| {each['name']} | {each['unit']} | {text(ours['seconds'])} | {each['beside']} "
+        return f"{head}| | | | {ours['megabytes']:.0f} MB | |"
     same = "" if each["difference"] is None else f"{each['difference']:.0e}"
     return (
         f"| {each['name']} | {each['unit']} | {text(ours['seconds'])} | {each['beside']} | {text(other['seconds'])} "
@@ -102,9 +106,9 @@ def table(records):
         "",
         f"Written by `make perf` with Python {platform.python_version()} on {platform.machine()}. Both sides of a row",
         "were measured one after the other, each in its own process and after a first call that does not count. Time",
-        "is CPU time of all processors per unit of work. The ratio is the time of the baseline divided by ours. The",
-        "difference is that of the computed numbers, relative to the largest of them; it is empty for a baseline that",
-        "computes less. Memory is the peak of the largest process.",
+        "is CPU time of all processors per unit of work, unless the row names another. The ratio is the time of the",
+        "baseline divided by ours. The difference is that of the computed numbers, relative to the largest of them; it",
+        "is empty for a baseline that computes less. Memory is the peak of the largest process.",
         "",
         "| work | unit | ours | baseline | time | ratio | difference | memory, ours | memory, baseline |",
         "|---|---|---|---|---|---|---|---|---|",

@@ -41,10 +41,10 @@ def stored():
     return place
 
 
-def fresh():
-    """Compute Fig. 7 anew, on one process."""
-    place = Path(tempfile.mkdtemp()) / "fig7"
-    return python(MAIN, "run", FIG7, "-o", str(place), "--fresh", "-j", "1", "--progress", "none")
+def fresh(config=FIG7):
+    """Compute an experiment anew, on one process."""
+    place = Path(tempfile.mkdtemp()) / "fresh"
+    return python(MAIN, "run", config, "-o", str(place), "--fresh", "-j", "1", "--progress", "none")
 
 
 def trials(n_runs=RUNS):
@@ -156,6 +156,7 @@ ROWS = [
         IMPORTS,
     ),
     Row("Fig. 7, command to figure", "call", fresh, libraries, IMPORTS),
+    Row("quickstart, command to figure", "call", lambda: fresh("quickstart"), libraries, IMPORTS),
     Row("report of Fig. 7", "call", lambda: python(MAIN, "report", str(stored())), picture, "pandas, one boxplot"),
     Row("writing the store, blocks of 50 runs", "trial", store_writes, plain_writes, ROW_PER_TRIAL),
     Row("reading the store", "trial", store_reads, plain_reads, "SQLite, a row per trial"),

@@ -13,6 +13,12 @@ LONGEST = 3.0
 """Time of a round after which no further one is measured [s]."""
 
 
+def cpu():
+    """Return the time of this process and of those that it has waited for [s]."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
 class Row(NamedTuple):
     """A piece of work.
 
@@ -23,31 +29,28 @@ class Row(NamedTuple):
     name: str
     unit: str
     ours: Callable[[], tuple[Callable[[], object], float]]
-    baseline: Callable[[], tuple[Callable[[], object], float]]
+    baseline: Callable[[], tuple[Callable[[], object], float]] | None
+    """None where this machine cannot compute it; `beside` says why."""
     beside: str
     """What the baseline is, in words."""
     tolerance: float = 1e-6
     """Largest difference of the numbers of both sides, relative to the largest of them."""
+    clock: Callable[[], float] = cpu
+    """What measures time [s]."""
 
 
-def cpu():
-    """Return the time of this process and of those that it has waited for [s]."""
-    times = os.times()
-    return time.process_time() + times.children_user + times.children_system
-
-
-def measured(prepare, rounds=3):
+def measured(prepare, clock=cpu, rounds=3):
     """Return the least time of a unit of the work [s] and what the work returns, after one call that does not count."""
     work, units = prepare()
     result = work()
     best = float("inf")
     for _ in range(rounds):
-        before, calls = cpu(), 0
+        before, calls = clock(), 0
         # Short work is repeated, since the clock of child processes ticks a hundred times a second.
-        while not calls or cpu() - before < SHORTEST:
+        while not calls or clock() - before < SHORTEST:
             work()
             calls += 1
-        best = min(best, (cpu() - before) / calls)
+        best = min(best, (clock() - before) / calls)
         if best > LONGEST:
             break
     return max(best, 1e-9) / units, result
