@@ -1,5 +1,7 @@
 """Shares against closed forms, brute-force least squares, permutations and simulated coverage."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from conftest import STAT, within_stat
@@ -169,6 +171,19 @@ def test_the_interval_of_the_rest_covers():
         _, low, high = (part[-1] for part in of(z, y, seed))
         hits.append(low <= 0.64 / (2 / 3 + 0.64) <= high)
     assert np.mean(hits) >= 0.92
+
+
+def test_resamples_by_groups_are_those_of_one_draw():
+    """To the bit, and with little memory beside the counts."""
+    n = 3000
+    tracemalloc.start()
+    counts = responses._resampled(n, 7)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    drawn = np.random.Generator(np.random.PCG64(7)).integers(0, n, (responses.RESAMPLES, n))
+    for row, runs in zip(counts, drawn, strict=True):
+        np.testing.assert_array_equal(row, np.bincount(runs, minlength=n))
+    assert counts.nbytes == 8 * n * responses.RESAMPLES and peak < 1.5 * counts.nbytes
 
 
 def test_blocks_of_runs_give_the_same_shares(monkeypatch):
