@@ -197,9 +197,9 @@ def _say_uncompared(request: Request, uncompared: bool) -> None:
 def _say_shards(request: Request, directory: Path) -> None:
     """Say that a directory without a store has shards, which the option --missing takes."""
     from rmpc_bench.execution.shards import shards_in
-    from rmpc_bench.received.store import FILE
+    from rmpc_bench.received.store import FILE, is_filled
 
-    if not request.missing and not (directory / FILE).exists() and shards_in(directory, FILE):
+    if not request.missing and not is_filled(directory) and shards_in(directory, FILE):
         request.note(f"{directory} has shards, which are not used; with --missing their trials are taken")
 
 
@@ -279,7 +279,7 @@ def _tuned_config(
 def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
     from rmpc_bench.cli.config_text import tuning_line
     from rmpc_bench.execution.missing import pending
-    from rmpc_bench.received.store import FILE
+    from rmpc_bench.received.store import is_filled
     from rmpc_bench.results.other_code import rows_of_other_code
     from rmpc_bench.results.record import stop_of
     from rmpc_bench.store.store import Store
@@ -289,7 +289,7 @@ def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> i
     runs = _planned_runs(config, stop, request)
     left = total = config.n_trials(names, len(runs))
     apart = None
-    if (place / FILE).exists():
+    if is_filled(place):
         with Store(place, writable=False) as store:
             store.check(config.hash, config.shared, config.own.names())
             stop = stop_of(config, store)

@@ -77,7 +77,7 @@ def choose_engine(
         except ModuleNotFoundError as error:
             raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
         _check_address(scheduler)
-        engine = partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
+        engine = partial(dask_cluster, workers=n, scheduler=scheduler, say=say, **keys)
     if name is None and workers is None and not isolated and not own:
         return partial(here_first, workers=engine)
     return apart(groups, engine, engine) if len(groups) > 1 else engine

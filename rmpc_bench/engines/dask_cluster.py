@@ -8,12 +8,13 @@ futures run by run.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import time
 import uuid
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -38,6 +39,8 @@ WINDOW = 4
 """Futures per thread of a dask worker, so that none waits for the client."""
 SECONDS = 1.0
 """Least time of a future [s]: the scheduler, the client and the worker need some milliseconds for each."""
+WITHOUT = 10.0
+"""Time without a worker after which this is said [s]."""
 BETWEEN = 1.0
 """Time between two looks at the workers of the cluster [s]."""
 CONNECT = 30.0
@@ -58,12 +61,14 @@ def dask_cluster(
     limits: Limits = Limits(),  # noqa: B008 - immutable
     logs: Path | None = None,
     note: Note = lambda text, end: None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Generator[Done]:
     """Do the tasks on a dask cluster; closing the generator ends the processes that it has started.
 
     Without the address of a `scheduler` it starts `workers` on this machine.  The output of components goes to files in
-    `logs`, and `note` gets a line and the end of every process that has ended early.  A WorkerError says that
-    the scheduler cannot be reached, or the workers cannot load the experiment.
+    `logs`, and `note` gets a line and the end of every process that has ended early.  `say` gets a line where a
+    scheduler stays without workers.  A WorkerError says that the scheduler cannot be reached, or the workers cannot
+    load the experiment.
     """
     queue.at_least(SECONDS)
     where = None if logs is None else logs.absolute()
@@ -71,7 +76,7 @@ def dask_cluster(
     cluster = _Cluster(setup, scheduler, workers)
     try:
         cluster.connect()
-        for each in _Futures(cluster, queue, note).results():
+        for each in _Futures(cluster, queue, note, say).results():
             yield failed(experiments, *each) if isinstance(each, Failed) else each
     finally:
         with held():
@@ -193,14 +198,16 @@ class _Cluster:
 
 
 class _Futures:
-    """The futures that are not finished, and the jobs that are left; `note` gets the ends of processes."""
+    """The futures that are not finished, and the jobs that are left; see `dask_cluster` for `note` and `say`."""
 
-    def __init__(self, cluster: _Cluster, queue: TaskQueue, note: Note) -> None:
-        self._cluster, self._queue, self._note = cluster, queue, note
+    def __init__(
+        self, cluster: _Cluster, queue: TaskQueue, note: Note, say: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self._cluster, self._queue, self._note, self._say = cluster, queue, note, say
         self._left = deque[list[Job]]()
         self._jobs: dict[str, tuple[Any, list[Job]]] = {}
         self._ready = SimpleQueue[Any]()
-        self._n_threads, self._looked = 0, -BETWEEN
+        self._n_threads, self._looked, self._seen = 0, -BETWEEN, time.monotonic()
         self._errors = self._renewals = 0
 
     def results(self) -> Iterator[Done | Failed]:
@@ -224,6 +231,11 @@ class _Futures:
             self._renew([])
         self._n_threads = self._cluster.n_threads()
         self._queue.workers = max(self._n_threads, 1)
+        if self._n_threads:
+            self._seen = now
+        elif now - self._seen > WITHOUT:
+            self._seen = math.inf  # said once
+            self._say(f"engine dask: the scheduler at {self._cluster.where} has no workers; waiting for one")
         for end in self._cluster.replace_stopped():
             self._note(end.message, end)
 

@@ -17,7 +17,7 @@ from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.execution.progress_file import Column, Extent, ProgressFile
 from rmpc_bench.execution.shards import LIBRARIES, Shard, join_libraries, readable_shards, shards_in
 from rmpc_bench.received.plain_files import DamagedError, StoreError
-from rmpc_bench.received.store import FILE, MissingError, WriteError
+from rmpc_bench.received.store import FILE, MissingError, WriteError, is_filled
 from rmpc_bench.replaced_file import inside, refuse_outside, replaced
 from rmpc_bench.results import manifest
 from rmpc_bench.results.record import PointMethod, StoredExperiment, read_experiment, write_experiment
@@ -138,7 +138,7 @@ def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tupl
         experiment = read_experiment(store)
         parts.append(_ShardRecord(shard, experiment, store.data(LIBRARIES), store.file_names()))
         _add_finished(finished, experiment, store)
-    if parts and (directory / FILE).exists():
+    if parts and is_filled(directory):
         with Store(directory, writable=False) as store:
             _add_finished(finished, parts[0].experiment, store)
     return parts, finished

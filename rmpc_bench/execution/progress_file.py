@@ -212,12 +212,12 @@ class ProgressFile(Following):
             return False
         return data.get("state") == FINISHED and data.get("done") == data.get("total") == self.total == self.done
 
-    def _count_stored(self) -> None:
-        """Count what earlier sessions have stored."""
+    def _count_stored(self, counted: range, tasks: Sequence[Task]) -> None:
+        """Count what earlier sessions have stored of some runs, but for those of tasks."""
         for column in self._extent.columns:
-            runs, status = self._store.statuses(column.key, self._runs.stop)
-            own = [task.runs for task in self._tasks if (task.point, task.method) == (column.point, column.method)]
-            inside = (runs >= self._runs.start) & ~np.isin(runs, np.concatenate([np.empty(0, dtype=int), *own]))
+            runs, status = self._store.statuses(column.key, counted.stop)
+            own = [task.runs for task in tasks if (task.point, task.method) == (column.point, column.method)]
+            inside = (runs >= counted.start) & ~np.isin(runs, np.concatenate([np.empty(0, dtype=int), *own]))
             if column.metric is not None and np.any(inside):
                 values = self._store.values(column.key, column.metric, runs[inside])
                 self._add(column, status[inside], values)
@@ -231,7 +231,7 @@ class ProgressFile(Following):
 
     def __enter__(self) -> Self:
         """Count what is stored, and write the file for the first time."""
-        self._count_stored()
+        self._count_stored(self._runs, self._tasks)
         return super().__enter__()
 
     def note(self, done: Done) -> None:
@@ -243,12 +243,15 @@ class ProgressFile(Following):
             if column.metric is not None:
                 self._add(column, block.status, block.metrics[column.position])
 
-    def extend(self, n: int) -> None:
-        """Add ``n`` trials to those that are to be computed: later runs of all methods."""
+    def extend(self, tasks: Sequence[Task], n_runs: int) -> None:
+        """Add the runs up to ``n_runs``; those of all methods are stored but for those of ``tasks``."""
         with self._lock:
-            self.total += n
-            first = self._runs.start
-            self._constant["runs"] = [first, first + self.total // max(len(self._extent.columns), 1)]
+            left = self.total - self.done + sum(len(task.runs) for task in tasks)
+            self._count_stored(range(self._runs.stop, n_runs), tasks)
+            self._runs = range(self._runs.start, n_runs)
+            self.total = len(self._extent.columns) * len(self._runs)
+            self.done = self.total - left
+            self._constant["runs"] = [self._runs.start, n_runs]
 
     def results(self) -> dict[str, Any]:
         """Return the failed trials, and the means of the primary metric."""

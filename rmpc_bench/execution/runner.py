@@ -195,11 +195,10 @@ def _compute(
                 pair = done.task.point, done.task.method
                 blocks[pair] = min(blocks.get(pair, done.task.runs), done.task.runs, key=lambda runs: runs.start)
                 following = [] if stopping is None else stopping.after(len(done.task.runs))
-                if following:
+                if stopping is not None and following:
                     queue.add(following)
-                    n_more = sum(len(task.runs) for task in following)
-                    file.extend(n_more)
-                    progress.extend(n_more)
+                    file.extend(following, stopping.n_runs)
+                    progress.extend(sum(len(task.runs) for task in following))
     finally:
         progress.stop()
     return blocks

@@ -18,7 +18,7 @@ from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.received.plain_files import DamagedError, StoreError
-from rmpc_bench.received.store import FILE, MissingError, OccupiedError
+from rmpc_bench.received.store import FILE, MissingError, OccupiedError, is_filled
 from rmpc_bench.simulation.ensemble import SIZE
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.store.store import Store
@@ -99,7 +99,7 @@ def stored_in(
     directory: Path, config: ExperimentConfig, methods: Collection[str], say: Callable[[str], None]
 ) -> dict[str, Int[Array, " stored"]]:
     """Return key of a method -> its runs that the store of a directory has; a shard does not compute these again."""
-    if not (directory / FILE).exists():
+    if not is_filled(directory):
         return {}
     try:
         with Store(directory, writable=False) as store:

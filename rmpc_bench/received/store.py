@@ -196,6 +196,12 @@ def is_there(directory: Path) -> bool:
     return True
 
 
+def is_filled(directory: Path) -> bool:
+    """Whether a directory has a store with content; a killed start may leave a file without a byte."""
+    path = directory / FILE
+    return path.exists() and not (path.is_file() and path.stat().st_size == 0)
+
+
 def is_in_use(directory: Path) -> bool:
     """Whether another process writes to the store of a directory; a damaged one is not in use."""
     path = directory / FILE

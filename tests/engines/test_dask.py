@@ -185,6 +185,28 @@ def test_a_scheduler_that_is_killed(monkeypatch, capfd):
         process.communicate()
 
 
+def test_a_scheduler_without_workers(monkeypatch):
+    """It is said once, and the computation goes on with the worker that comes then."""
+    monkeypatch.setattr(engine, "WITHOUT", 0.0)
+    with distributed.LocalCluster(
+        n_workers=0,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        memory_limit=0,
+        silence_logs=logging.CRITICAL,
+    ) as cluster:
+        said, made = [], made_of(Slow(0.0), 2)
+
+        def say(text):
+            said.append(text)
+            cluster.scale(1)
+
+        dones = dask_cluster([made], queue_of(made, 1), 1, cluster.scheduler_address, say=say)
+        assert results_of(dones, 2) == serial_results(2)
+        assert said == [f"engine dask: the scheduler at {cluster.scheduler_address} has no workers; waiting for one"]
+
+
 def test_an_experiment_that_a_worker_cannot_load(scheduler):
     """One error with the reason."""
     made = made_of(Stuck(do_nothing), 4)

@@ -297,6 +297,19 @@ def test_a_damaged_shard(serial, tmp_path, content):
     same(out, tmp_path / "out", looks=2)
 
 
+def test_an_empty_store_of_the_directory_is_no_store(serial, tmp_path):
+    """A start that was killed has left it; shards, their plan and `merge` go on."""
+    path, out = serial
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "trials.sqlite").touch()
+    plan = cli("run", path, "-o", tmp_path / "out", "--dry-run")
+    assert plan.exit_code == 0 and "40 of 40 trials to compute" in plan.stdout
+    all_shards(path, tmp_path / "out", 2)
+    result = joined(tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    same(out, tmp_path / "out")
+
+
 def test_a_shard_that_is_being_computed(serial, tmp_path):
     path, _ = serial
     all_shards(path, tmp_path / "out", 2)

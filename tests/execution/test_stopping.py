@@ -12,6 +12,7 @@ from rmpc_bench import load_config, load_results, run
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.resolution import half_widths
+from rmpc_bench.execution import progress_file
 from rmpc_bench.results.record import Looks, StoredStop, read_looks
 from rmpc_bench.results.results import load_experiment
 from rmpc_bench.store.store import Store
@@ -282,6 +283,18 @@ def test_progress_counts_up_to_the_next_look(claims, tmp_path):
     assert (lines[0]["trials"], lines[-1]["trials"], lines[-1]["done"]) == (10, 80, 80)
     said = [line["text"] for line in lines if line["event"] == "message"]
     assert said[0] == "decide: claims: not ended (look 1 of 4, 5 runs; the next one is at 10 runs)"
+
+
+def test_the_progress_file_ends_where_the_runs_end(tmp_path):
+    """A method that was stored before has more runs than the next look needs; they count when the look reaches them."""
+    keys = {**CLAIMS, "stop": "{decide: claims, min_runs: 5, max_runs: 10}"}
+    path = write(tmp_path, **keys)
+    computed(path, tmp_path / "a", only=["S-MPC"], runs=10)
+    computed(path, tmp_path / "a")
+    assert looks(tmp_path / "a").runs == (5, 10)
+    found = progress_file.read(tmp_path / "a")
+    assert (found["runs"], found["done"], found["total"]) == ([0, 10], 20, 20)
+    assert [(each["method"], each["n"]) for each in found["means"]] == [("S-MPC", 10), ("R-MPC", 10)]
 
 
 def test_the_plan_ends_at_the_next_look(claims, tmp_path):

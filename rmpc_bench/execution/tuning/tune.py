@@ -19,8 +19,7 @@ from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
-from rmpc_bench.received.store import FILE as STORE
-from rmpc_bench.received.store import WriteError
+from rmpc_bench.received.store import WriteError, is_filled
 from rmpc_bench.results.tuning import Found, add_seconds, read_record, write_record
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
@@ -146,7 +145,7 @@ def _usable(found: Mapping[str, Found], plan_of: TuningPlan) -> dict[str, Found]
 
 def _refuse_another(config: ExperimentConfig, directory: Path) -> None:
     """Refuse a directory with the trials of another experiment, before anything is computed."""
-    if (directory / STORE).exists():
+    if is_filled(directory):
         with Store(directory, writable=False) as store:
             if store.meta("experiment") is not None:
                 store.check(config.hash, config.shared, config.own.names())

@@ -317,6 +317,14 @@ def test_only_the_named_method_is_tuned(tmp_path):
     assert [*after] == ["KFR", "RKF"] and after["RKF"] == before["RKF"]
 
 
+def test_an_empty_store_of_the_directory_is_no_store(tmp_path):
+    """A start that was killed has left it."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "trials.sqlite").touch()
+    run(write(tmp_path, methods=TWO), tmp_path / "out", "-j", 1, "--only", "RKF")
+    assert [each.method for each in load_results(tmp_path / "out").tuning.searches] == ["RKF"]
+
+
 def test_equal_methods_share_a_search(tmp_path, monkeypatch):
     path = write(tmp_path, methods=f"{{A: {KFR}, B: {KFR}}}", tune="{budget: 3, runs: 2, regret: false}")
     blocks = spied(monkeypatch)
