@@ -89,6 +89,7 @@ class Names(click.ParamType[list[str]]):
 @click.option(
     "--format", type=Names(), metavar="F,..", help=f"Formats of figures.  [default: {','.join(DEFAULT_FORMATS)}]"
 )
+@click.option("--trials/--no-trials", default=None, help="Write trials.csv.  [default: up to 1,000,000 rows]")
 @exits.guarded
 def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> int:
     """Write pages, tables and figures again from stored trials; nothing is simulated.

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 
 Names = Annotated[list[str], Len(1)]
+MOST_ROWS = 1_000_000
+"""Rows of trials.csv that are written unasked, about 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class ReportKeys:
     style : `bench` for the screen, or `paper` for a printed column: thinner lines and no text that the caption repeats
     font : font of the figures; `times` is a Times font of the system, and STIX where there is none
     format : formats of the figures, one or a list
+    trials : whether trials.csv is written, with a row per method and run; if not given, up to 1,000,000 rows are
     """
 
     order: Names | None = None
@@ -47,6 +50,7 @@ class ReportKeys:
     style: Style = "bench"
     font: Font = "dejavu"
     format: Format | Annotated[list[Format], Len(1)] = field(default_factory=lambda: list(DEFAULT_FORMATS))
+    trials: bool | None = None
 
     def __post_init__(self) -> None:
         """Refuse a width that is no length, or of no use."""
@@ -67,6 +71,10 @@ class ReportKeys:
         """Formats of the figures, each once."""
         given = [self.format] if isinstance(self.format, str) else self.format
         return tuple(dict.fromkeys(given))
+
+    def writes_trials(self, n_rows: int) -> bool:
+        """Whether so many rows are written to trials.csv."""
+        return n_rows <= MOST_ROWS if self.trials is None else self.trials
 
 
 def check_report(draft: DraftConfig) -> None:

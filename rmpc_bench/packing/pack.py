@@ -1,7 +1,8 @@
 """Pack the results of an experiment into one file that somebody else can check: an RO-Crate.
 
 It contains what a reader needs and what `verify` needs: the configuration with the user's files, the rows, the tables,
-the report, and for every file its hash.  The trial store stays out, since trials.csv has its content.
+the report, and for every file its hash.  The trial store stays out, since trials.csv has its content: it is written
+from the store where the report leaves it out.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shlex
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from filecmp import cmp
 from glob import escape, glob, has_magic
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,20 +26,25 @@ from rmpc_bench.config.own_code import renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.packing.metadata import CITATION, Contents, citation, crate
+from rmpc_bench.publishing.publish import choose
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
 from rmpc_bench.received.consent import VERIFIED
-from rmpc_bench.report.csv_file import trials_csv
+from rmpc_bench.report.csv_file import summary_table, trials_csv, write_csv
 from rmpc_bench.results import manifest
+from rmpc_bench.results.evaluate import summarise
 from rmpc_bench.results.results import Results, read_results
 from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.results.tuning import SECONDS as TIMES
+from rmpc_bench.types import DesignError
 from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 DATA = "data"
 """Directory of the user's data files in an archive."""
 SECONDS = f"{FOLDER}/{TIMES}"
-NEEDED = (CONFIG, RESOLVED, manifest.FILE, "trials.csv", "summary.csv", "comparisons.csv", "report.html")
+ROWS = "trials.csv"
+"""The rows of all runs, which an archive has in any case."""
+NEEDED = (CONFIG, RESOLVED, manifest.FILE, ROWS, "summary.csv", "comparisons.csv", "report.html")
 """Files without which a directory is not packed."""
 FILES = (
     *NEEDED,
@@ -112,7 +119,19 @@ def pack(
     results = read_results(place)
     # First: a pipe in place of a file would never end.
     contents: dict[str, Path | bytes] = dict(_files(place))
-    _refuse_stale(results, place)
+    with TemporaryDirectory() as temporary:
+        contents[ROWS] = _checked_rows(results, place, Path(temporary))
+        return _packed(results, place, contents, Path(to), (authors, licence))
+
+
+def _packed(
+    results: Results,
+    place: Path,
+    contents: dict[str, Path | bytes],
+    target: Path,
+    stated_by: tuple[Sequence[str], str],
+) -> Pack:
+    """Write an archive with the files of a directory, its data files, citation and metadata."""
     config = load_config(place / RESOLVED, lenient=True)
     if config.hash != results.experiment.hash:
         raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
@@ -121,12 +140,11 @@ def pack(
         why = "stands in a program or a notebook, so nobody could compute the trials again"
         raise ArchiveError(f"{place}: {names} {why}; write it to a file, and name it as `file: FILE.py:NAME`")
     contents |= _data_files(config, contents)
-    facts = facts_of(results, manifest.read(place), contents, authors, licence)
+    facts = facts_of(results, manifest.read(place), contents, *stated_by)
     contents[CITATION] = citation(facts).encode()
     hashes = {**facts.hashes, CITATION: _hash_and_size(contents[CITATION])}
     facts = facts._replace(hashes=dict(sorted(hashes.items())))
     contents |= {VERIFIED: json_bytes([]), METADATA: json_bytes(crate(facts))}
-    target = Path(to)
     write_archive(target, contents)
     remarks = [f"incomplete: {text}" for text in results.incomplete]
     remarks += [results.other_code] if results.other_code else []
@@ -152,17 +170,36 @@ def facts_of(
     )
 
 
-def _refuse_stale(results: Results, directory: Path) -> None:
-    """Refuse a directory of which files are missing or belong to other trials than the stored ones."""
+def _checked_rows(results: Results, directory: Path, temporary: Path) -> Path:
+    """Write the stored rows, and refuse a directory of which files are missing or belong to other trials.
+
+    Where the report leaves out trials.csv, summary.csv shows which trials the files belong to.
+    """
     way_out = f"`rmpc-bench report {shlex.quote(str(directory))}` writes it again"
+    report = chosen(results, manifest.read(directory).get("report", {}), directory).experiment.report
+    has_rows = report.writes_trials(len(results.stored.frame))
     for name in NEEDED:
-        if not (directory / name).exists():
+        if (has_rows or name != ROWS) and not (directory / name).exists():
             raise ArchiveError(f"{directory}: there is no {name}; {way_out}")
-    with TemporaryDirectory() as temporary:
-        fresh = Path(temporary) / "trials.csv"
-        trials_csv(results.stored, fresh)
-        if fresh.read_bytes() != (directory / "trials.csv").read_bytes():
-            raise ArchiveError(f"{directory}: trials.csv differs from the stored trials; {way_out}")
+    trials_csv(results.stored, temporary / ROWS)
+    name = ROWS if (directory / ROWS).exists() else "summary.csv"
+    if name != ROWS:
+        tables = summarise(results).shown(report.order, report.metrics)
+        write_csv(summary_table(tables.described), temporary / name)
+    if not cmp(temporary / name, directory / name, shallow=False):
+        raise ArchiveError(f"{directory}: {name} differs from the stored trials; {way_out}")
+    return temporary / ROWS
+
+
+def chosen(results: Results, way: Mapping[str, Any], path: Path) -> Results:
+    """Return results with the stated keys of the report; LaTeX, which PGF needs, does not run here."""
+    try:
+        keys = dict(way.get("keys", {}))
+        given = keys.get("format", results.experiment.report.formats)
+        kept = [each for each in ([given] if isinstance(given, str) else given) if each != "pgf"]
+        return choose(results, **keys | {"format": kept or ["svg"]})
+    except (DesignError, TypeError, ValueError, AttributeError) as error:
+        raise ArchiveError(f"{path}: manifest.json: report: cannot be made as it says ({error})") from None
 
 
 def _files(directory: Path) -> Iterator[tuple[str, Path]]:

@@ -32,17 +32,18 @@ from rmpc_bench.packing.comparison import (
     same_but_fonts,
 )
 from rmpc_bench.packing.metadata import CITATION, citation, crate, stated_by
-from rmpc_bench.packing.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
-from rmpc_bench.publishing.publish import choose, publish
+from rmpc_bench.packing.pack import DATA, FILES, NEEDED, ROWS, SECONDS, chosen, facts_of, split_pattern
+from rmpc_bench.publishing.publish import publish
 from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.received.plain_files import checked
+from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.results import manifest
 from rmpc_bench.results.results import Results
 from rmpc_bench.results.tables import with_timings
 from rmpc_bench.results.tuning import FILE as TUNING
-from rmpc_bench.types import ConfigError, DesignError
+from rmpc_bench.types import ConfigError
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 TIMINGS = "timings.csv"
@@ -97,7 +98,7 @@ class PackedFiles:
         timed = self._timed(results)
         found = {each.name: each for each in self._inputs(config, computed, temporary)}
         found[TIMINGS] = _timings(timed.timings, results.timings)
-        results = self._chosen(timed)
+        results = chosen(timed, self._way, self._path)
         if n_runs is None:
             self._publish(results, config, computed, made)
         else:
@@ -120,6 +121,9 @@ class PackedFiles:
         if not self._way.get("own_figures", True):
             results = replace(results, components={})
         publish(results, to=made, place=self._way.get("place", ""))
+        # The archive has it also where the report leaves it out.
+        if not (made / ROWS).is_file():
+            trials_csv(results.stored, made / ROWS)
 
     def _inputs(self, config: ExperimentConfig, computed: Mapping[str, Any], temporary: Path) -> Iterator[FileOutcome]:
         """Yield what was found about the files from which all others are computed."""
@@ -176,16 +180,6 @@ class PackedFiles:
             return FileOutcome(manifest.FILE, DIFFERENT, f"{ascii(name)}: packed {next(shown)}, here {next(shown)}")
         note = f"{', '.join(COMPARED)} are compared; not {', '.join(STATED)}"
         return FileOutcome(manifest.FILE, HASHED, note)
-
-    def _chosen(self, results: Results) -> Results:
-        """Return results with the keys of the report; LaTeX, which PGF needs, does not run here."""
-        try:
-            keys = dict(self._way.get("keys", {}))
-            given = keys.get("format", results.experiment.report.formats)
-            kept = [each for each in ([given] if isinstance(given, str) else given) if each != "pgf"]
-            return choose(results, **keys | {"format": kept or ["svg"]})
-        except (DesignError, TypeError, ValueError, AttributeError) as error:
-            raise ArchiveError(f"{self._path}: manifest.json: report: cannot be made as it says ({error})") from None
 
     def _timed(self, results: Results) -> Results:
         """Return results with the durations of the archive."""

@@ -64,8 +64,8 @@ def wrong_choices(experiment: StoredExperiment, **keys: Any) -> list[tuple[str, 
 def choose(results: Results, **keys: Any) -> Results:
     """Return the same results whose tables and figures show something else, or are written otherwise.
 
-    The keys replace those of the section `report`: order, width, metrics, columns, style, font, format.  None leaves a
-    key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
+    The keys replace those of the section `report`: order, width, metrics, columns, style, font, format, trials.  None
+    leaves a key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def _published(
         requirements=requirements(results),
         ranks=ranks(results),
         tuning=tuning(results),
-        remarks=tuple(filter(None, [remark_on(rendering.font)])),
+        remarks=tuple(filter(None, [remark_on(rendering.font), _remark_on_rows(results)])),
     )
     paths = [
         *write_summary(results, published.tables, directory),
@@ -197,6 +197,14 @@ def _published(
     published = replace(published, paths=tuple(paths), figures=figures, left_out=left_out)
     pages = write_page(published, record, rendering, place, index)
     return replace(published, paths=(*paths, *pages))
+
+
+def _remark_on_rows(results: Results) -> str:
+    """Say that trials.csv is left out unasked; empty where it is not."""
+    report, n_rows = results.experiment.report, len(results.stored.frame)
+    if report.trials is not None or report.writes_trials(n_rows):
+        return ""
+    return f"trials.csv, with {n_rows:,} rows, is left out; --trials or `report: {{trials: true}}` writes it"
 
 
 def _way(results: Results, place: str, file: str) -> dict[str, Any]:

@@ -88,15 +88,19 @@ def write_caption(caption: str, stem: Path) -> Path:
 
 
 def write_summary(results: Results, tables: Summary, directory: Path) -> list[Path]:
-    """Write the rows of all runs, summary and comparisons."""
-    trials_csv(results.stored, directory / "trials.csv")
+    """Write the rows of all runs, where the report has them, summary and comparisons."""
+    rows = [directory / "trials.csv"] if results.experiment.report.writes_trials(len(results.stored.frame)) else []
+    for path in rows:
+        trials_csv(results.stored, path)
+    if not rows:
+        (directory / "trials.csv").unlink(missing_ok=True)
     write_csv(results.uncertainty, directory / "uncertainty.csv")
     write_csv(results.series, directory / "series.csv")
     write_csv(summary_table(tables.described), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
     replace_text(directory / "tables" / "summary.md", tables.to_markdown())
-    names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
-    return [directory / name for name in names]
+    names = ("uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
+    return [*rows, *(directory / name for name in names)]
 
 
 def write_table(

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, rounded
+from rmpc_bench.analysis.runs import RunNotes
 from rmpc_bench.analysis.statistics import NUMBERS
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.replaced_file import replaced
@@ -72,14 +73,18 @@ def trials_csv(trials: Trials, path: Path) -> None:
     Where a component may hold failed steps, `held_steps` follows the status.  Where a controller optimises and goes on
     after a failed step, `failed_steps` and `worst_step` follow, the worst status of the steps of the run.
     """
-    notes = [table.notes.get(method) for table in trials.each for method in table.frame["method"]]
-    known = list(zip((run for table in trials.each for run in table.frame["run"]), notes, strict=True))
+
+    def known() -> Iterator[tuple[int, RunNotes | None]]:
+        for table in trials.each:
+            for method, run in zip(table.frame["method"], table.frame["run"], strict=True):
+                yield run, table.notes.get(method)
+
     steps: dict[str, list[Any]] = {}
     if any(each.holds for table in trials.each for each in table.notes.values()):
-        steps["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known]
+        steps["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known()]
     if any(each.optimises for table in trials.each for each in table.notes.values()):
-        steps["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known]
-        steps["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known]
+        steps["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known()]
+        steps["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known()]
     columns = [*trials.paths, "method", "run", "status", *steps, *(info.name for info in trials.metrics)]
     write_csv(trials.frame.assign(**steps)[columns], path)
 

@@ -56,6 +56,14 @@ def test_another_directory(stored, tmp_path):
     assert re.match(r"% written by rmpc-bench, version .*\n% experiment tiny, hash \w{64}\n% seed 7, n = 6 runs", table)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_rows_are_no_part_of_the_experiment(tmp_path, given):
+    """The key belongs to the resolved configuration, and not to the hash."""
+    config, other = (load_config(write(tmp_path), overrides=keys) for keys in ([], [f"report.trials={given}"]))
+    assert config.hash == other.hash and config.points[0].method_keys == other.points[0].method_keys
+    assert [each.resolved["report"].get("trials") for each in (config, other)] == [None, given]
+
+
 def test_only_figures_that_are_asked_for_are_files(stored, tmp_path):
     """In the formats that are asked for; what only the page shows is no file."""
     for formats, there in (("pdf", False), ("pdf,svg", True)):

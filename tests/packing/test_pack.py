@@ -237,6 +237,29 @@ def test_a_directory_that_does_not_fit_is_not_packed(here, tmp_path):
     assert cli("pack", tmp_path, "-o", tmp_path / "z.zip").exit_code == 2
 
 
+def test_rows_that_the_report_leaves_out_are_packed(here, tmp_path, monkeypatch):
+    """A large experiment has no trials.csv unless it is asked for; pack, verify and compare do without it."""
+    monkeypatch.setattr("rmpc_bench.config.report.MOST_ROWS", 20)
+    out, rows = shutil.copytree(here / "out", tmp_path / "out"), (here / "out" / "trials.csv").read_bytes()
+    left = cli("report", out)
+    line = "trials.csv, with 24 rows, is left out; --trials or `report: {trials: true}` writes it"
+    assert left.exit_code == 0 and line in left.stderr
+    assert not (out / "trials.csv").exists() and "trials.csv" not in (out / "report.html").read_text()
+    assert cli("compare", here / "out", out).exit_code == 0
+    assert cli("pack", out, "-o", tmp_path / "x.zip").exit_code == 0
+    assert packed.contents(tmp_path / "x.zip")["trials.csv"] == rows
+    for options in (("-j", 1), ("-j", 1, "--runs", 4), ("--no-run",)):
+        found = cli("verify", tmp_path / "x.zip", *options)
+        assert found.exit_code == 0, found.output
+    asked = cli("report", out, "--trials")
+    assert asked.exit_code == 0 and line not in asked.stderr and (out / "trials.csv").read_bytes() == rows
+    assert cli("report", out, "--no-trials").exit_code == 0 and not (out / "trials.csv").exists()
+    text = (out / "summary.csv").read_text()
+    (out / "summary.csv").write_text(text.replace("mse", "mae", 1))
+    stale = cli("pack", out, "-o", tmp_path / "y.zip")
+    assert stale.exit_code == 2 and "summary.csv differs from the stored trials" in stale.stderr
+
+
 def test_what_is_no_archive_is_said(tmp_path):
     path = tmp_path / "x.zip"
     path.write_text("no archive", encoding="utf-8")
