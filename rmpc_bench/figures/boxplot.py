@@ -82,7 +82,8 @@ class Boxplot(SweepFigure):
         first = tables[0]
         rows = [shown_rows(table, first, self.order) for table in tables]
         values = [[_values(table, row.method) for row in shown] for table, shown in zip(tables, rows, strict=True)]
-        axis = scaled_axis([each for panel in values for column in panel for each in column.tolist()], self.log)
+        filled = [column for panel in values for column in panel if len(column)]
+        axis = scaled_axis([float(end) for column in filled for end in (column.min(), column.max())], self.log)
         with style():
             slot = (self.size(1.0)[0] * POINTS_PER_INCH - MARGIN) / len(rows[0])
             names, how, tall = names_of_columns([name_of(first.trials, row.method) for row in rows[0]], slot)

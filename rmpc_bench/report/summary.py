@@ -151,6 +151,9 @@ def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequen
     trials, infos = point.trials, {info.name: info for info in point.trials.metrics}
     methods = trials.methods if order is None else tuple(name for name in order if name in trials.methods)
     chosen = trials.metrics if metrics is None else tuple(infos[name] for name in metrics)
+    if methods == trials.methods and chosen == trials.metrics:
+        # What is known of its rows stays known.
+        return point
     return point._replace(trials=replace(trials, methods=methods, metrics=chosen))
 
 

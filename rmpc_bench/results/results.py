@@ -156,12 +156,12 @@ def read_results(directory: str | Path) -> Results:
     check_copies(place)
     with Store(place, writable=False) as store, decoded(place):
         experiment = read_experiment(store)
-        tuning = tuning_of(experiment, place)
+        tuning, quantities = tuning_of(experiment, place), dict[str, pd.DataFrame]()
         return Results(
             experiment=experiment,
             directory=place,
-            stored=stored_trials(experiment, store).with_tuning(tuning),
-            uncertainty=uncertainty(experiment, store),
+            stored=stored_trials(experiment, store, quantities).with_tuning(tuning),
+            uncertainty=uncertainty(experiment, store, quantities),
             n_complete=n_complete(experiment, store),
             timings=timings(experiment, store),
             other_code=other_code(experiment, store),

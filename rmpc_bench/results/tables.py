@@ -27,12 +27,14 @@ from rmpc_bench.types import Array
 from rmpc_bench.types.sweep_points import relevant_paths
 
 
-def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
+def stored_trials(
+    experiment: StoredExperiment, store: Store, quantities: dict[str, pd.DataFrame] | None = None
+) -> Trials:
     """Read the stored trials of an experiment, without methods that have no stored run.
 
-    Raises a MissingError if there are none.
+    Raises a MissingError if there are none.  `quantities` gets the sampled values, for `uncertainty`.
     """
-    reader = _TrialsReader(experiment, store)
+    reader = _TrialsReader(experiment, store, {} if quantities is None else quantities)
     tables = [reader.at_point(number) for number in range(len(experiment.points))]
     filled = [table for table in tables if len(table.methods)]
     if not filled:
@@ -67,19 +69,21 @@ def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: Seri
 class _TrialsReader:
     """Reads the trials of an experiment, point by point; what points share is read once."""
 
-    def __init__(self, experiment: StoredExperiment, store: Store) -> None:
-        self._experiment, self._store = experiment, store
+    def __init__(self, experiment: StoredExperiment, store: Store, quantities: dict[str, pd.DataFrame]) -> None:
+        self._experiment, self._store, self._quantities = experiment, store, quantities
         points = experiment.points
         self._frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in points]
         self._common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in self._frames]
-        self._quantities: dict[str, pd.DataFrame] = {}
         self.series = SeriesReader(experiment, store, self._common)
 
     def at_point(self, number: int) -> Trials:
         """Read the table of one point."""
         experiment, store = self._experiment, self._store
-        point, frames = experiment.points[number], self._frames[number]
+        # The frames of a point are in memory once: what is read of a large experiment fills it.
+        point, frames, self._frames[number] = experiment.points[number], self._frames[number], {}
         methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
+        frame = stacked_rows([*frames.values()])
+        del frames
         notes = {name: _notes(experiment, point, store, name) for name in methods}
         traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
         groups = {name: _groups(experiment, point, store, name, self._common[number]) for name in methods}
@@ -87,7 +91,7 @@ class _TrialsReader:
             **_same_at_all_points(experiment),
             **_of_record(point),
             methods=methods,
-            frame=stacked_rows([*frames.values()]),
+            frame=frame,
             series=self.series.at_point(number, methods),
             baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
             units=with_estimates(point, point.units, traces.values()),
@@ -186,10 +190,9 @@ def n_complete(experiment: StoredExperiment, store: Store) -> dict[str, int]:
     return counts
 
 
-def uncertainty(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+def uncertainty(experiment: StoredExperiment, store: Store, cached: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Read every sampled value of the named uncertain quantities: sweep columns, ``run`` and one per quantity."""
     tables: list[pd.DataFrame] = []
-    cached: dict[str, pd.DataFrame] = {}
     for point in experiment.points:
         table = _quantities(experiment, point, store, cached)
         tables.append(with_point(table, point.coordinates) if point.coordinates else table)
