@@ -38,7 +38,7 @@ from rmpc_bench.config.validate import validate_sections
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.inherit import SECTIONS_OF_A_PLANT, has_source, inherit, lay_over_source
 from rmpc_bench.config_file.known_files import located
-from rmpc_bench.config_file.mapping import canonical_text
+from rmpc_bench.config_file.mapping import canonical_text, plain_mapping
 from rmpc_bench.config_file.matrix_files import with_matrices
 from rmpc_bench.config_file.source import GivenConfig, read, texts_of
 from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
@@ -285,7 +285,7 @@ def load_config(
 
 def _texts(overrides: str | Sequence[str] | Mapping[str, Any]) -> Sequence[str]:
     if isinstance(overrides, Mapping):
-        return [f"{path}={one_line(value)}" for path, value in overrides.items()]
+        return [f"{path}={one_line(value)}" for path, value in plain_mapping(overrides).items()]
     return [overrides] if isinstance(overrides, str) else overrides
 
 

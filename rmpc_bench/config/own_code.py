@@ -21,7 +21,7 @@ from typing import Any
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.loading import package_of, reference_of
-from rmpc_bench.components.object_source import registered_identity
+from rmpc_bench.components.object_source import object_hash, registered_identity
 from rmpc_bench.components.reference import split_reference
 from rmpc_bench.components.source import Source, data_hash, reached_text, read_source
 from rmpc_bench.components.user_code import replaced
@@ -208,8 +208,13 @@ def _registered(component: Component) -> Iterator[Source | str]:
     """Yield what identifies a component that a program or an installed package has registered."""
     group, kind = component.group, component.kind
     if component.code is None and kind not in registry.BUILT_IN[group]:
-        if reference_of(inspect.unwrap(registry.get(group, kind))) is None:
-            yield registered_identity(group, kind)
+        found = registry.get(group, kind)
+        if reference_of(inspect.unwrap(found)) is None:
+            identity = registered_identity(group, kind)
+            yield identity
+            if isinstance(identity, Source) and inspect.unwrap(found).__module__ == "__main__":
+                # A program may change values that its functions use, and define a class again and again in a loop.
+                yield object_hash(found)
 
 
 def _is_of_program(component: Component, *, has_file: bool) -> bool:

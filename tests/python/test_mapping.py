@@ -90,6 +90,7 @@ def test_values_of_numpy_tuples_and_paths(here):
         ({"methods": {"v1.2": {"label": 1j}}}, 'methods."v1.2".label: must be a number, a text'),
         ({"methods": {None: {}}}, "methods: a key must be text (got None)"),
         ({"metrics": [lambda record: 0.0]}, "metrics.0: "),
+        ({"methods": {1: {}, "1": {}}}, "methods: two keys have the same text"),
         ({"title": "\ud800"}, "surrogates not allowed"),
     ],
 )
@@ -128,6 +129,48 @@ def test_a_class_is_registered_under_its_qualified_name(here):
     resolved = config.resolved["methods"]["own"]["estimator"]
     assert (resolved["kind"], resolved["gain"]) == ("Damped", 0.25)
     assert run(config, directory="own", jobs=1).trials.methods == ("KF", "own")
+
+
+def factory(gain):
+    @single_run
+    class Made:
+        def __init__(self, model):
+            self.model = model
+
+        def update(self, y, u_previous):
+            return gain * self.model.C.T @ y
+
+    return Made
+
+
+def test_two_classes_of_one_name_are_refused(here):
+    methods = {name: {"estimator": {"kind": factory(gain)}} for name, gain in (("a", 0.1), ("b", 0.9))}
+    with pytest.raises(
+        ConfigError, match=r"^methods\.b\.estimator\.kind: another class .* register them under two names$"
+    ):
+        load_config(mapping(methods=methods))
+
+
+def test_values_that_a_class_of_a_program_uses_are_a_part_of_its_identity(here, monkeypatch):
+    """Otherwise a loop over them would find the trials of its first pass."""
+    (here / "program.py").write_text(CELL)
+    module = types.ModuleType("__main__")
+    module.__file__ = str(here / "program.py")
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    exec(CELL.replace("return ", "return GAIN * "), vars(module))
+    found = []
+    for module.GAIN in (1.0, 2.0, 1.0):
+        results = run(mapping(metrics=["mse", {"kind": module.Cell}], runs=2), directory="kept", jobs=1)
+        found.append(results.trials.frame["cell"].to_numpy())
+    np.testing.assert_array_equal(found[1], 2.0 * found[0])
+    np.testing.assert_array_equal(found[2], found[0])
+
+
+def test_overrides_take_the_values_of_a_mapping(here):
+    config = load_config(mapping(), overrides={"runs": np.int64(3), "statistics.confidence": np.float64(0.9)})
+    assert config.experiment.n_runs == 3
+    with pytest.raises(ConfigError, match="runs: must be a number, a text"):
+        load_config(mapping(), overrides={"runs": object()})
 
 
 def test_a_function_under_another_key_is_named_by_its_file(here, monkeypatch):
