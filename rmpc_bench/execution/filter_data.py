@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,11 +11,13 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rmpc_bench.config_file.factories import UnsizedEstimator
+from rmpc_bench.numerics.linalg import real_numbers
 from rmpc_bench.simulation.checked_calls import CheckedEstimator, is_own
 from rmpc_bench.simulation.recording import Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, DesignError, Estimator, InvalidReturnValue, Status, as_estimate
 from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.contract import undefined_methods
 from rmpc_bench.types.run_info import Journal, PassedOn, passed_on
 
 
@@ -80,7 +82,9 @@ def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Esti
     [0.962, 0.865, 0.738]
     """
     check_arguments(filter_data, {"estimator": estimator})
-    several = np.asarray(y).ndim == 3
+    if missing := undefined_methods("estimators", type(estimator)):
+        raise DesignError(f"{type(estimator).__qualname__} does not define {', '.join(missing)}", "estimator")
+    several = np.ndim(y) == 3
     ys = _given("y", y, several)
     n_runs, samples = ys.shape[:2]
     us = np.zeros((n_runs, samples, 1)) if u is None else _given("u", u, several)
@@ -92,10 +96,13 @@ def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Esti
     if isinstance(estimator, UnsizedEstimator):
         estimator = estimator.sized(max(samples - 1, 1))
     schedule = estimator.gain_schedule
-    B = getattr(getattr(estimator, "model", None), "B", None) if schedule is None else schedule.B[0]
-    if B is not None and (np.any(B) if u is None else us.shape[2] != B.shape[-1]):
-        given = "nothing" if u is None else f"{us.shape[2]} columns"
-        raise DesignError(f"u must have {B.shape[-1]} columns, one per input of the model (got {given})", "u")
+    model: Any = getattr(estimator, "model", None) if schedule is None else schedule
+    C, B = (getattr(model, name, None) for name in "CB")
+    if isinstance(C, np.ndarray) and ys.shape[2] != C.shape[-2]:
+        raise DesignError(f"y has {ys.shape[2]} columns; {C.shape[-2]}, one per output of the model, fits", "y")
+    if isinstance(B, np.ndarray) and (np.any(B) if u is None else us.shape[2] != B.shape[-1]):
+        given = "is missing" if u is None else f"has {us.shape[2]} columns"
+        raise DesignError(f"u {given}; {B.shape[-1]}, one per input of the model, fits", "u")
     if estimator.knows_uncertainty:
         raise DesignError("an oracle estimator needs the true plant, which recorded data do not have", "estimator")
     estimator.warm_up()
@@ -110,7 +117,10 @@ def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Esti
 
 def _given(name: str, values: ArrayLike, several: bool) -> Float[Array, "runs samples n"]:
     """Return recorded values with the run first; a DesignError says which shape fits."""
-    array = np.asarray(values, dtype=float)
+    try:
+        array = real_numbers(values)
+    except ValueError:
+        raise DesignError(f"{name} must be real numbers, ({'runs, ' * several}samples, n{name})", name) from None
     if array.ndim != 2 + several or not array.size:
         hint = f", as {name}[:, None] is for one column" if array.ndim == 1 else ""
         raise DesignError(f"{name} has shape {array.shape}; ({'runs, ' * several}samples, n{name}) fits{hint}", name)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
-from rmpc_bench.numerics.linalg import as_covariance, mv
+from rmpc_bench.numerics.linalg import as_covariance, mv, real_numbers
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 Rows = Array | list[list[float]]
@@ -83,6 +83,11 @@ class LinearModel(Model):
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
             object.__setattr__(self, name, array)
+        if self.S_wv.any():
+            try:
+                as_covariance(np.block([[self.Q_w, self.S_wv], [self.S_wv.T, self.R_v]]), nx + ny)
+            except DesignError:
+                raise DesignError("S_wv: [Q_w S_wv; S_wv' R_v] is not positive semidefinite", "S_wv") from None
         object.__setattr__(self, "extra_signals", dict(extra_signals or {}))
         object.__setattr__(self, "disturbance_inputs", dict(disturbance_inputs or {}))
 
@@ -145,8 +150,8 @@ def _product(matrix: Array, x: ArrayLike) -> Array:
 def _array(name: str, value: Given | Rows) -> Array:
     """Return finite numbers as an array."""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+        array = real_numbers(value)
+    except ValueError:
         raise DesignError(f"{name} must be numbers, row by row (got {value!r:.60})") from None
     if not np.isfinite(array).all():
         raise DesignError(f"{name} must be finite numbers")

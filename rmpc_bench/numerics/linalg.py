@@ -57,9 +57,9 @@ def at_sample(schedule: Any, k: int) -> Any:
 
 
 def check_time(k: int, n: int | float) -> None:
-    """Refuse a time index for which NumPy would count from the end, with a ValueError."""
+    """Refuse a time index for which NumPy would count from the end."""
     if not 0 <= k < n:
-        raise ValueError(f"k = {k} is outside the design, which has 0 <= k < {n}")
+        raise DesignError(f"k = {k} is outside the design, which has 0 <= k < {n}", "k")
 
 
 def innovation(y: Float[Array, "runs ny"], y_pred: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
@@ -84,7 +84,18 @@ def check_signal(name: str, value: Array, runs: int, n: int) -> None:
         what = f"has {shape[1]} value{'s' * (shape[1] != 1)}, the model has {n} {noun}{'s' * (n != 1)}"
         if shape[1] == n:
             what = f"has {shape[0]} row{'s' * (shape[0] != 1)}, the state has {runs} run{'s' * (runs != 1)}"
-    raise ValueError(f"{name} {what} (shape {shape}; ({runs}, {n}) fits)")
+    raise DesignError(f"{name} {what} (shape {shape}; ({runs}, {n}) fits)", name)
+
+
+def real_numbers(value: Any) -> Array:
+    """Return a new array of real numbers, NaN where a masked array is masked; a ValueError for anything else."""
+    try:
+        array = np.asanyarray(value)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(array.dtype)
+        return np.array(np.ma.filled(array.astype(float), np.nan))
+    except (TypeError, ValueError):
+        raise ValueError("must be real numbers") from None
 
 
 def _numbers(value: Matrix | Array, parameter: str) -> Array:

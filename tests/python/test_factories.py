@@ -120,7 +120,8 @@ def test_a_plant_of_wrong_numbers(name, value):
 @pytest.mark.skipif(ALL, reason="the checks of annotations refuse such a call first")
 @pytest.mark.parametrize("name", ["A", "B", "C", "Q_w", "R_v", "S_wv", "f0", "d0"])
 @pytest.mark.parametrize(
-    ("value", "words"), [(np.nan, "finite numbers"), ("a", "numbers, row"), (None, "finite numbers")]
+    ("value", "words"),
+    [(np.nan, "finite numbers"), ("a", "numbers, row"), (1j, "numbers, row"), (None, "finite numbers")],
 )
 def test_a_linear_model_of_wrong_numbers(name, value, words):
     """Named."""
@@ -132,6 +133,11 @@ def test_a_linear_model_of_wrong_numbers(name, value, words):
     array = np.full(shape[name], value, dtype=object).tolist() if value is not None else value
     with pytest.raises(DesignError, match=f"{name} must be {words}"):
         rmpc_bench.LinearModel(**{**given, name: array})
+
+
+def test_a_cross_covariance_that_no_noises_have():
+    with pytest.raises(DesignError, match="S_wv: .* is not positive semidefinite"):
+        rmpc_bench.LinearModel(A, B, C, 1e-4, 1e-2, S_wv=[[1.0], [1.0]])
 
 
 @pytest.mark.parametrize("wrong", [(A, B, C), {"A": A}, "linear", None, np.eye(2)])

@@ -176,15 +176,36 @@ def test_an_estimator_of_the_user(own, recorded):
         (np.zeros((2, 5, 1)), np.zeros((3, 5, 1)), r"u has shape \(3, 5, 1\), and y"),
         (np.zeros((5, 1)), np.full((5, 1), np.nan), "u must be finite"),
         (np.full((5, 1), np.inf), np.zeros((5, 1)), "y must not be infinite"),
-        (np.zeros((5, 2)), np.zeros((5, 1)), "y has 2 values, the model has 1 output"),
-        (np.zeros((5, 1)), None, r"u must have 1 columns, one per input of the model \(got nothing\)"),
-        (np.zeros((5, 1)), np.zeros((5, 2)), r"u must have 1 columns, .* \(got 2 columns\)"),
+        (np.zeros((5, 2)), np.zeros((5, 1)), "y has 2 columns; 1, one per output of the model, fits"),
+        (np.zeros((5, 1)), None, "u is missing; 1, one per input of the model, fits"),
+        (np.zeros((5, 1)), np.zeros((5, 2)), "u has 2 columns; 1, one per input of the model, fits"),
+        (np.zeros((5, 1)) * 1j, None, "y must be real numbers"),
+        (np.zeros((5, 1), dtype="datetime64[s]"), None, "y must be real numbers"),
+        ([["a"]], None, "y must be real numbers"),
+        ({"y": 1.0}, None, "y must be real numbers"),
+        (np.zeros((5, 1)), "abc", "u must be real numbers"),
         (np.zeros((0, 1)), None, r"y has shape \(0, 1\)"),
     ],
 )
 def test_wrong_data_are_refused(y, u, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(DesignError, match=message):
         filter_data(made("kalman"), y, u)
+
+
+def test_masked_samples_are_missing(recorded):
+    y, u = (each[0].copy() for each in recorded)
+    masked = np.ma.masked_array(y, mask=np.arange(len(y))[:, None] % 5 == 2)
+    y[masked.mask] = np.nan
+    np.testing.assert_array_equal(filter_data(made("kalman"), masked, u).x_hat, filter_data(made("kalman"), y, u).x_hat)
+
+
+def test_an_estimator_without_methods_is_refused():
+    class Half(rmpc_bench.Estimator):
+        def init(self, n_runs):
+            return n_runs
+
+    with pytest.raises(DesignError, match="Half does not define correct, predict"):
+        filter_data(Half(), np.zeros((5, 1)), None)
 
 
 def test_without_n_steps_there_is_no_start_and_other_mistakes_are_reported_at_once():
