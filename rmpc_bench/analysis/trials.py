@@ -230,15 +230,20 @@ class Trials(ComparisonKeys):
                 found[name] = slice(int(rows[0]), int(rows[-1]) + 1)
         return found
 
+    @cached_property
+    def _finished(self) -> Array:
+        """Rows of the runs that ended well."""
+        return np.concatenate([np.empty(0, dtype=np.int64), *(rows[ok] for rows, _, ok in self._rows.values())])
+
     def has_negative(self, metric: str) -> bool:
         """Whether a metric is negative in a run that ended well."""
-        return any((self.column(metric, method) < 0).any() for method in self.methods)
+        return bool((self.frame[metric].to_numpy(dtype=float)[self._finished] < 0).any())
 
     def with_numbers(self, frame: pd.DataFrame, **changes: Any) -> Trials:
         """Return the same trials with other values of the metrics; methods, runs and statuses are those of `frame`."""
         made = replace(self, frame=frame, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
-        for name in {"runs", "_rows", "_complete"} & set(self.__dict__):
+        for name in {"runs", "_rows", "_complete", "_finished"} & set(self.__dict__):
             made.__dict__[name] = self.__dict__[name]
         return made
 

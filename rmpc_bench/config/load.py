@@ -265,10 +265,8 @@ def load_config(
     added, changes = [add_methods] if isinstance(add_methods, str) else add_methods, _texts(overrides)
     allow_code = [allow_code] if isinstance(allow_code, str | Path) else allow_code
     size = Size(runs, smoke, lenient=lenient or smoke or bool(overrides))
-    if isinstance(path, Mapping):
-        source = read(Path.cwd() / MAPPING, changes, added, canonical_text(path))
-    else:
-        source = read(located(path), changes, added)
+    place, text = (Path.cwd() / MAPPING, canonical_text(path)) if isinstance(path, Mapping) else (located(path), None)
+    source = read(place, changes, added, text)
     check_copies(source.path.parent)
     access = CodeAccess.of(source.path, allow_code, is_file=source.content is None)
     inherited = Inherited(source.path, is_changed=bool(changes) or runs is not None)

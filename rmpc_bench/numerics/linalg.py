@@ -62,7 +62,7 @@ def check_time(k: int, n: int | float) -> None:
         raise DesignError(f"k = {k} is outside the design, which has 0 <= k < {n}", "k")
 
 
-def innovation(y: Float[Array, "runs ny"], y_pred: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
+def innovation(y: Float[Array, "_ _"], y_pred: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
     """Return e = y - y_pred, where y is a measurement of every run."""
     check_signal("y", y, *y_pred.shape)
     return y - y_pred

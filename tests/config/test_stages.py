@@ -42,6 +42,8 @@ def test_load_config_calls_every_stage_once_and_in_order():
     others |= {"located", "reported_once"}
     # Values that tuning chooses: what is refused, what there is to choose, and the same stages with the chosen ones.
     others |= {"check_tuning", "with_tuning", "Origin", "partial", "check_copies"}
+    # Arguments are checked, and a mapping becomes a text.
+    others |= {"check_arguments", "locals", "isinstance", "int", "Problem", "_texts", "canonical_text", "replace"}
     assert set(called) - set(STAGES) <= others
 
 
