@@ -162,9 +162,9 @@ def difference(a: Array, b: Array) -> Array:
 
 
 MOST_EXACT = 50
-"""Number of differences up to which SciPy takes the exact law of the signed-rank statistic, where it can."""
+"""Number of differences up to which the law of the signed-rank statistic is exact, as in SciPy."""
 MOST_WITH_TIES = 13
-"""The same if some are equal or 0.  Up to it all choices of signs are counted at once here, one by one there."""
+"""The same if some are equal or 0."""
 
 
 def signed_rank_p(differences: Array) -> float:
@@ -173,18 +173,21 @@ def signed_rank_p(differences: Array) -> float:
         return math.nan
     if not differences.any() or len(differences) == 1:
         return 1.0
-    if len(differences) > MOST_EXACT:
-        return _normal_signed_rank_p(differences[differences != 0])
-    if len(differences) <= MOST_WITH_TIES:
-        ranks, statistic, _ = _signed_ranks(differences[differences != 0])
-        sums = np.zeros(1)
-        for rank in ranks:
-            sums = np.concatenate([sums, sums + rank])
-        return min(1.0, 2 * float(min((sums <= statistic).mean(), (sums >= statistic).mean())))
-    from scipy import stats
+    some = differences[differences != 0]
+    ranks, statistic, ties = _signed_ranks(some)
+    if len(differences) <= (MOST_EXACT if len(ties) == len(differences) else MOST_WITH_TIES):
+        return _exact_signed_rank_p(ranks, statistic)
+    return _normal_signed_rank_p(statistic, ties.astype(float))
 
-    with np.errstate(invalid="ignore"):
-        return float(stats.wilcoxon(differences).pvalue)
+
+def _exact_signed_rank_p(ranks: Array, statistic: float) -> float:
+    """Signed-rank p from the number of choices of signs for each sum of ranks; scipy.stats counts the same ones."""
+    halves, reached = (2 * ranks).astype(int), int(2 * statistic)  # a rank of ties may end in .5
+    choices = np.zeros(halves.sum() + 1, dtype=np.int64)
+    choices[0] = 1
+    for each in halves:
+        choices[each:] += choices[:-each].copy()
+    return min(1.0, 2 * int(min(choices[: reached + 1].sum(), choices[reached:].sum())) / 2 ** len(ranks))
 
 
 def _signed_ranks(differences: Array) -> tuple[Array, float, Array]:
@@ -194,13 +197,11 @@ def _signed_ranks(differences: Array) -> tuple[Array, float, Array]:
     return ranks, float(ranks[differences > 0].sum()), ties
 
 
-def _normal_signed_rank_p(differences: Array) -> float:
+def _normal_signed_rank_p(statistic: float, ties: Array) -> float:
     """Signed-rank p from the normal law, with the correction for ties, as in `scipy.stats.wilcoxon`."""
     from scipy import special
 
-    n = float(len(differences))
-    _, statistic, ties = _signed_ranks(differences)
-    ties = ties.astype(float)
+    n = float(ties.sum())
     variance = (n * (n + 1) * (2 * n + 1) - float((ties**3 - ties).sum()) / 2) / 24
     z = (statistic - n * (n + 1) / 4) / math.sqrt(variance)
     return 2 * float(special.ndtr(-abs(z)))

@@ -100,6 +100,34 @@ def test_signed_rank_p_of_few_runs_counts_all_signs(n, rng):
             assert signed_rank_p(x) == stats.wilcoxon(x).pvalue, x
 
 
+@pytest.mark.parametrize("n", range(14, 51))
+def test_signed_rank_p_of_fewer_than_51_runs(n, rng):
+    """Oracle: scipy.stats.wilcoxon, to the last bit: without ties, all of one sign, with ties, with 0, with inf."""
+    plain, signs = rng.standard_normal(n), rng.choice([-1, 1], n)
+    tied, some_zero = rng.integers(1, 9, n) * signs + 0.0, np.r_[0.0, plain[1:]]
+    for x in (
+        plain,
+        plain + 0.3,
+        np.abs(plain),
+        tied,
+        some_zero,
+        np.r_[np.inf, plain[1:]],
+        np.r_[np.inf, -np.inf, tied[2:]],
+    ):
+        with np.errstate(invalid="ignore"):
+            assert signed_rank_p(x) == stats.wilcoxon(x).pvalue, x
+
+
+def test_signed_rank_p_does_not_load_scipy_stats():
+    """Its import takes half a second, for one number of the quickstart."""
+    code = (
+        "import sys, numpy as np; from rmpc_bench.analysis.intervals import signed_rank_p\n"
+        "for x in (np.arange(1.0, 51), np.ones(20), np.arange(60.0)): signed_rank_p(x)\n"
+        "assert 'scipy.stats' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(filter(None, sys.path))})
+
+
 def test_signed_rank_p():
     """Direct calls, and the two samples that have no test."""
     x = np.array([1.0, -2.0, 3.0, 4.0, 5.5])
