@@ -187,7 +187,7 @@ def _exact_signed_rank_p(ranks: Array, statistic: float) -> float:
     choices[0] = 1
     for each in halves:
         choices[each:] += choices[:-each].copy()
-    return min(1.0, 2 * int(min(choices[: reached + 1].sum(), choices[reached:].sum())) / 2 ** len(ranks))
+    return min(1.0, 2 * int(min(choices[: reached + 1].sum(), choices[reached:].sum())) / 2.0 ** len(ranks))
 
 
 def _signed_ranks(differences: Array) -> tuple[Array, float, Array]:
