@@ -106,6 +106,8 @@ def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Esti
     if estimator.knows_uncertainty:
         raise DesignError("an oracle estimator needs the true plant, which recorded data do not have", "estimator")
     estimator.warm_up()
+    if u is None and B is None and not is_own(estimator) and _uses_input(estimator, ys.shape[2]):
+        raise DesignError("u is missing; the estimates depend on the input of the model", "u")
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             found = _filtered(estimator, ys, us)
@@ -113,6 +115,13 @@ def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Esti
         raise passed.error from None
     alone = [None if each is None else each[0] for each in found[1:]]
     return found if several else Estimates(found.x_hat[0], *alone)
+
+
+def _uses_input(estimator: Estimator, ny: int) -> bool:
+    """Whether two inputs lead to different estimates, where an estimator does not show the matrix of its input."""
+    y, (state, _) = np.zeros((1, ny)), estimator.correct(0, estimator.init(1), np.zeros((1, ny)))
+    ends = [estimator.correct(1, estimator.predict(0, state, np.full((1, 1), each)), y)[1] for each in (0.0, 0.7)]
+    return not np.array_equal(as_estimate(ends[0]).x_hat, as_estimate(ends[1]).x_hat, equal_nan=True)
 
 
 def _given(name: str, values: ArrayLike, several: bool) -> Float[Array, "runs samples n"]:

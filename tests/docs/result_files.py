@@ -15,7 +15,8 @@ FILES: dict[str, str] = {
     "claims.json, claims.md": "statements of a paper with findings, numbers and assumptions; for programs, for readers",
     "tables/": "tables of the comparison as Markdown and LaTeX",
     "figures/": "figures in the formats of `report.format`",
-    "trials.csv": "one row per method and run: status and metrics, up to 1,000,000 rows unless asked for; `inf` where an event did not occur",
+    "trials.csv": "one row per method and run: status and metrics, up to 1,000,000 rows unless asked for; `inf` where "
+    "an event did not occur",
     "uncertainty.csv": "one row per run: the values of the uncertain quantities",
     "series.csv": "what is indexed by time: gains, reported covariances, moments; n = 0 means exact",
     "traces.npz": "trajectories of the recorded runs, with `record`",

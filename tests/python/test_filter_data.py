@@ -192,6 +192,21 @@ def test_wrong_data_are_refused(y, u, message):
         filter_data(made("kalman"), y, u)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_estimator_takes_a_missing_input_for_zero(kind):
+    """Where the model has an input, also of estimators that do not show its matrix."""
+    with pytest.raises(DesignError, match="u is missing"):
+        filter_data(made(kind), np.zeros((5, 1)), None)
+
+
+@pytest.mark.parametrize("kind", ["unscented-kalman", "huber-kalman", "kalman-disturbance"])
+def test_without_an_input_none_is_enough(kind):
+    model = rmpc_bench.LinearModel(A, np.zeros((2, 1)), C, 1e-4, 1e-2)
+    estimator = rmpc_bench.estimator(kind, model, **START)
+    found = [filter_data(estimator, np.ones((5, 1)), u).x_hat for u in (None, np.zeros((5, 1)))]
+    np.testing.assert_array_equal(*found)
+
+
 def test_masked_samples_are_missing(recorded):
     y, u = (each[0].copy() for each in recorded)
     masked = np.ma.masked_array(y, mask=np.arange(len(y))[:, None] % 5 == 2)
