@@ -16,9 +16,8 @@ from rmpc_bench.components.single_run import design_function, is_single_run, sin
 from rmpc_bench.components.user_class import METHODS
 from rmpc_bench.components.user_runs import drawing_from
 from rmpc_bench.installed import BrokenPackageError
-from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.contract import BASES, undefined_methods
-from rmpc_bench.types.errors import DesignError, unknown
+from rmpc_bench.types.errors import DesignError, check_arguments, unknown
 
 _ARGUMENTS: Mapping[str, frozenset[str]] = {
     "estimators": frozenset({"x0", "P0", "M0"}),

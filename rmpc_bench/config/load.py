@@ -45,8 +45,7 @@ from rmpc_bench.config_file.tree import Items, Map, locate, plain, split
 from rmpc_bench.config_file.yaml import one_line
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import ConfigError, Problem
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import MAPPING
+from rmpc_bench.types.errors import MAPPING, check_arguments
 
 _AS_GIVEN = ("name", "paper", "title", "statistics", "execution", "stop", "report")
 """Sections that a configuration has as they were validated."""

@@ -16,10 +16,10 @@ from rmpc_bench.config.tune import TuneKeys
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, Positive
+from rmpc_bench.types.basics import MAX_STEPS
 
-MAX_STEPS = 1_000_000
 MAX_RUNS = 10_000_000
-"""Larger numbers are out of the supported range: their arrays would not fit into memory."""
+"""A larger number is out of the supported range: its arrays would not fit into memory."""
 
 Name = Annotated[str, Field(pattern=EXPERIMENT)]
 Text = Annotated[str, Len(1)]

@@ -24,7 +24,8 @@ from rmpc_bench.config_file.component import plain_data, read_component
 from rmpc_bench.config_file.keys import PROVIDED, PROVIDED_TO_OWN, keys_of, validate
 from rmpc_bench.config_file.tree import Map, Mark
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
-from rmpc_bench.types import Controller, Count, DesignError, Estimator, Matrix, Model, Plant, PlantInfo, Positive
+from rmpc_bench.types import Controller, DesignError, Estimator, Matrix, Model, Plant, PlantInfo, Positive
+from rmpc_bench.types.basics import Steps
 from rmpc_bench.types.errors import Problem, unknown
 
 _HERE = Mark("", 1, 1)
@@ -161,7 +162,7 @@ def _provided(group: str, given: dict[str, Any], design: Callable[..., Any], pro
     """Check what the bench provides to a configuration; None that is the default stays."""
     parameters = inspect.signature(design).parameters
     left = {name: value for name, value in given.items() if value is not None or parameters[name].default is not None}
-    for name, annotation in (("n_steps", Count), ("Ts", Positive)):
+    for name, annotation in (("n_steps", Steps), ("Ts", Positive)):
         if name in left:
             left[name] = validate(annotation, plain_data(left[name]), [name], problems, mark=_HERE)
     if isinstance(left.get("plant_info"), Plant):

@@ -37,65 +37,90 @@ def canonical_text(given: Mapping[str, Any]) -> str:
 
 def plain_mapping(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a mapping as YAML has it; a ConfigError names the keys whose values have no form."""
-    problems: list[Problem] = []
-    data: dict[str, Any] = _plain(given, [], problems, {})
-    if not problems:
+    reader = _Reader()
+    data: dict[str, Any] = reader.plain(given, ())
+    if reader.problems:
+        raise ConfigError(reader.problems)
+    return data
+
+
+class _Reader:
+    """Reads a mapping once; `problems` has what is wrong in it."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+        self._named: dict[tuple[str, str], Any] = {}
+        """The classes of the mapping, by group and name."""
+        self._open: set[int] = set()
+        """Lists and mappings around the value that is read: one that contains itself has no end."""
+
+    def plain(self, value: Any, path: tuple[str, ...]) -> Any:
+        """Return a value as YAML has it; None where it has no form."""
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        elif isinstance(value, os.PathLike):
+            value = os.fspath(value)
+        if isinstance(value, str):
+            return self._text(value, path)
+        if isinstance(value, int | float | None):
+            return value
+        if isinstance(value, Mapping | list | tuple | range):
+            return self._inside(value, path)
+        message = f"must be a number, a text, a list, a mapping or a class (got {type(value).__name__})"
+        if isinstance(value, type) or inspect.isroutine(value):
+            try:
+                return self._name(value, path)
+            except ValueError as error:
+                message = str(error)
+        return self._note(path, message)
+
+    def _note(self, path: tuple[str, ...], message: str) -> None:
+        # Problems are sorted by their places: the column keeps their order.
+        self.problems.append(Problem("", 1, len(self.problems) + 1, join(path), message))
+
+    def _text(self, value: str, path: tuple[str, ...]) -> str:
         try:
-            dump(data).encode()
-            return data
-        except (TypeError, ValueError) as error:
-            problems.append(Problem("", 1, 1, "", str(error)))
-    raise ConfigError(problems)
-
-
-def _plain(value: Any, path: Sequence[str], problems: list[Problem], named: dict[tuple[str, str], Any]) -> Any:
-    """Return a value as YAML has it; `named` has the classes of the mapping, by group and name."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    elif isinstance(value, os.PathLike):
-        value = os.fspath(value)
-    if isinstance(value, str | int | float | None):
+            value.encode()
+        except UnicodeEncodeError as error:
+            self._note(path, str(error))
         return value
-    message = f"must be a number, a text, a list, a mapping or a class (got {type(value).__name__})"
-    if len(path) > MAX_DEPTH:
-        message = f"nested deeper than {MAX_DEPTH} levels"
-    elif isinstance(value, Mapping):
-        if len({*map(str, value)}) < len(value):
-            problems.append(Problem("", 1, len(problems) + 1, join(path), "two keys have the same text"))
-        entries = value.items()
-        return {_key(key, path, problems): _plain(each, [*path, str(key)], problems, named) for key, each in entries}
-    elif isinstance(value, list | tuple | range):
-        return [_plain(each, [*path, str(number)], problems, named) for number, each in enumerate(value)]
-    elif isinstance(value, type) or inspect.isroutine(value):
-        try:
-            return _name(value, path, named)
-        except ValueError as error:
-            message = str(error)
-    problems.append(Problem("", 1, len(problems) + 1, join(path), message))
-    return None
 
+    def _inside(self, value: Mapping[Any, Any] | Sequence[Any], path: tuple[str, ...]) -> Any:
+        if id(value) in self._open:
+            return self._note(path, "contains itself")
+        if len(path) > MAX_DEPTH:
+            return self._note(path, f"nested deeper than {MAX_DEPTH} levels")
+        self._open.add(id(value))
+        found: Any
+        if isinstance(value, Mapping):
+            if len({*map(str, value)}) < len(value):
+                self._note(path, "two keys have the same text")
+            found = {self._key(key, path): self.plain(each, (*path, str(key))) for key, each in value.items()}
+        else:
+            found = [self.plain(each, (*path, str(number))) for number, each in enumerate(value)]
+        self._open.remove(id(value))
+        return found
 
-def _key(key: Any, path: Sequence[str], problems: list[Problem]) -> str:
-    if not isinstance(key, str | int | float):
-        problems.append(Problem("", 1, len(problems) + 1, join(path), f"a key must be text (got {key!r})"))
-    return str(key)
+    def _key(self, key: Any, path: tuple[str, ...]) -> str:
+        if not isinstance(key, str | int | float):
+            self._note(path, f"a key must be text (got {key!r})")
+        return self._text(str(key), path)
 
-
-def _name(found: Any, path: Sequence[str], named: dict[tuple[str, str], Any]) -> str:
-    """Register a class or function, or write where it stands; ValueError where neither is possible."""
-    name: str = found.__qualname__
-    steps = ".".join(path).split(".")
-    group = next((_GROUPS[step] for step in reversed(steps) if step in _GROUPS), None)
-    if group is not None and (steps[-1] == "kind" or steps[-1] in _GROUPS or steps[-2] in ("metrics", "figures")):
-        if named.setdefault((group, name), found) is not found:
+    def _name(self, found: Any, path: tuple[str, ...]) -> str:
+        """Register a class or function, or write where it stands; ValueError where neither is possible."""
+        name: str = found.__qualname__
+        steps = ".".join(path).split(".")
+        group = next((_GROUPS[step] for step in reversed(steps) if step in _GROUPS), None)
+        if group is not None and (steps[-1] == "kind" or steps[-1] in _GROUPS or steps[-2] in ("metrics", "figures")):
+            if self._named.setdefault((group, name), found) is not found:
+                raise ValueError(
+                    f"another class or function of the mapping is called {name}, too: register them under two names"
+                )
+            register(group, name, found)
+            return name
+        file = getattr(sys.modules.get(found.__module__), "__file__", None)
+        if found.__module__ == "__main__" or file is None or "<" in name:
             raise ValueError(
-                f"another class or function of the mapping is called {name}, too: register them under two names"
+                f"{name} stands in no module that can be imported: write it to a file, and give 'FILE.py:NAME'"
             )
-        register(group, name, found)
-        return name
-    file = getattr(sys.modules.get(found.__module__), "__file__", None)
-    if found.__module__ == "__main__" or file is None or "<" in name:
-        raise ValueError(
-            f"{name} stands in no module that can be imported: write it to a file, and give 'FILE.py:NAME'"
-        )
-    return f"{file}:{name}"
+        return f"{file}:{name}"

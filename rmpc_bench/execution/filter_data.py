@@ -16,8 +16,8 @@ from rmpc_bench.simulation.checked_calls import CheckedEstimator, is_own
 from rmpc_bench.simulation.recording import Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, DesignError, Estimator, InvalidReturnValue, Status, as_estimate
-from rmpc_bench.types.arguments import check_arguments
 from rmpc_bench.types.contract import undefined_methods
+from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.run_info import Journal, PassedOn, passed_on
 
 

@@ -25,7 +25,7 @@ from rmpc_bench.store.columns import said_runs
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
-from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import COPIES, SHARDS
 
 KEPT = ("config.yaml", "config.resolved.yaml", "tuning.json")

@@ -41,8 +41,7 @@ from rmpc_bench.types import (
     Status,
     Statuses,
 )
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import RESOLVED
 from rmpc_bench.types.run_info import passed_on
 

@@ -19,8 +19,7 @@ from rmpc_bench.execution.shards import n_cores, parse_shard
 from rmpc_bench.execution.tuning.tune import tuned
 from rmpc_bench.report.run_notes import crashed_runs, sections_of
 from rmpc_bench.results.results import Results, load_experiment, read_results
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import DesignError, unknown
+from rmpc_bench.types.errors import DesignError, check_arguments, unknown
 
 
 def run(

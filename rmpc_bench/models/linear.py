@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
-from rmpc_bench.numerics.linalg import as_covariance, mv, real_numbers
+from rmpc_bench.numerics.linalg import as_covariance, is_possible, mv, real_numbers
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 Rows = Array | list[list[float]]
@@ -83,11 +83,8 @@ class LinearModel(Model):
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
             object.__setattr__(self, name, array)
-        if self.S_wv.any():
-            try:
-                as_covariance(np.block([[self.Q_w, self.S_wv], [self.S_wv.T, self.R_v]]), nx + ny)
-            except DesignError:
-                raise DesignError("S_wv: [Q_w S_wv; S_wv' R_v] is not positive semidefinite", "S_wv") from None
+        if not is_possible(self.S_wv, self.Q_w, self.R_v):
+            raise DesignError("S_wv: [Q_w S_wv; S_wv' R_v] is not positive semidefinite", "S_wv")
         object.__setattr__(self, "extra_signals", dict(extra_signals or {}))
         object.__setattr__(self, "disturbance_inputs", dict(disturbance_inputs or {}))
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import SAME_SCALE, NoiseScale
 from rmpc_bench.models.uncertain_system import SIZES, Matrices, UncertainSystem, takes_matrices, uncertain_system
-from rmpc_bench.numerics.linalg import as_covariance, as_vector, symmetrise
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, is_possible, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix, does_not_fit
 
 
@@ -137,10 +137,8 @@ def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw
     cross = np.zeros(shape) if given.ndim == 0 and not given.any() else np.atleast_2d(given)
     if cross.shape != shape:
         raise DesignError(does_not_fit(cross.shape, shape), "S")
-    try:
-        as_covariance(np.block([[W, cross], [cross.T, V]]), sum(shape))
-    except ValueError:
-        raise DesignError("the joint covariance [W S; S' V] is not positive semidefinite", "S") from None
+    if not is_possible(cross, W, V):
+        raise DesignError("the joint covariance [W S; S' V] is not positive semidefinite", "S")
     return cross
 
 

@@ -131,6 +131,14 @@ def as_covariance(value: Matrix | Array, n: int, parameter: str = "") -> Float[A
     return M
 
 
+def is_possible(S: Float[Array, "n m"], Q: Float[Array, "n n"], R: Float[Array, "m m"]) -> bool:
+    """Whether S can be the cross-covariance of noises with covariances Q and R: [Q S; S' R] is semidefinite."""
+    try:
+        return not S.any() or bool(len(as_covariance(np.block([[Q, S], [S.T, R]]), len(Q) + len(R))))
+    except DesignError:
+        return False
+
+
 def as_vector(value: float | list[float] | Array, n: int, parameter: str = "") -> Float[Array, " n"]:
     """Expand a number (in every entry) or a list to ``(n,)``."""
     v = _numbers(value, parameter)

@@ -36,7 +36,7 @@ from rmpc_bench.results.results import Results, read_results
 from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.results.tuning import SECONDS as TIMES
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
 DATA = "data"

@@ -44,8 +44,7 @@ from rmpc_bench.results.evaluate import judge
 from rmpc_bench.results.record import stop_of
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import ConfigError
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import RESOLVED
 from rmpc_bench.types.sweep_points import lies_at
 

@@ -31,8 +31,7 @@ from rmpc_bench.results.manifest import note_look, note_report, read
 from rmpc_bench.results.record import StoredExperiment
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import Column, Font, Format, Style
 
 CHOICES: dict[str, tuple[str, ...]] = {

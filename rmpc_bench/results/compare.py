@@ -22,8 +22,7 @@ from rmpc_bench.results.evaluate import judge
 from rmpc_bench.results.results import Results
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import ConfigError, DesignError, MetricInfo
-from rmpc_bench.types.arguments import check_arguments
-from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import RESOLVED
 
 SECTIONS = ("methods", "metrics", "statistics")

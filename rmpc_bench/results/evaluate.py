@@ -22,7 +22,7 @@ from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
 from rmpc_bench.results.results import Results, load_results
 from rmpc_bench.types import DesignError, Figure, Problem
-from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.errors import check_arguments
 
 
 def summarise(results: Results | Trials | str | Path) -> summary.Summary:

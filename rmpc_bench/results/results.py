@@ -22,7 +22,7 @@ from rmpc_bench.results.record import StoredExperiment, read_experiment
 from rmpc_bench.results.tables import n_complete, other_code, stored_trials, timings, uncertainty
 from rmpc_bench.results.tuning import tuning_of
 from rmpc_bench.store.store import Store
-from rmpc_bench.types.arguments import check_arguments
+from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:

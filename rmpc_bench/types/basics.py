@@ -35,6 +35,9 @@ of a matrix that is square by its meaning, and refused for any other."""
 Positive: TypeAlias = Annotated[float, Gt(0)]
 NonNegative: TypeAlias = Annotated[float, Ge(0)]
 Count: TypeAlias = Annotated[int, Ge(1)]
+MAX_STEPS = 1_000_000
+"""Largest number of control periods; arrays of a longer run would not fit into memory."""
+Steps: TypeAlias = Annotated[int, Ge(1), Le(MAX_STEPS)]
 Horizon: TypeAlias = Annotated[int, Ge(1), Le(1000)]
 """Samples ahead; the matrices of a prediction grow with its square."""
 

@@ -62,6 +62,7 @@ def test_a_wrong_key_has_the_words_of_a_configuration(name, tmp_path):
         ({"x0": np.zeros((2, 1))}, "x0: shape (2, 1) does not fit: a number or 2 numbers are required"),
         ({"x0": "zero"}, "x0: column 1 of 'zero': unknown name 'zero'"),
         ({"n_steps": 0}, "n_steps: must be >= 1 (got 0)"),
+        ({"n_steps": 10**12}, "n_steps: must be <= 1000000 (got 1000000000000)"),
         ({"n_steps": 2.5}, "n_steps: must be a whole number (got 2.5)"),
         ({"model": MODEL}, "model: is given twice, with and without its name"),
         ({"frm": "filter"}, "'frm' is not a known argument; did you mean 'form'?"),

@@ -91,7 +91,7 @@ def test_values_of_numpy_tuples_and_paths(here):
         ({"methods": {None: {}}}, "methods: a key must be text (got None)"),
         ({"metrics": [lambda record: 0.0]}, "metrics.0: "),
         ({"methods": {1: {}, "1": {}}}, "methods: two keys have the same text"),
-        ({"title": "\ud800"}, "surrogates not allowed"),
+        ({"title": "\ud800"}, "title: 'utf-8' codec can't encode character '\\ud800' in position 0: surrogates not"),
     ],
 )
 def test_errors_name_the_path_of_a_key(keys, message):
@@ -103,10 +103,21 @@ def test_errors_name_the_path_of_a_key(keys, message):
 
 
 def test_a_mapping_that_contains_itself_is_refused():
-    given = mapping()
-    given["plant"]["again"] = given["plant"]
-    with pytest.raises(ConfigError, match="nested deeper than 50 levels"):
+    """At its first repetition: twice itself at each of 50 levels has no end.  One list at two places is no mistake."""
+    given, endless = mapping(), [[]]
+    given["plant"] |= {"again": given["plant"], "twice": given["plant"]}
+    endless[0] += [endless, endless]
+    with pytest.raises(ConfigError, match=r"(?s)plant.again: contains itself.*plant.twice: contains itself"):
         load_config(given)
+    with pytest.raises(ConfigError, match=r"runs.0.1: contains itself"):
+        load_config(mapping(runs=endless))
+    deep = [1]
+    for _ in range(51):
+        deep = [deep]
+    with pytest.raises(ConfigError, match="nested deeper than 50 levels"):
+        load_config(mapping(runs=deep))
+    both = [1.0, 2.0]
+    assert canonical_text({"a": both, "b": both}) == "a: [1.0, 2.0]\nb: [1.0, 2.0]\n"
 
 
 @single_run
