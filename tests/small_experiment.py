@@ -4,6 +4,7 @@
 line that `place` gives.
 """
 
+import gc
 import signal
 
 import numpy as np
@@ -45,11 +46,13 @@ def cli(*arguments):
     """Call the command line in this process; the result has `exit_code`, `stdout` and `stderr`."""
     from rmpc_bench.cli import main
 
-    before = signal.getsignal(signal.SIGTERM)
+    before, thresholds = signal.getsignal(signal.SIGTERM), gc.get_threshold()
     try:
         return CliRunner().invoke(main, [str(argument) for argument in arguments])
     finally:
         signal.signal(signal.SIGTERM, before)
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()
 
 
 def ran(path, directory, *options, jobs=1):

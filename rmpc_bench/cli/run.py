@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import shlex
 import time
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from rmpc_bench.publishing.pages import Publication
     from rmpc_bench.publishing.published import Shown
     from rmpc_bench.results.record import StoredStop
+
+_USUAL = gc.get_threshold()
+_RARE = (100_000, 50, 10)
+"""Imports and tables make a million objects that stay; looking for cycles in them took a tenth of a short command."""
 
 
 @click.command()
@@ -73,6 +78,7 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
+    gc.set_threshold(*_RARE)
     if options.pop("if_installed") and _is_skipped(options["config"]):
         return 0
     request = Request(**options)
@@ -147,6 +153,8 @@ def _run_all(
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
+    gc.freeze()
+    gc.set_threshold(*_USUAL)  # components may make cycles that hold large arrays
     _say_shards(request, directory)
     config = _tuned_config(request, config, directory)
     results = filled(
@@ -158,6 +166,7 @@ def _run_all(
         missing=request.missing,
     )
     computed = time.monotonic()
+    gc.set_threshold(*_RARE)
     written = publish(results)
     exits.show(written, time.monotonic() - started, notes=not request.quiet)
     if request.verbose:
@@ -222,6 +231,7 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
         from rmpc_bench.execution.runner import compute
         from rmpc_bench.results.results import load_experiment
 
+    gc.set_threshold(*_USUAL)
     config = _tuned_config(request, config, directory)
     compute(
         config,

@@ -1,6 +1,7 @@
 """run: where results go, what is kept, and the exit codes."""
 
 import csv
+import gc
 import re
 
 import pytest
@@ -182,6 +183,19 @@ def test_progress_goes_to_stderr(here, how):
     """Stdout has the result alone."""
     result = cli("run", write(here), "-j", 1, "--progress", how)
     assert result.exit_code == 0 and result.stdout.startswith("tiny   6 of 6 runs, 0 failed")
+
+
+@pytest.mark.parametrize("option", ["--quiet", "--no-report"])
+def test_cycles_of_components_are_collected_as_usual(here, monkeypatch, option):
+    """The command looks for cycles rarely, but not while it simulates: they may hold large arrays."""
+    from rmpc_bench.cli import run as command
+    from rmpc_bench.engines import tasks
+
+    seen, simulate = [], tasks.simulate_block
+    monkeypatch.setattr(tasks, "simulate_block", lambda *given: (seen.append(gc.get_threshold()), simulate(*given))[1])
+    monkeypatch.setattr(command, "_USUAL", (701, 11, 12))
+    assert go(write(here), option).exit_code == 0
+    assert {*seen} == {(701, 11, 12)}
 
 
 def test_an_internal_error(here, monkeypatch):
