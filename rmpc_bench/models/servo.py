@@ -65,18 +65,19 @@ class ServoNoise:
     measurement: NonNegative
 
 
-def continuous(p: Mapping[str, float]) -> tuple[Float[Array, "4 4"], Float[Array, "4 1"]]:
-    """Continuous-time A and B of the linear servomechanism (no inductance, no dry friction)."""
-    stiffness = p["k_theta"] / p["rho"]
-    A = np.array(
-        [
-            [0.0, 1.0, 0.0, 0.0],
-            [-p["rho"] * stiffness / p["J_l"], -p["beta_l"] / p["J_l"], stiffness / p["J_l"], 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-            [stiffness / p["J_m"], 0.0, -stiffness / p["rho"] / p["J_m"], -_damping(p) / p["J_m"]],
-        ]
-    )
-    return A, np.array([[0.0], [0.0], [0.0], [p["K_t"] / (p["R"] * p["J_m"])]])
+def continuous(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 4 4"], Float[Array, "*runs 4 1"]]:
+    """Continuous-time A and B of the linear servomechanism (no inductance, no dry friction).
+
+    The parameters are numbers, or arrays with one number per run.
+    """
+    stiffness, runs = p["k_theta"] / p["rho"], np.shape(p["rho"])
+    A, B = np.zeros((*runs, 4, 4)), np.zeros((*runs, 4, 1))
+    A[..., 0, 1] = A[..., 2, 3] = 1.0
+    A[..., 1, 0], A[..., 1, 1] = -p["rho"] * stiffness / p["J_l"], -p["beta_l"] / p["J_l"]
+    A[..., 1, 2], A[..., 3, 0] = stiffness / p["J_l"], stiffness / p["J_m"]
+    A[..., 3, 2], A[..., 3, 3] = -stiffness / p["rho"] / p["J_m"], -_damping(p) / p["J_m"]
+    B[..., 3, 0] = p["K_t"] / (p["R"] * p["J_m"])
+    return A, B
 
 
 def torques(p: Mapping[str, float]) -> dict[str, Float[Array, "1 4"]]:
@@ -107,7 +108,7 @@ def shaft_torque(
     return torque if name == LOAD_TORQUE else torque / rho
 
 
-def _damping(p: Mapping[str, float]) -> float:
+def _damping(p: Mapping[str, Any]) -> Any:
     # Without inductance the current follows at once, I = (V - K_t w_m) / R: the back e.m.f. acts like friction.
     return p["beta_m"] + p["K_t"] * p["K_t"] / p["R"]
 

@@ -62,8 +62,8 @@ class Bursts(ABC):
         return ()
 
     @abstractmethod
-    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
-        """Bursts of one run, drawn from a separate generator."""
+    def spans(self, rng: np.random.Generator, child: int) -> Sequence[Span]:
+        """Bursts of one run, drawn from a numbered child of the generator."""
 
     def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
         """Drawn values of these bursts, by name."""
@@ -76,7 +76,7 @@ class FixedBursts(Bursts):
 
     fixed: tuple[Span, ...]
 
-    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
+    def spans(self, rng: np.random.Generator, child: int) -> Sequence[Span]:
         """Bursts of one run."""
         return self.fixed
 
@@ -97,9 +97,9 @@ class DrawnBursts(Bursts):
         ends = (f"burst_{number}_{end}" for number in range(1, len(self.windows) + 1) for end in ("from", "to"))
         return (*ends, "burst_factor")
 
-    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
+    def spans(self, rng: np.random.Generator, child: int) -> Sequence[Span]:
         """Bursts of one run, by inverse transform."""
-        p, *pairs = rng.random(1 + 2 * len(self.windows)).tolist()
+        p, *pairs = child_of(rng, child).random(1 + 2 * len(self.windows)).tolist()
         factor = self.factor.quantile(p)
         spans = []
         for (first, last), p_duration, p_start in zip(self.windows, pairs[::2], pairs[1::2], strict=True):
@@ -186,7 +186,7 @@ class BurstyNoise(Noise):
         return inside
 
     def _spans(self, rng: np.random.Generator) -> Sequence[Span]:
-        return self.bursts.spans(child_of(rng, self.steady.n_children))
+        return self.bursts.spans(rng, self.steady.n_children)
 
 
 def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:

@@ -33,7 +33,10 @@ class Gaussian(CenteredNoise):
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its mean."""
-        z = rng.standard_normal((n_samples, len(self.mean)))
+        return self.shaped(rng.standard_normal((n_samples, len(self.mean))))
+
+    def shaped(self, z: Float[Array, "samples n"]) -> Float[Array, "samples n"]:
+        """Return root z; the sums of a sample do not depend on the number of samples."""
         deviation: Array = np.einsum("ij,kj->ki", self.root, z)
         return deviation
 

@@ -134,7 +134,7 @@ class LinearDelta(NamedTuple):
     E: Float[Array, "runs nx nx"]
     G: Float[Array, "runs nx inputs"]
     status: Statuses
-    parameters: tuple[Mapping[str, float], ...]
+    parameters: Mapping[str, Float[Array, " runs"]]
     """Parameters of every run; the nominal ones where those drawn are out of range."""
 
 
@@ -148,18 +148,6 @@ class ServoDelta(NamedTuple):
     """Torsional rigidity of the shaft [N m/rad]."""
     rho: Float[Array, " runs"]
     """Gear ratio."""
-
-
-def _rows(
-    parameters: Mapping[str, Float[Array, " runs"]], nominal: Mapping[str, float]
-) -> tuple[list[dict[str, float]], Statuses]:
-    """Split the parameters into one record per run; invalid parameters give the nominal ones and a status."""
-    good = admissible(parameters)
-    rows = [
-        {name: float(values[i]) for name, values in parameters.items()} if good[i] else dict(nominal)
-        for i in range(len(good))
-    ]
-    return rows, np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,9 +271,10 @@ class ServoLinear(Plant):
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> LinearDelta:
         """Sample the dynamics of every run."""
-        rows, status = _rows(parameters, self.nominal)
-        sampled = [discretise(*continuous(p), self.Ts) for p in rows]
-        return LinearDelta(np.stack([E for E, _ in sampled]), np.stack([G for _, G in sampled]), status, tuple(rows))
+        good = admissible(parameters)
+        p = {name: np.where(good, values, self.nominal[name]) for name, values in parameters.items()}
+        status = np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
+        return LinearDelta(*self._sampled(p, self.Ts), status, p)
 
     def step(
         self,
@@ -304,8 +293,7 @@ class ServoLinear(Plant):
         self, name: str, delta: LinearDelta, x: Float[Array, "runs samples 4"]
     ) -> Float[Array, "runs samples"]:
         """Return the torque of the shaft with the rigidity and the gear ratio of every run [N m]."""
-        k_theta, rho = (np.array([p[key] for p in delta.parameters]) for key in ("k_theta", "rho"))
-        return shaft_torque(name, k_theta, rho, x)
+        return shaft_torque(name, delta.parameters["k_theta"], delta.parameters["rho"], x)
 
     has_between = True
 
@@ -318,8 +306,12 @@ class ServoLinear(Plant):
         first: int = 0,
     ) -> Float[Array, "runs steps parts 4"]:
         """Advance every period in equal parts by the matrix exponentials of this shorter time."""
-        sampled = [discretise(*continuous(p), self.Ts / parts) for p in delta.parameters]
-        return linear_between(np.stack([E for E, _ in sampled]), np.stack([G for _, G in sampled]), x, u, parts)
+        return linear_between(*self._sampled(delta.parameters, self.Ts / parts), x, u, parts)
+
+    def _sampled(self, p: Mapping[str, Float[Array, " runs"]], Ts: float) -> tuple[Array, Array]:
+        E, G = discretise(*continuous(p), Ts)
+        # `mv` would copy them at every sample.
+        return np.ascontiguousarray(E), np.ascontiguousarray(G)
 
     has_compiled_form = True
 

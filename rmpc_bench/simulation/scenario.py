@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.simulation.random_streams import Streams, first_uniforms, stream
+from rmpc_bench.simulation.random_streams import Streams, first_uniforms, generators, stream
 from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import (
     Array,
@@ -133,7 +133,7 @@ class Scenario:
             v += np.einsum("ij,rkj->rki", self.cross, deviation)
         return Draws(
             delta=self.draw_delta(plant, runs, n_steps),
-            x0=np.array([self._initial_state(run) for run in runs]),
+            x0=self._initial_states(runs),
             w=w,
             v=v,
             bursts=self._in_burst(runs, n_samples),
@@ -195,37 +195,44 @@ class Scenario:
         deviation = _moments(self.x0_noise, len(self.x0))
         return None if deviation is None else (self.x0 + deviation[0], deviation[1])
 
-    def _initial_state(self, run: int) -> Float[Array, " nx"]:
-        x0 = self.x0
+    def _initial_states(self, runs: range) -> Float[Array, "runs nx"]:
+        x0 = np.tile(self.x0, (len(runs), 1))
         for number, term in enumerate(self.x0_noise):
-            x0 = x0 + term.draw(stream(self.seed, run, f"x0/{number}" if number else "x0"), 1)[0]
+            x0 = x0 + self._drawn(term, f"x0/{number}" if number else "x0", runs, 1)[:, 0]
         return x0
 
     def _sum(
         self, terms: tuple[Noise, ...], name: str, runs: range, n_samples: int, n: int
     ) -> Float[Array, "runs samples n"]:
         total = np.zeros((len(runs), n_samples, n))
-        for row, run in enumerate(runs):
-            for number, term in enumerate(terms):
-                if not term.alters_output:
-                    total[row] += term.draw(stream(self.seed, run, f"{name}/{number}"), n_samples)
+        for number, term in enumerate(terms):
+            if not term.alters_output:
+                total += self._drawn(term, f"{name}/{number}", runs, n_samples)
         return total
+
+    def _drawn(self, law: Noise, name: str, runs: range, n_samples: int) -> Float[Array, "runs samples n"]:
+        """Draw one law for many runs: `Noise.draw` with the stream of every run."""
+        rngs = generators(self.seed, runs, name)
+        # A subclass may draw in another way.
+        if type(law) is not Gaussian:
+            return np.array([law.draw(rng, n_samples) for rng in rngs])
+        z = np.empty((len(runs), n_samples, len(law.mean)))
+        for of_run, rng in zip(z, rngs, strict=True):
+            rng.standard_normal(out=of_run)
+        return law.mean + law.shaped(z.reshape(len(runs) * n_samples, -1)).reshape(z.shape)
 
     def _alterations(self, runs: range, n_samples: int) -> tuple[Alteration, ...]:
         laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.alters_output]
-        return tuple(
-            Alteration(law, np.array([law.draw(stream(self.seed, run, name), n_samples) for run in runs]))
-            for name, law in laws
-        )
+        return tuple(Alteration(law, self._drawn(law, name, runs, n_samples)) for name, law in laws)
 
     def _in_burst(self, runs: range, n_samples: int) -> Bool[Array, "runs samples"] | None:
         laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.has_bursts]
         if not laws:
             return None
         inside = np.zeros((len(runs), n_samples), dtype=bool)
-        for row, run in enumerate(runs):
-            for name, law in laws:
-                inside[row] |= law.in_burst(stream(self.seed, run, name), n_samples)
+        for name, law in laws:
+            for row, rng in enumerate(generators(self.seed, runs, name)):
+                inside[row] |= law.in_burst(rng, n_samples)
         return inside
 
     def _random_bursts(self) -> list[tuple[str, str, Noise]]:
