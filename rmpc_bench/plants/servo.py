@@ -309,7 +309,9 @@ class ServoLinear(Plant):
         return linear_between(*self._sampled(delta.parameters, self.Ts / parts), x, u, parts)
 
     def _sampled(self, p: Mapping[str, Float[Array, " runs"]], Ts: float) -> tuple[Array, Array]:
-        E, G = discretise(*continuous(p), Ts)
+        # Extreme parameters may overflow; such a run diverges.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            E, G = discretise(*continuous(p), Ts)
         # `mv` would copy them at every sample.
         return np.ascontiguousarray(E), np.ascontiguousarray(G)
 

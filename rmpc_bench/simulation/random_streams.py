@@ -56,8 +56,8 @@ class _KnownSeed(ISpawnableSeedSequence):
 
     def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
         """Return words of the state."""
-        is_known = n_words == len(self._words) and dtype is np.uint64
-        return self._words if is_known else self._sequence.generate_state(n_words, dtype)
+        known = n_words == len(self._words) and dtype is np.uint64
+        return self._words if known else self._sequence.generate_state(n_words, dtype)
 
     def spawn(self, n_children: int) -> Any:
         """Return the next children."""
@@ -72,8 +72,8 @@ def generators(seed: int, runs: Sequence[int], name: str) -> Iterator[np.random.
         return
     of_name = words_of(name)
     for run, words in zip(runs, np.stack(_states(seed, runs, name), axis=1), strict=True):
-        known: Any = _KnownSeed(seed, (run, *of_name), words)
-        yield np.random.Generator(np.random.PCG64(known))
+        known_seed: Any = _KnownSeed(seed, (run, *of_name), words)
+        yield np.random.Generator(np.random.PCG64(known_seed))
 
 
 class Streams(Sequence[np.random.Generator]):

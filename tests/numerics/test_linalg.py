@@ -32,6 +32,22 @@ def test_discretise_equals_the_quadrature_of_the_held_input(n, rng):
     np.testing.assert_allclose(G, quad_vec(lambda s: expm(A * s) @ B, 0.0, Ts, epsabs=1e-13)[0], atol=1e-11)
 
 
+@pytest.mark.parametrize("m", [1, 3])
+@pytest.mark.parametrize("n", [1, 2, 4, 7])
+def test_a_stack_is_discretised_as_its_matrices(n, m, rng):
+    """Oracle: one by one, bit for bit; norms from 1e-9 to 1e3, triangular and diagonal matrices, zeros, inf and NaN."""
+    A = rng.standard_normal((30, n, n)) * 10.0 ** rng.uniform(-9.0, 3.0, (30, 1, 1))
+    B = rng.standard_normal((30, n, m))
+    A[5], A[6], A[7], A[8] = np.triu(A[5]), np.tril(A[6]), np.diag(np.diag(A[7])), 0.0
+    A[9, 0, 0], A[10, 0, 0], B[11, 0, 0] = np.inf, np.nan, 1e300
+    B[6:9] = 0.0
+    with np.errstate(all="ignore"):
+        found = discretise(A, B, 0.3)
+        for row in range(30):
+            for stacked, alone in zip(found, discretise(A[row], B[row], 0.3), strict=True):
+                np.testing.assert_array_equal(stacked[row], alone)
+
+
 def test_discretise_equals_scipy_where_A_is_singular():
     """Oracle: scipy.signal; the servomechanism has a pole at 0, so A^-1 (e^(A Ts) - I) B would not do."""
     A, B = continuous(TABLE_1)
