@@ -219,7 +219,7 @@ class Scenario:
         z = np.empty((len(runs), n_samples, len(law.mean)))
         for of_run, rng in zip(z, rngs, strict=True):
             rng.standard_normal(out=of_run)
-        return law.mean + law.shaped(z.reshape(len(runs) * n_samples, -1)).reshape(z.shape)
+        return np.add(law.mean, law.shaped(z.reshape(len(runs) * n_samples, -1)).reshape(z.shape), out=z)
 
     def _alterations(self, runs: range, n_samples: int) -> tuple[Alteration, ...]:
         laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.alters_output]

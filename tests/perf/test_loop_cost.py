@@ -11,7 +11,7 @@ import pytest
 from rmpc_bench.config.load import load_config
 from rmpc_bench.simulation import closed_loop
 from rmpc_bench.simulation.closed_loop import simulate_block
-from rmpc_bench.simulation.random_streams import first_uniforms, stream
+from rmpc_bench.simulation.random_streams import first_uniforms, generators, stream
 from rmpc_bench.simulation.threads import single_thread
 
 pytestmark = [pytest.mark.perf, pytest.mark.benchmark(timer=process_time)]
@@ -46,6 +46,16 @@ def test_first_numbers_of_streams(benchmark, way):
         "run by run": lambda: [stream(1, run, "uncertainty/eps").random() for run in range(10_000)],
     }
     assert np.shape(benchmark.pedantic(ways[way], rounds=3)) == (10_000,)
+
+
+@pytest.mark.parametrize("way", ["at once", "run by run"])
+def test_generators_of_streams(benchmark, way):
+    """One noise of 10,000 runs."""
+    ways = {
+        "at once": lambda: generators(1, range(10_000), "v/0"),
+        "run by run": lambda: (stream(1, run, "v/0") for run in range(10_000)),
+    }
+    assert benchmark.pedantic(lambda: sum(1 for _ in ways[way]()), rounds=3) == 10_000
 
 
 @pytest.mark.parametrize("runs", [200, 5000])
