@@ -213,9 +213,9 @@ class Scenario:
     def _drawn(self, law: Noise, name: str, runs: range, n_samples: int) -> Float[Array, "runs samples n"]:
         """Draw one law for many runs: `Noise.draw` with the stream of every run."""
         rngs = generators(self.seed, runs, name)
-        # A subclass may draw in another way.
         if type(law) is not Gaussian:
-            return np.array([law.draw(rng, n_samples) for rng in rngs])
+            # A law of a user may return the same array for every run.
+            return np.array([np.array(law.draw(rng, n_samples)) for rng in rngs])
         z = np.empty((len(runs), n_samples, len(law.mean)))
         for of_run, rng in zip(z, rngs, strict=True):
             rng.standard_normal(out=of_run)

@@ -16,6 +16,7 @@ from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
 from rmpc_bench.simulation.random_streams import FEW, Streams, stream
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Scenario
+from rmpc_bench.types import Noise
 
 RUNS = [range(1), range(3, 2 + FEW), range(3, 3 + FEW), range(100, 133), range(2**32 - 9, 2**32 + 9)]
 
@@ -90,6 +91,22 @@ def test_a_subclass_of_a_gaussian_law_draws_in_its_own_way():
     """Its own method is called."""
     law = Halved(np.ones(2), np.eye(2))
     assert_summed(drawn(2, range(40), 20, [law]).w, [law], ["w/0"], range(40), 21, np.zeros((21, 2)))
+
+
+class Reused(Noise):
+    """A law of a user that returns the same array in every call."""
+
+    def __init__(self):
+        self.numbers = np.zeros((21, 2))
+
+    def draw(self, rng, n_samples):
+        """Overwrite the numbers of the run before."""
+        return rng.standard_normal(out=self.numbers)
+
+
+def test_a_law_that_returns_the_same_array_for_every_run():
+    """Every run has its own numbers."""
+    assert_summed(drawn(2, range(40), 20, [Reused()]).w, [Reused()], ["w/0"], range(40), 21, np.zeros((21, 2)))
 
 
 @pytest.mark.parametrize("per", ["run", "step"])
