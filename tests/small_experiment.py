@@ -57,7 +57,9 @@ def cli(*arguments):
 
 def ran(path, directory, *options, jobs=1):
     """Call `rmpc-bench run` into a directory and return its trials.csv; anything but exit 0 fails the test."""
-    result = cli("run", path, "-o", directory, "-j", jobs, "--progress", "none", *options)
+    # By themselves few runs would not start several workers.
+    engine = ("--engine", "joblib") if jobs > 1 else ()
+    result = cli("run", path, "-o", directory, "-j", jobs, "--progress", "none", *engine, *options)
     assert result.exit_code == 0, result.output
     return (directory / "trials.csv").read_bytes()
 

@@ -1,15 +1,15 @@
 """Lengths of blocks: about half a second of work, known from the blocks that are finished.
 
-Results do not depend on the lengths.  A short block costs time between blocks, and a long one is lost as a whole when
-the experiment is interrupted.
+Results do not depend on the lengths.  A block of n runs takes a time a + b n.  Short blocks spend most of it in a, and
+a long one is lost as a whole when the experiment is interrupted.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections import Counter, deque
-from collections.abc import Collection, Hashable, Iterable, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from itertools import count
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -31,10 +31,14 @@ STEP_OF_A_BLOCK, STEP_OF_A_RUN = 5e-5, 2.5e-6
 """Time of a step, per block and per run [s], to the second of which slow designs add their `cost_per_step`."""
 STEP_OF_OWN_CODE = 1e-4
 """Time of a step of a run [s] with a component of the user that states no `cost_per_step`."""
-OVERHEAD = 5e-4
-"""Time of a step of a block of built-in components besides that of its runs [s], at most."""
-REMEMBERED = 3
-"""Blocks of a method whose shortest time of a run counts."""
+REMEMBERED = 8
+"""Lengths of blocks of a method whose least times count."""
+LONG = 4.0
+"""Least number of runs of a block by a / b: a is then at most 20 % of its time."""
+MEASURED = 1.0
+"""Computing time after which the time of what is left is known [s]."""
+PAYS = 2.0
+"""Time that a further worker must save [s], about twice that of its start."""
 _MEGABYTES_PER_NUMBER = 8e-6
 
 Pair = tuple[int, str]
@@ -77,74 +81,110 @@ class BlockLengths:
     def __init__(self, experiments: Sequence[Experiment], fixed: int | None = None) -> None:
         self.seconds = SECONDS
         """Time of a block of the slowest method [s]."""
+        self.seconds_done = defaultdict[str, float](float)
+        """Computing time of what is finished of a method, without what a worker has computed while it loaded code."""
         self._experiments, self._fixed = experiments, fixed
-        self._times: dict[Pair, deque[float]] = {}
-        self._measured: dict[Pair, float] = {}
+        # Number of runs of a block -> its least time.
+        self._times: dict[Pair, dict[int, float]] = {}
+        # a and b.
+        self._costs: dict[Pair, tuple[float, float]] = {}
         self._longest: dict[Pair, int] = {}
         self._estimated: dict[Pair, float] = {}
-        # Measured by estimated time of what is measured.
-        self._correction: float | None = 1.0
+        # Times of a run of a method, summed over the points where it is measured.
+        self._measured, self._expected = defaultdict[str, float](float), defaultdict[str, float](float)
 
     def note(self, done: Done) -> None:
         """Note how long a task, or a part of one, has taken."""
-        pair, n = (done.task.point, done.task.method), len(done.task.runs)
+        name, pair, n = done.task.method, (done.task.point, done.task.method), len(done.task.runs)
         # A run that has failed outside of the simulation has no time.
         if done.seconds > 0.0 and n:
-            times = self._times.setdefault(pair, deque(maxlen=REMEMBERED))
-            times.append(done.seconds / n)
-            # The first block of a process loads compiled code, and other programs delay a block: both only add time.
-            self._measured[pair] = min(times)
+            times = self._times.setdefault(pair, {})
+            if not done.loads:
+                self.seconds_done[name] += done.seconds
+                # Other programs only add time.
+                times[n] = min(done.seconds, times.pop(n, math.inf))
+                if len(times) > REMEMBERED:
+                    del times[next(iter(times))]
+            before = self._seconds_of_a_run(pair)
+            self._costs[pair] = fitted(times or {n: done.seconds})
             self._longest[pair] = max(n, self._longest.get(pair, 0))
-            self._correction = None
+            self._expected[name] += 0.0 if before else self.estimate(pair)
+            self._measured[name] += self._seconds_of_a_run(pair) - before
 
-    def is_measured(self, pair: Pair) -> bool:
-        """Whether a block of a method is finished."""
-        return pair in self._measured
+    def ratio(self, method: str) -> float:
+        """Return measured by estimated time of a method, or of all methods where it is not measured."""
+        if self._expected[method]:
+            return self._measured[method] / self._expected[method]
+        return sum(self._measured.values()) / total if (total := sum(self._expected.values())) else 1.0
 
-    def seconds_of_a_run(self, pair: Pair) -> float:
-        """Return the time of a run [s]: measured, or estimated and corrected by what is measured of others."""
-        if pair in self._measured:
-            return self._measured[pair]
-        if self._correction is None:
-            self._correction = sum(self._measured.values()) / sum(map(self._estimate, self._measured))
-        return self._estimate(pair) * self._correction
+    def seconds_of(self, task: Task) -> float:
+        """Return the time of a block [s]; infinite where none of its method has been finished."""
+        fixed, each = self._costs.get((task.point, task.method), (math.inf, 0.0))
+        return fixed + each * len(task.runs)
 
-    def stop(self, first: int, pairs: Collection[Pair], seconds_left: float, workers: int) -> int:
-        """Return the end of the block that begins with a run, from the time of all runs that are not handed out [s]."""
+    def stop(self, first: int, end: int, pairs: Collection[Pair], seconds_left: float, workers: int) -> int:
+        """Return the end of the block that begins a range of runs, from the time of all that is not handed out [s]."""
         if self._fixed is not None:
             return (first // self._fixed + 1) * self._fixed
-        times = [max(self.seconds_of_a_run(pair), 1e-9) for pair in pairs]
-        seconds = self.seconds
+        costs = [self._cost(pair) for pair in pairs]
+        fixed, slowest = sum(a for a, _ in costs), max(b for _, b in costs)
+        each, seconds = sum(b for _, b in costs), self.seconds
         if workers > 1:
             # Towards the end the blocks become shorter, so that all workers end at the same time.
-            seconds = min(seconds, max(seconds_left / (2 * workers) * max(times) / sum(times), LEAST))
-        lengths = [seconds / max(times), *(self._bound(pair) for pair in pairs)]
-        stop = first + max(1, math.floor(min(lengths)), min(map(self._least, pairs)))
-        # Groups of runs whose moments are kept are whole in long blocks.
-        return stop - stop % SIZE if stop - first >= SIZE else stop
+            seconds = min(seconds, max(seconds_left / (2 * workers) * slowest / each, LEAST))
+        most = max(1.0, min(map(self._most, pairs)))
+        least = max(1.0, LONG * fixed / each, *map(self._tried, pairs))
+        wanted = min((seconds - a) / b for a, b in costs)
+        # The fit rounds.
+        stop = first + math.floor(min(max(wanted, least), most) + 1e-6)
+        if stop - first >= SIZE:
+            # Groups of runs whose moments are kept are whole in long blocks.
+            whole = stop - stop % SIZE
+            stop = next((at for at in (whole, whole + SIZE) if least <= at - first <= most), stop)
+        # The rest of the range, if it would spend most of its time in a.
+        return end if end - stop < fixed / each and end - first <= most else stop
 
-    def _least(self, pair: Pair) -> int:
-        """Return the number of runs below which a block is hardly faster, because its steps cost most of the time.
+    def _cost(self, pair: Pair) -> tuple[float, float]:
+        """Return a and b of a method [s]: measured, or estimated and corrected by what is measured of others."""
+        if pair in self._costs:
+            return self._costs[pair]
+        ratio = self.ratio(pair[1])
+        return ratio * STEP_OF_A_BLOCK * self._experiments[pair[0]].n_steps, ratio * self.estimate(pair)
 
-        Without it, blocks that take too long only because of their number of steps would shrink to single runs.
-        """
-        experiment = self._experiments[pair[0]]
-        if has_own_code(experiment, experiment.method(pair[1])):
-            return 1
-        runs = OVERHEAD * experiment.n_steps / max(self._estimate(pair), 1e-9)
-        return math.floor(min(runs, SIZE, MEGABYTES / max(megabytes_of_a_run(experiment), 1e-9)))
+    def _seconds_of_a_run(self, pair: Pair) -> float:
+        """Return the time of a run in the blocks that are to come [s]; 0 where it is not measured."""
+        fixed, each = self._costs.get(pair, (0.0, 0.0))
+        return each + min(fixed / self._longest.get(pair, 1), each / LONG)
 
-    def _bound(self, pair: Pair) -> float:
+    def _tried(self, pair: Pair) -> int:
+        """Return the least number of runs with which a second length becomes known, without which no fit shows a."""
+        known = len(self._times.get(pair, ()))
+        return (1 + known) * self._longest[pair] if pair in self._longest and known < 2 else 0
+
+    def _most(self, pair: Pair) -> float:
         """Return the largest number of runs that memory and experience allow."""
         memory = MEGABYTES / max(megabytes_of_a_run(self._experiments[pair[0]]), 1e-9)
         if pair in self._longest:
             return min(memory, GROWTH * self._longest[pair])
-        return min(memory, FIRST / max(self.seconds_of_a_run(pair), 1e-9))
+        # While the first block is computed the next one may begin, which is not shorter.
+        fixed, each = self._cost(pair)
+        return min(memory, max(FIRST * self.ratio(pair[1]), LONG * fixed) / each)
 
-    def _estimate(self, pair: Pair) -> float:
+    def estimate(self, pair: Pair) -> float:
+        """Return the time of a run in a long block [s] before anything is measured."""
         if pair not in self._estimated:
             self._estimated[pair] = estimated_seconds(self._experiments[pair[0]], pair[1])
         return self._estimated[pair]
+
+
+def fitted(times: Mapping[int, float]) -> tuple[float, float]:
+    """Return a and b [s] of the times of some lengths: a >= 0, b > 0, least squares of the relative errors."""
+    zero, one, two = (sum(n**power / t**2 for n, t in times.items()) for power in range(3))
+    sums = [sum(n**power / t for n, t in times.items()) for power in range(2)]
+    alone = sums[1] / two
+    each = (zero * sums[1] - one * sums[0]) / (zero * two - one**2) if len(times) > 1 else alone
+    each = min(max(each, 1e-9), alone)
+    return max(sums[1] - each * two, 0.0) / one, each
 
 
 class TaskQueue:
@@ -162,34 +202,44 @@ class TaskQueue:
     def __init__(self, tasks: Iterable[Task] = (), lengths: BlockLengths | None = None) -> None:
         self.workers = 1
         """How many workers share the tasks; an engine sets it."""
-        self.seconds_done = 0.0
-        """Computing time of what is finished [s]."""
         self.has_grown = False
         """Whether tasks were added after the first one was handed out; more may follow."""
         self._lengths = lengths
         self._numbers = count()
-        # Sorted by first run, then by the order in which the tasks were added.
-        self._ranges: list[tuple[int, int, Task]] = []
+        # Point -> its tasks, sorted by first run, then by the order in which they were added; and the places
+        # of all tasks in this order, also of some that are gone.
+        self._ranges = defaultdict[int, list[tuple[int, int, Task]]](list)
+        self._places: list[tuple[int, int, int]] = []
+        self._n_ranges = 0
         # Worker -> what is left of the range of runs that it has begun.
         self._begun: dict[Hashable, deque[Task]] = {}
-        self._left = Counter[Pair]()
+        # Runs by point and method, and estimated time by method.
+        self._left = defaultdict[int, Counter[str]](Counter)
+        self._estimated = defaultdict[str, float](float)
         self.add(tasks)
 
     def __len__(self) -> int:
         """How many ranges and tasks are not handed out; 0 only if nothing is left."""
-        return len(self._ranges) + sum(map(len, self._begun.values()))
+        return self._n_ranges + sum(map(len, self._begun.values()))
 
     @property
-    def n_trials(self) -> int:
-        """How many trials are not handed out."""
-        return self._left.total()
+    def is_shared(self) -> bool:
+        """Whether every range is begun, so that workers share the methods that are left."""
+        return not self._n_ranges and len(self) > 0
 
     @property
     def seconds_left(self) -> float:
         """Estimated computing time of what is not handed out [s]; 0 where the tasks have no lengths."""
         if self._lengths is None:
             return 0.0
-        return sum(n * self._lengths.seconds_of_a_run(pair) for pair, n in self._left.items() if n)
+        return sum(seconds * self._lengths.ratio(method) for method, seconds in self._estimated.items())
+
+    def pays(self, workers: int) -> bool:
+        """Whether a further worker beside so many saves more time than its start takes."""
+        done = sum(self._lengths.seconds_done[name] for name in self._estimated) if self._lengths else 0.0
+        # With a stopping rule the queue has the tasks up to the next decision only; as many as are done may follow.
+        left = self.seconds_left + (done if self.has_grown else 0.0)
+        return done > MEASURED and left > PAYS * workers * (workers + 1)
 
     def take(self, worker: Hashable = None) -> Task | None:
         """Hand out the next task, all methods of a range to one worker; None if there is none now."""
@@ -204,7 +254,7 @@ class TaskQueue:
             if not longest:
                 return None
             task = longest.pop()
-        self._left[task.point, task.method] -= len(task.runs)
+        self._count(task, -len(task.runs))
         return task
 
     def take_range(self) -> list[Task]:
@@ -219,28 +269,21 @@ class TaskQueue:
 
     def part(self, pairs: Collection[Pair]) -> TaskQueue:
         """Hand out all tasks of some methods, given with the numbers of their points, as a queue of their own."""
-        chosen = [entry for entry in self._ranges if (entry[2].point, entry[2].method) in pairs]
-        self._ranges = [entry for entry in self._ranges if (entry[2].point, entry[2].method) not in pairs]
-        heapq.heapify(self._ranges)
-        for *_, task in chosen:
-            self._left[task.point, task.method] -= len(task.runs)
-        return TaskQueue((task for *_, task in sorted(chosen)), self._lengths)
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether a block of every method that is left has been finished."""
-        left = [pair for pair, n in self._left.items() if n]
-        return self._lengths is not None and all(map(self._lengths.is_measured, left))
+        tasks = [task for *_, task in sorted(entry for ranges in self._ranges.values() for entry in ranges)]
+        self._ranges.clear()
+        self._places.clear()
+        self._n_ranges, chosen = 0, []
+        for task in tasks:
+            if (task.point, task.method) in pairs:
+                self._count(task, -len(task.runs))
+                chosen.append(task)
+            else:
+                self._put(task)
+        return TaskQueue(chosen, self._lengths)
 
     def seconds_of(self, tasks: Iterable[Task]) -> float:
         """Return the computing time of tasks [s]; infinite where a block of their method has not been finished."""
-        lengths, total = self._lengths, 0.0
-        for task in tasks:
-            pair = (task.point, task.method)
-            if lengths is None or not lengths.is_measured(pair):
-                return math.inf
-            total += len(task.runs) * lengths.seconds_of_a_run(pair)
-        return total
+        return math.inf if self._lengths is None else sum(map(self._lengths.seconds_of, tasks))
 
     def give_back(self, worker: Hashable = None) -> None:
         """Take back what is left of the range that a worker has begun and will not finish."""
@@ -253,15 +296,22 @@ class TaskQueue:
         for task in tasks:
             if task.runs:
                 self._put(task)
-                self._left[task.point, task.method] += len(task.runs)
+                self._count(task, len(task.runs))
 
     def _put(self, task: Task) -> None:
         number = next(self._numbers)
-        heapq.heappush(self._ranges, (task.first if self._lengths else number, number, task))
+        first = task.first if self._lengths else number
+        heapq.heappush(self._ranges[task.point], (first, number, task))
+        heapq.heappush(self._places, (first, number, task.point))
+        self._n_ranges += 1
+
+    def _count(self, task: Task, n: int) -> None:
+        self._left[task.point][task.method] += n
+        if self._lengths is not None:
+            self._estimated[task.method] += n * self._lengths.estimate((task.point, task.method))
 
     def note(self, done: Done) -> None:
         """Note that a task, or a part of one, is finished and how long it has taken."""
-        self.seconds_done += done.seconds
         if self._lengths is not None:
             self._lengths.note(done)
 
@@ -272,24 +322,25 @@ class TaskQueue:
 
     def _next_group(self) -> deque[Task]:
         """Cut the next range of runs off, for all methods at its point."""
-        if not self._ranges:
+        while self._places:
+            first, number, point = heapq.heappop(self._places)
+            ranges = self._ranges[point]
+            if ranges and ranges[0][:2] == (first, number):
+                break
+        else:
             return deque()
         if self._lengths is None:
-            return deque([heapq.heappop(self._ranges)[2]])
-        first, _, head = self._ranges[0]
-        pairs = [pair for pair, n in self._left.items() if n and pair[0] == head.point]
-        stop = self._lengths.stop(first, pairs, self.seconds_left, self.workers)
-        found, others = [], []
-        while self._ranges and self._ranges[0][0] < stop:
-            _, number, task = heapq.heappop(self._ranges)
-            if task.point != head.point:
-                others.append((task.first, number, task))
-                continue
+            self._n_ranges -= 1
+            return deque([heapq.heappop(ranges)[2]])
+        pairs = [(point, name) for name, n in self._left[point].items() if n]
+        stop = self._lengths.stop(first, ranges[0][2].stop, pairs, self.seconds_left, self.workers)
+        found = []
+        while ranges and ranges[0][0] < stop:
+            _, number, task = heapq.heappop(ranges)
+            self._n_ranges -= 1
             found.append((number, task._replace(stop=min(stop, task.stop))))
             if task.stop > stop:
-                others.append((stop, number, task._replace(first=stop)))
-        for entry in others:
-            heapq.heappush(self._ranges, entry)
+                self._put(task._replace(first=stop))
         return deque(task for _, task in sorted(found))
 
 

@@ -26,10 +26,6 @@ from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types.errors import WorkerError
 
-MEASURED = 2.0
-"""Computing time after which the time of the rest is estimated, if not all methods are measured before [s]."""
-PAYS = 4.0
-"""Computing time from which on starting workers saves time [s]."""
 _ADDRESS = re.compile(r"([a-z]+://)?(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):[0-9]{1,5}")
 LAST_PORT = 65_535
 """The largest number of a port."""
@@ -51,9 +47,9 @@ def choose_engine(
 ) -> Engine:
     """Return the engine for tasks of an experiment; methods with different files of users share no process.
 
-    Without a name, worker processes are used where several are asked for, where a component comes from a file or an
-    installed package, or where there is a limit of time or memory.  Otherwise this process computes, and lets several
-    workers of the configuration do what is left where that saves time.
+    Without a name, worker processes are used where a component comes from a file or an installed package, or where
+    there is a limit of time or memory.  Otherwise this process computes, and lets several workers do what is left where
+    that saves time.  Workers then start one by one, as far as each saves time.
     """
     name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
     n = min(workers or config.execution.workers, n_trials)
@@ -67,7 +63,7 @@ def choose_engine(
     isolated = limits != Limits() or any(map(_is_imported, parts))
     logs, groups = directory / "logs", groups_of(config.points)
     keys: dict[str, Any] = {"limits": limits, "logs": logs if own else None, "note": EndedWorkers(logs, say).note}
-    engine = partial(processes, workers=n, **keys)
+    engine = partial(processes, workers=n, gradually=name is None, **keys)
     if name == "serial" or (name is None and n == 1 and not isolated):
         return apart(groups, serial, engine) if len(groups) > 1 else serial
     if name == "dask":
@@ -78,7 +74,7 @@ def choose_engine(
             raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
         _check_address(scheduler)
         engine = partial(dask_cluster, workers=n, scheduler=scheduler, say=say, **keys)
-    if name is None and workers is None and not isolated and not own:
+    if name is None and not isolated and not own:
         return partial(here_first, workers=engine)
     return apart(groups, engine, engine) if len(groups) > 1 else engine
 
@@ -128,14 +124,7 @@ def serial(
 
 def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Engine) -> Generator[Done]:
     """Do the tasks in this process, or in worker processes as soon as that takes less time."""
-
-    def pay() -> bool:
-        known = queue.is_measured or queue.seconds_done > MEASURED
-        # With a stopping rule the queue has the tasks up to the next decision only.
-        more = queue.has_grown and queue.seconds_done > PAYS
-        return known and (more or queue.seconds_left > PAYS)
-
-    yield from serial(experiments, queue, pay)
+    yield from serial(experiments, queue, lambda: queue.pays(1))
     queue.give_back()
     if len(queue):
         yield from workers(experiments, queue)

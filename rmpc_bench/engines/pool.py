@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
@@ -37,7 +38,8 @@ WAITING, MOST_WAITING = 2, 16
 """Tasks in a worker: one that it does, and one that it finds when it has done that; more where they are short."""
 AHEAD = 0.2
 """Time of the tasks in a worker, which does not wait while this process commits results [s]."""
-
+SILENT = 4.0
+"""Time without a result after which a further worker starts [s]."""
 
 _NO_MORE = frozenset({errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM})
 """Errors of the system where too many files are open or too many processes run."""
@@ -70,6 +72,8 @@ class Pool:
         self._workers: dict[int, WorkerProcess] = {}
         self._failed_starts = self._killed_starts = 0
         self._cancelled, self._seconds = False, AHEAD
+        # When the last message has arrived.
+        self._heard = math.inf
 
     def start(self, numbers: Sequence[int]) -> None:
         """Start workers, each in place of an earlier one with its number."""
@@ -103,10 +107,11 @@ class Pool:
         for worker in self._workers.values():
             worker.close()
 
-    def results(self, queue: TaskQueue, jobs: Sequence[Job] = ()) -> Iterator[Done | Failed]:
-        """Yield finished parts of tasks until nothing is left."""
+    def results(self, queue: TaskQueue, jobs: Sequence[Job] = (), workers: int = 1) -> Iterator[Done | Failed]:
+        """Yield finished parts of tasks until nothing is left; start up to so many workers where they save time."""
         self._left.extend(jobs)
         while True:
+            self._grow(queue, workers)
             self._feed(queue)
             if not any(worker.jobs for worker in self._workers.values()):
                 return
@@ -132,6 +137,15 @@ class Pool:
         shortest = min(limit for limit in (self._limits.step, self._limits.run) if limit is not None)
         return min(max(shortest / 4.0, 0.01), 0.25)
 
+    def _grow(self, queue: TaskQueue, most: int) -> None:
+        while len(self._workers) < most and len(queue):
+            # The time of a method is not known while its first block takes very long.
+            if not (queue.pays(len(self._workers)) or time.monotonic() - self._heard > SILENT):
+                break
+            self.start([len(self._workers)])
+            self._heard = time.monotonic()
+        queue.workers = len(self._workers)
+
     def _feed(self, queue: TaskQueue) -> None:
         most = min(max(WAITING, math.ceil(AHEAD / max(self._seconds, 1e-3))), MOST_WAITING)
         if len(queue) < 2 * most * len(self._workers):
@@ -139,6 +153,8 @@ class Pool:
             most = WAITING
         for n_waiting in range(1, most + 1):
             for number, worker in self._workers.items():
+                if n_waiting > 1 and queue.is_shared:
+                    return
                 if len(worker.jobs) < n_waiting and (job := self._next(queue, number)) is not None:
                     worker.give(job)
 
@@ -151,6 +167,7 @@ class Pool:
 
     def _handle(self, worker: WorkerProcess, message: Done | str | None) -> Iterator[Done]:
         """Take a result, or the end of a task, or the report of a worker that it has loaded the experiment or not."""
+        self._heard = time.monotonic()
         if isinstance(message, str):
             raise WorkerError(f"worker processes cannot load the experiment: {message}")
         if isinstance(message, Done):
@@ -233,13 +250,14 @@ def processes(
     limits: Limits = Limits(),  # noqa: B008 - immutable
     logs: Path | None = None,
     note: Note = lambda text, end: None,
+    *,
+    gradually: bool = False,
 ) -> Generator[Done]:
-    """Do the tasks in worker processes; closing the generator ends them."""
-    queue.workers = workers
+    """Do the tasks in worker processes, which start at once or as they save time; closing the generator ends them."""
     pool = Pool(dumps(experiments), limits, logs, patience(experiments), note)
     try:
-        pool.start(range(workers))
-        for each in pool.results(queue):
+        pool.start(range(1 if gradually else workers))
+        for each in pool.results(queue, workers=workers):
             yield failed(experiments, *each) if isinstance(each, Failed) else each
     finally:
         with held():

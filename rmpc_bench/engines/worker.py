@@ -132,7 +132,7 @@ def _stopper(watch: SharedWatch, limits: Limits) -> Any:
 
 
 def _serve(connection: Connection, experiments: Sequence[Experiment], watch: SharedWatch, limits: Limits) -> None:
-    is_fresh, process = True, os.getpid()
+    is_fresh, process, begun = True, os.getpid(), set[str]()
     while True:
         task, alone = connection.recv()
         before = _log_size()
@@ -143,7 +143,8 @@ def _serve(connection: Connection, experiments: Sequence[Experiment], watch: Sha
                 if os.getpid() != process:
                     # A component has called os.fork and returned: the copy must not answer in place of this process.
                     os._exit(0)
-                send(connection, done)
+                send(connection, done._replace(loads=task.method not in begun))
+                begun.add(task.method)
             is_fresh = False
         _cut_log(before, LOG_PER_RUN * len(task.runs))
         send(connection, None)

@@ -296,6 +296,6 @@ def test_the_example_is_the_same_for_any_block_and_number_of_processes(tmp_path)
     tables = []
     for jobs, block in ((1, 4), (2, 1)):
         config = load_config(EXAMPLE, overrides=["runs=4", "time={step: 3, steps: 6}", f"execution.block={block}"])
-        tables.append(run(config, directory=tmp_path / f"{jobs}", jobs=jobs).trials.frame)
+        tables.append(run(config, directory=tmp_path / f"{jobs}", jobs=jobs, engine="joblib").trials.frame)
     assert len(tables[0]) == 8
     assert tables[0].equals(tables[1])

@@ -230,7 +230,7 @@ def test_a_configuration_with_a_unit(tmp_path):
     tables = []
     for jobs, block in ((1, 6), (2, 1)):
         config = load_config(tmp_path / "unit.yaml", overrides=[f"execution.block={block}"])
-        results = run(config, directory=tmp_path / f"{jobs}", jobs=jobs)
+        results = run(config, directory=tmp_path / f"{jobs}", jobs=jobs, engine="joblib")
         tables.append(results.trials.frame)
     assert len(tables[0]) == 12
     assert set(tables[0]["status"]) == {"ok"}
@@ -243,7 +243,8 @@ def test_extracted_files_are_removed_at_the_end_of_a_process(tmp_path):
     (tmp_path / "unit" / "unit.yaml").write_text(CONFIGURATION)
     (tmp_path / "temporary").mkdir()
     file = str(tmp_path / "unit" / "unit.yaml")
-    command = [sys.executable, "-m", "rmpc_bench", "run", file, "-j", "2", "-o", str(tmp_path / "out")]
+    options = ["-j", "2", "--engine", "joblib", "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "rmpc_bench", "run", file, *options]
     found = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path / "temporary")}, capture_output=True)
     assert found.returncode == 0, found.stderr
     assert [*(tmp_path / "temporary").rglob("*.so")] == []

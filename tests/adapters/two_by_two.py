@@ -70,7 +70,7 @@ def simulated(directory, files=(), *, all_fail_alike=True, **keys):
     path = directory / "alone.yaml"
     path.write_text(CONFIGURATION.format(**given))
     config = rmpc_bench.load_config(path)
-    one, two = (rmpc_bench.run(config, directory=directory / f"j{jobs}", jobs=jobs) for jobs in (1, 2))
+    one, two = (rmpc_bench.run(config, directory=directory / f"j{n}", jobs=n, engine="joblib") for n in (1, 2))
     assert one.trials.frame.equals(two.trials.frame)
     for name, trace in one.traces.items():
         for signal, values in trace.signals.items():

@@ -36,7 +36,8 @@ DURATION = re.compile(rb"(<p>)?Computing all runs took [^\n]*\n+")
 """The line of a page on the duration of the run, which is left out for less than a second."""
 TIMED = {"manifest.json", "progress.json", "published.json", "timings.csv", "trials.sqlite"}
 """Files with times."""
-KILLED = [["--engine", "serial"], ["-j", "2"], ["--shard", "1/2", "-j", "2"], ["--shard", "2/2", "-j", "1"]]
+TWO = ["-j", "2", "--engine", "joblib"]
+KILLED = [["--engine", "serial"], TWO, ["--shard", "1/2", *TWO], ["--shard", "2/2", "-j", "1"]]
 
 
 def write(directory, seconds, **keys):
@@ -107,7 +108,7 @@ def test_kills_at_random_moments(tmp_path, n_kills):
         assert all(after[name] >= n for name, n in before.items())
         before = after
     assert n_hit >= n_kills / 2
-    code, err = ended(start(path, "--missing", "-j", "2"))
+    code, err = ended(start(path, "--missing", *TWO))
     assert code == 0, err
     expected = ran(write(tmp_path / "undisturbed", 0.0, runs=runs), tmp_path / "undisturbed" / "out")
     assert (path.parent / "out" / "trials.csv").read_bytes() == expected

@@ -66,6 +66,7 @@ def may_go_on(directory):
 def start(path, jobs=1, **keywords):
     """Start a run in a process group of its own, as a shell does."""
     command = [COMMAND, "run", path, "-o", path.parent / "out", "-j", str(jobs), "--progress", "none"]
+    command += ["--engine", "joblib"] if jobs > 1 else []
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, text=True, start_new_session=True, **pipes, **keywords)
 

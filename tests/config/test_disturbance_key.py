@@ -112,8 +112,8 @@ def test_where_the_estimator_starts(tmp_path):
 def test_run_record_and_figures(tmp_path):
     """One worker or two: the same bytes; d_hat is recorded of the method that has it."""
     path = write(tmp_path)
-    for name, jobs in (("one", 1), ("two", 2)):
-        result = cli("run", path, "-o", tmp_path / name, "-j", jobs)
+    for name, how in (("one", ("-j", 1)), ("two", ("-j", 2, "--engine", "joblib"))):
+        result = cli("run", path, "-o", tmp_path / name, *how)
         assert result.exit_code == 0, result.stderr
     assert (tmp_path / "one" / "trials.csv").read_bytes() == (tmp_path / "two" / "trials.csv").read_bytes()
     with np.load(tmp_path / "one" / "traces.npz") as traces:

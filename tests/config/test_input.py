@@ -50,7 +50,7 @@ def test_the_bytes_do_not_depend_on_workers_and_block(tmp_path):
     path = write_estimation(tmp_path, **OPEN)
     one = run(load_config(path), directory=tmp_path / "one", jobs=1)
     config = load_config(path, overrides=["execution.block=4"])
-    two = run(config, directory=tmp_path / "two", jobs=2)
+    two = run(config, directory=tmp_path / "two", jobs=2, engine="joblib")
     assert one.trials.frame.equals(two.trials.frame)
 
 

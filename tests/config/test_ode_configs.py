@@ -139,8 +139,8 @@ def test_any_block_gives_the_same_bytes(tmp_path, finished):
     """Oracle: the table of the run in one process with the default block."""
     folder, _ = finished
     path = written(tmp_path)
-    arguments = ("run", str(path), "-j", "2", "-o", str(tmp_path / "out"), "-s", "execution.block=1")
-    assert cli(*arguments).exit_code == 0
+    arguments = ("run", str(path), "-j", "2", "--engine", "joblib", "-o", str(tmp_path / "out"))
+    assert cli(*arguments, "-s", "execution.block=1").exit_code == 0
     first, second = ((each / "out" / "trials.csv").read_bytes() for each in (folder, tmp_path))
     assert first == second
     with (folder / "out" / "trials.csv").open(encoding="utf-8") as file:
@@ -160,7 +160,7 @@ def test_filters_with_error_control_give_the_same_bytes_in_any_block(tmp_path):
             for kind in ("extended-kalman", "unscented-kalman")
         )
         (folder / "tanks.yaml").write_text(f"{text}methods:\n{filters}".replace(METHODS, ""), encoding="utf-8")
-        arguments = ("-j", str(jobs), "-o", str(folder / "out"), "-s", f"execution.block={block}")
+        arguments = ("-j", str(jobs), "--engine", "joblib", "-o", str(folder / "out"), "-s", f"execution.block={block}")
         result = cli("run", str(folder / "tanks.yaml"), *arguments)
         assert result.exit_code == 0, result.output
         tables.append((folder / "out" / "trials.csv").read_bytes())

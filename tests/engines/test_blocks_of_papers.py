@@ -46,7 +46,7 @@ def case(request, tmp_path_factory):
 def test_any_block(case, tmp_path, block, jobs):
     """Blocks of one run, of a part of a group and of more than one, in any order."""
     name, expected = case
-    assert texts(run(loaded(name, block), directory=tmp_path, jobs=jobs)) == expected
+    assert texts(run(loaded(name, block), directory=tmp_path, jobs=jobs, engine="joblib")) == expected
 
 
 def test_interrupted(case, tmp_path, monkeypatch):

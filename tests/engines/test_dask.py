@@ -257,8 +257,8 @@ KEYS = {
 WAYS = {
     "serial": ("--engine", "serial"),
     "one worker process": ("--engine", "joblib", "-j", 1),
-    "two workers": ("-j", 2, "-s", "execution.block=3"),
-    "three workers": ("-j", 3, "-s", "execution.block=1"),
+    "two workers": ("--engine", "joblib", "-j", 2, "-s", "execution.block=3"),
+    "three workers": ("--engine", "joblib", "-j", 3, "-s", "execution.block=1"),
     "block of 7": ("-s", "execution.block=7"),
     "dask": ("--engine", "dask"),
     "dask, block of 3": ("--engine", "dask", "-s", "execution.block=3"),

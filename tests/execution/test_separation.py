@@ -128,7 +128,7 @@ def test_a_method_that_wraps_numpy_and_a_solver_changes_its_own_rows_only(tmp_pa
         assert built_in(one) == built_in(alone)
     config = load_config(path)
     stored = load_trials(tmp_path / "one").frame.to_csv(index=False).encode()
-    assert computed(config, tmp_path / "two", jobs=2) == stored
+    assert computed(config, tmp_path / "two", jobs=2, engine="joblib") == stored
     assert built_in(computed(config, tmp_path / "serial", engine="serial")) == built_in(stored)
     assert np.geterr()["over"] != "raise" and np.get_printoptions()["precision"] != 2
     [warning] = [each.message for each in config.warnings if "replaces" in each.message]
@@ -176,7 +176,7 @@ def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
 def test_an_honest_plant_passes(tmp_path):
     """The trial that is computed again has the same numbers, for one and two workers."""
     config = load_config(with_plant(tmp_path, RHS))
-    assert computed(config, tmp_path / "one", jobs=1) == computed(config, tmp_path / "two", jobs=2)
+    assert computed(config, tmp_path / "one", jobs=1) == computed(config, tmp_path / "two", jobs=2, engine="joblib")
 
 
 def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):

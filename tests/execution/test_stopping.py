@@ -33,7 +33,8 @@ CLAIMS = {"noise": NOISE, "claims": f"[{CLEAR}, {CLOSE}]", "stop": "{decide: cla
 def computed(path, directory, *overrides, jobs=1, runs=None, only=None):
     """Run without a report and return the table of trials as text."""
     config = load_config(path, overrides=overrides, runs=runs)
-    return run(config, directory=directory, jobs=jobs, only=only).trials.frame.to_csv()
+    engine = "joblib" if jobs > 1 else None
+    return run(config, directory=directory, jobs=jobs, only=only, engine=engine).trials.frame.to_csv()
 
 
 def looks(directory):

@@ -101,7 +101,8 @@ def test_the_bytes_do_not_depend_on_workers_and_block(copy, tmp_path):
     path = write(copy[0], name="workers")
     results = tmp_path / "one"
     one = run(load_config(path), directory=results, jobs=1)
-    two = run(load_config(path, overrides=["execution.block=2"]), directory=tmp_path / "two", jobs=2)
+    config = load_config(path, overrides=["execution.block=2"])
+    two = run(config, directory=tmp_path / "two", jobs=2, engine="joblib")
     assert one.trials.frame.equals(two.trials.frame)
     again = load_config(results / "config.resolved.yaml")
     assert again.points[0].method_keys == load_config(path).points[0].method_keys

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -161,12 +160,9 @@ class Rounds:
             return
         store.register(stored_methods(config, names))
         note_versions(config, store, names)
-        # Most rounds are short: this process begins, and worker processes join where that saves time.
-        n_workers = how.workers if how.workers is not None else config.execution.workers
-        config = replace(config, execution=replace(config.execution, workers=n_workers))
         config, _ = separated(config, names, progress)
         place = store.directory
-        engine = choose_engine(config, tasks, None, how.engine, place, progress.say, how.scheduler)
+        engine = choose_engine(config, tasks, how.workers, how.engine, place, progress.say, how.scheduler)
         warm_up_tasks([point.experiment for point in config.points], tasks, progress)
         with closing(stored_blocks(config, store, tasks, engine)) as results:
             for _, done in results:

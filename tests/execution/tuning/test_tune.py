@@ -106,7 +106,9 @@ def test_results_say_where_parameters_come_from(finished):
     assert load_results(finished[1]).tuning.parameters == experiment.parameters
 
 
-@pytest.mark.parametrize("options", [("-j", 2), ("--engine", "serial"), ("-s", "execution.block=3"), ("-j", 1)])
+@pytest.mark.parametrize(
+    "options", [("-j", 2, "--engine", "joblib"), ("--engine", "serial"), ("-s", "execution.block=3"), ("-j", 1)]
+)
 def test_the_choice_does_not_depend_on_how_it_is_computed(finished, tmp_path, options):
     """Same bytes of tuning.json for any workers, engine and block."""
     run(finished[0], tmp_path / "out", *options)
