@@ -33,7 +33,7 @@ ACTS = (do_nothing, *(getattr(misbehaving, name) for name in MESSAGES))
 def stored(made, dones, directory):
     """Store results as `run` does, each under the name of its method."""
     store = Store(directory)
-    for task, block, uncertainty, _ in dones:
+    for task, block, uncertainty, *_ in dones:
         columns = {metric.name: column for metric, column in zip(made.metrics, block.metrics, strict=True)}
         store.add_block(task.method, task.runs, block, columns, "draw", uncertainty)
     return store
