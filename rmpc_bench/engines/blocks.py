@@ -31,8 +31,6 @@ STEP_OF_A_BLOCK, STEP_OF_A_RUN = 5e-5, 2.5e-6
 """Time of a step, per block and per run [s], to the second of which slow designs add their `cost_per_step`."""
 STEP_OF_OWN_CODE = 1e-4
 """Time of a step of a run [s] with a component of the user that states no `cost_per_step`."""
-REMEMBERED = 8
-"""Lengths of blocks of a method whose least times count."""
 LONG = 4.0
 """Least number of runs of a block by a / b: a is then at most 20 % of its time."""
 MEASURED = 1.0
@@ -84,8 +82,8 @@ class BlockLengths:
         self.seconds_done = defaultdict[str, float](float)
         """Computing time of what is finished of a method, without what a worker has computed while it loaded code."""
         self._experiments, self._fixed = experiments, fixed
-        # Number of runs of a block -> its least time.
-        self._times: dict[Pair, dict[int, float]] = {}
+        # Octave of lengths -> the block that took least per run, as number of runs and time.
+        self._blocks: dict[Pair, dict[int, tuple[int, float]]] = {}
         # a and b.
         self._costs: dict[Pair, tuple[float, float]] = {}
         self._longest: dict[Pair, int] = {}
@@ -98,15 +96,14 @@ class BlockLengths:
         name, pair, n = done.task.method, (done.task.point, done.task.method), len(done.task.runs)
         # A run that has failed outside of the simulation has no time.
         if done.seconds > 0.0 and n:
-            times = self._times.setdefault(pair, {})
+            block, blocks = (n, done.seconds), self._blocks.setdefault(pair, {})
             if not done.loads:
                 self.seconds_done[name] += done.seconds
                 # Other programs only add time.
-                times[n] = min(done.seconds, times.pop(n, math.inf))
-                if len(times) > REMEMBERED:
-                    del times[next(iter(times))]
+                octave = n.bit_length()
+                blocks[octave] = min(block, blocks.get(octave, block), key=lambda each: each[1] / each[0])
             before = self._seconds_of_a_run(pair)
-            self._costs[pair] = fitted(times or {n: done.seconds})
+            self._costs[pair] = fitted(dict(blocks.values() or [block]))
             self._longest[pair] = max(n, self._longest.get(pair, 0))
             self._expected[name] += 0.0 if before else self.estimate(pair)
             self._measured[name] += self._seconds_of_a_run(pair) - before
@@ -158,7 +155,7 @@ class BlockLengths:
 
     def _tried(self, pair: Pair) -> int:
         """Return the least number of runs with which a second length becomes known, without which no fit shows a."""
-        known = len(self._times.get(pair, ()))
+        known = len(self._blocks.get(pair, ()))
         return (1 + known) * self._longest[pair] if pair in self._longest and known < 2 else 0
 
     def _most(self, pair: Pair) -> float:

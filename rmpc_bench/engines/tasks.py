@@ -40,6 +40,8 @@ from rmpc_bench.types.basics import Design
 
 MAX_FRAMES = 30
 """Frames of the bench that are kept, the innermost ones: a recursion without end has a thousand."""
+WAITS = 0.1
+"""Share of computing below which a component waits for something else than a processor, which counts as time."""
 _ROLES: dict[str, tuple[type, ...]] = {
     "estimator": (Estimator, CheckedEstimator),
     "controller": (Controller, CheckedController),
@@ -70,7 +72,7 @@ class Done(NamedTuple):
     uncertainty: Mapping[str, Array]
     """Name of an uncertain quantity -> (runs,) values."""
     seconds: float = 0.0
-    """Time that the computation has taken [s]."""
+    """Time that the computation has taken, without waiting for a processor [s]."""
     loads: bool = False
     """Whether it is the first of its method in a worker, whose time includes that of loading code."""
 
@@ -80,9 +82,7 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
     experiment = experiments[task.point]
     method = experiment.method(task.method)
     counts, own = Counter[str](), has_own_code(experiment, method)
-    # A component of the user may wait for something, which is time too; the bench only waits for a processor.
-    clock = time.monotonic if own else time.process_time
-    started = clock()
+    started, computed = time.monotonic(), time.process_time()
     watch.start(len(task.runs))
     replaced = set[str]()
     with untouched() if own else nullcontext(replaced) as replaced, _counted_warnings(counts) if own else nullcontext():
@@ -100,7 +100,8 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
             raise CodeError(f"{text}, by {' or '.join(names) or 'a registered component'}")
         counts[text] += len(task.runs)
     block.journal.warnings.update(counts + Counter(dict.fromkeys(method.remarks, len(task.runs))))
-    return Done(task, block, values, clock() - started)
+    passed, computed = time.monotonic() - started, time.process_time() - computed
+    return Done(task, block, values, computed if computed > WAITS * passed else passed)
 
 
 def has_own_code(experiment: Experiment, method: Method) -> bool:
