@@ -90,11 +90,11 @@ class Execution:
 
     Parameters
     ----------
-    workers : number of worker processes
+    workers : largest number of worker processes
     block : runs that are computed together, or `auto` for about half a second of work; the results do not depend on it
     max_failures : number of failed runs that is accepted; with more of them the exit code is 3
-    engine : `joblib` computes in worker processes, `serial` in this process, `dask` on a dask cluster; if not given,
-        built-in components are computed in this process first, and in worker processes where that saves time
+    engine : `joblib` starts all workers, `serial` computes in this process, `dask` on a dask cluster; if not given,
+        built-in components are computed in this process first, and a worker starts where that saves time
     timeout : longest times; a run that takes longer has the status `timeout`
     memory : largest memory of a worker process, such as ``2 GB``; a run that needs more has the status `crashed`
     """

@@ -45,15 +45,15 @@ def run(
     config : from `load_config`, or what it takes
     directory : where trials.sqlite lies or will lie; unless given ``results/<paper>/<name>``, or for a mapping a
         temporary one, which this process keeps to its end
-    jobs : worker processes, ``"auto"`` or -1 for one per core; the configuration's `execution.workers` unless given
+    jobs : most workers, ``"auto"`` or -1 for one per core; the configuration's `execution.workers` unless given
     only : name of the method to compute, or names; all unless given
     progress : True for a bar or lines, a function that is called as ``progress(done, total, text)``; messages only
         unless given
     accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
         file of the user imports
-    engine : ``joblib`` for worker processes, ``serial`` for none: a component that ends its process then ends this one;
-        unless given, one worker is this process where no component comes from a file or an installed package; ``dask``
-        for the workers of a dask cluster
+    engine : ``joblib`` for all of these workers, ``serial`` for none: a component that ends its process then ends this one;
+        unless given, this process is first where no component comes from a file or an installed package, and workers
+        start where they save time; ``dask`` for the workers of a dask cluster
     scheduler : address of the scheduler of a dask cluster, such as ``tcp://node7:8786``
     shard : the part ``I/N`` of the runs, stored in ``shards/I-of-N`` of the directory; all runs unless given
     missing : whether the trials of all shards in the directory are taken before the rest is computed

@@ -75,7 +75,7 @@ def verify(
     claim : `id` of a claim, or its number in claims.md; only what it needs is computed and compared
     simulate : whether to compute anything; otherwise only hashes are compared, and summary.csv with the rows
     allow_code : the archive itself, if Python files in it may run
-    jobs : worker processes; the configuration's `execution.workers` unless given
+    jobs : most worker processes; the configuration's `execution.workers` unless given
     progress : display; silent unless given
 
     Returns
