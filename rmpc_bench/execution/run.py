@@ -51,7 +51,7 @@ def run(
         unless given
     accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
         file of the user imports
-    engine : ``joblib`` for all of these workers, ``serial`` for none: a component that ends its process then ends this one;
+    engine : ``joblib`` for all workers, ``serial`` for none: a component that ends its process then ends this one;
         unless given, this process is first where no component comes from a file or an installed package, and workers
         start where they save time; ``dask`` for the workers of a dask cluster
     scheduler : address of the scheduler of a dask cluster, such as ``tcp://node7:8786``

@@ -9,9 +9,9 @@ from engines.test_disturbed import Slow, made_of, queue_of, results_of
 from engines.worker_tree import WORKER, with_command
 from small_experiment import write
 
-from rmpc_bench import load_config
+from rmpc_bench import load_config, run
+from rmpc_bench.engines import blocks, workers
 from rmpc_bench.engines import pool as engine
-from rmpc_bench.engines import workers
 from rmpc_bench.engines.blocks import BlockLengths, TaskQueue
 from rmpc_bench.engines.choice import choose_engine, here_first
 from rmpc_bench.engines.pool import Pool, processes
@@ -65,6 +65,18 @@ def test_jobs_are_the_most_workers(tmp_path, name, expected):
     of_workers = found.keywords["workers"] if expected else found
     assert of_workers.func is processes and of_workers.keywords["gradually"] == expected
     assert of_workers.keywords["workers"] == 4
+
+
+def test_workers_that_join_change_no_byte(tmp_path, monkeypatch):
+    """Oracle: the table of this process alone."""
+    started, start = [], Pool.start
+    monkeypatch.setattr(Pool, "start", lambda pool, numbers: started.extend(numbers) or start(pool, numbers))
+    path = write(tmp_path, runs=40, noise="{process: {gaussian: {std: 0.01}}}")
+    whole = run(load_config(path), directory=tmp_path / "one", jobs=1)
+    for name in ("MEASURED", "PAYS"):
+        monkeypatch.setattr(blocks, name, 0.0)
+    parts = run(load_config(path, overrides=["execution.block=3"]), directory=tmp_path / "three", jobs=3)
+    assert started == [0, 1, 2] and parts.trials.frame.to_csv() == whole.trials.frame.to_csv()
 
 
 @pytest.mark.parametrize(("silent", "expected"), [(0.1, 2), (60.0, 1)])
