@@ -84,7 +84,7 @@ class BlockLengths:
         self._experiments, self._fixed = experiments, fixed
         # Octave of lengths -> the block that took least per run, as number of runs and time.
         self._blocks: dict[Pair, dict[int, tuple[int, float]]] = {}
-        # a and b.
+        # a and b of a block of n runs, which takes a + b n.
         self._costs: dict[Pair, tuple[float, float]] = {}
         self._longest: dict[Pair, int] = {}
         self._estimated: dict[Pair, float] = {}
