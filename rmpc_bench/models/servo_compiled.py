@@ -10,23 +10,23 @@ from jaxtyping import Float
 
 from rmpc_bench.models.servo_kernel import WORK, servo_advance, servo_points
 from rmpc_bench.numerics.linalg import as_compiled
-from rmpc_bench.numerics.linear_loop_kernel import ROWS, first_state, ready, rows_kernel
-from rmpc_bench.types import Array, CompiledPlant, Statuses
+from rmpc_bench.numerics.linear_loop_kernel import ROWS, ready, rows_kernel
+from rmpc_bench.types import Array, Statuses, StepFunction
 
 NO_SIZES = np.zeros(1, dtype=np.int64)
 
 
 def compiled_servo(
-    linear: Float[Array, "runs 9"], friction: Float[Array, "runs 2 3"], Ts: float, tolerance: float, status: Statuses
-) -> CompiledPlant:
-    """Return the plant for the compiled simulation; `tolerance` bounds the last terms of a Taylor series, relative."""
+    linear: Float[Array, "runs 9"], friction: Float[Array, "runs 2 3"], Ts: float, tolerance: float
+) -> StepFunction:
+    """Return the step for the compiled simulation; `tolerance` bounds the last terms of a Taylor series, relative."""
     own = np.zeros((len(linear), 3, 9))
     own[:, 0], own[:, 1:, :3] = linear, friction
-    return CompiledPlant(servo_advance, first_state, own, np.array([[Ts, tolerance]]), NO_SIZES, WORK, status)
+    return StepFunction(servo_advance, own, np.array([[Ts, tolerance]]), NO_SIZES, WORK)
 
 
 def servo_step(
-    plant: CompiledPlant, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
+    plant: StepFunction, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
 ) -> tuple[Float[Array, "runs 5"], Statuses]:
     """Return the states one sample later, for voltages u [V], and the statuses of the kernel."""
     x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
@@ -63,7 +63,7 @@ def servo_flow(
 
 
 def servo_between(
-    plant: CompiledPlant, x: Float[Array, "runs steps 5"], u: Float[Array, "runs steps 1"], parts: int
+    plant: StepFunction, x: Float[Array, "runs steps 5"], u: Float[Array, "runs steps 1"], parts: int
 ) -> Float[Array, "runs steps parts 5"]:
     """Return the states at the ends of equal parts, the steps of `plant`, of every period, without process noise."""
     states, w = np.empty((*x.shape[:2], parts, x.shape[2])), np.zeros((len(x), 4))

@@ -1,24 +1,28 @@
-"""Compiled simulation of a linear filter and a linear control law with a plant, over all samples, run after run.
+"""Compiled simulation of a linear filter and a linear control law with a plant: 32 runs side by side, over all samples.
 
 Phases
-    1  sums of products in the order of np.einsum                 _product
-    2  linear plants                                              sampled_*, uncertain_*, _through
-    3  one step of a block, for the simulation step by step       rows_kernel
-    4  filter: correction and prediction                          _correct, _predict
-    5  control law                                                _choose
-    6  all samples of all runs, statuses included                 loop_kernel
+    1  sums of products in the order of np.einsum                 _shared_products, _own_products
+    2  the operations of a sample                                 _operate
+    3  a plant that is a compiled function                        no_step, rows_kernel
+    4  inputs and signals of a sample                             _load, _store
+    5  statuses                                                   _within, _check_inputs, _settle
+    6  all samples of all runs                                    loop_kernel
+
+Operations
+    The kernel knows neither filters nor laws: `simulation.loop_program` writes them as a list of operations on the rows
+    of one matrix (rows, lanes), a lane per run, so that numba compiles one product only and the innermost loops go over
+    the runs.  A row of ``operations`` has
+        KIND    PRODUCT, OWN_PRODUCT, ADD, FILL or CLIP
+        TO, N   first row and number of rows of the result
+        BASE    first row that the result is added to; STEP is 0 if it is one row for all
+        SIGN    1 or -1
+        FROM, M first row and number of rows of the vector
+        AT      first number of the matrix in ``numbers``, to which EVERY is added at each k; a row if runs have their own
+    No result lies in a row that its operation reads: the compiled loops would not use vectors.
 
 Plants
-    The kernels call a plant through two function pointers of the type `FUNCTION`, ``advance`` and ``measure``, so that
-    its code is compiled and cached on its own: f(k, x, u, w, own, shared, sizes, work, out) writes x(k+1) or y(k) into
-    ``out`` and returns a status; ``own`` is that of the run.  The arrays are those of `types.compiled.CompiledPlant`.
-
-Arrays
-    Matrices lie row by row, one after the other, in a row of a packed array:
-        gains      C (ny, nh), d (ny), L (nh, ny), F (nh, nh), B (nh, nu), K (nh, ny), f (nh)
-        law        K_x (nu, nh), K_u (nu, nu), u_0 (nu)
-        constants  x_pred(0) (nh), u(-1) (nu), low, high, x_op (nh), u_op (nu), lowest x (nx), highest x (nx)
-        shape      number of periods, nx, nu, ny, nh, then `FORM`, `CORRECTS`, `DRIVEN`, `KEEPS_E`, nw, ny
+    A plant without a linear form is a function pointer of the type `FUNCTION`: f(k, x, u, w, own, shared, sizes, work,
+    out) writes x(k+1) into ``out`` and returns a status; ``own`` is that of the run, see `types.records.StepFunction`.
 
 The simulation step by step (`simulation.closed_loop.simulate`) is the oracle: all numbers are equal, bit for bit.
 Imported at the first step only, as it loads numba.
@@ -34,12 +38,14 @@ from rmpc_bench.numerics.compiled import compiled, numba
 
 # Values of types.Status, which compiled code cannot read.
 OK, DIVERGED, OUT_OF_RANGE = 0, 1, 2
-# That of simulation.state_range; numba's cache would not notice a change of a number in another file.
-LARGEST = 1e100
-# Positions in `shape`.
-N_STEPS, NX, NU, NY, NH, FORM, CORRECTS, DRIVEN, KEEPS_E, NW = range(10)
-# Values of shape[FORM].
-INCREMENT, REGULATOR, AROUND_POINT, GIVEN = range(4)
+# Columns of `operations`, and values of the first.
+KIND, TO, N, BASE, STEP, SIGN, FROM, M, AT, EVERY = range(10)
+PRODUCT, OWN_PRODUCT, ADD, FILL, CLIP = range(5)
+# Rows of every workspace: two sums, and -0, which leaves every number as it is.
+EVEN, ODD, NOTHING = range(3)
+# Positions in `layout`: sizes, number of operations before the law, what is left out, first rows.
+N_STEPS, LANES, NX, NU, NH, MEASURED, CALLS, BOUNDED = range(8)
+NOW, X, X_HAT, NEXT_U, NEXT_X, MOST, LOW, OWN, W, V, GIVEN, Y, E = range(8, 21)
 
 types = numba.types
 _INT, _VECTOR, _MATRIX = types.int64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
@@ -48,122 +54,123 @@ _CUBE, _INTS, _STATUSES = (
     types.Array(types.int64, 1, "C"),
     types.Array(types.int8, 1, "C"),
 )
+_OPERATIONS = types.Array(types.int64, 2, "C")
 FUNCTION = types.FunctionType(
     _INT(_INT, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _INTS, _MATRIX, _VECTOR),
 )
-_PLANT = (FUNCTION, FUNCTION, _CUBE, _MATRIX, _INTS, _MATRIX, _STATUSES)
-_METHOD = (_MATRIX, _MATRIX, _CUBE, _VECTOR, _INTS, _MATRIX, _MATRIX)
-LOOP = types.void(*_PLANT, *_METHOD, _MATRIX, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE, _STATUSES)
-PRODUCT = types.void(_MATRIX, _MATRIX, _MATRIX)
+_PLANT = (FUNCTION, _CUBE, _MATRIX, _INTS, _MATRIX, _STATUSES)
+LOOP = types.void(*_PLANT, _INTS, _OPERATIONS, _VECTOR, _VECTOR, *(_CUBE,) * 11, _STATUSES)
 ROWS = types.void(FUNCTION, _INT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX, _INTS, _MATRIX, _MATRIX, _STATUSES)
 
 
 @compiled()
-def _product(data: Any, i: int, at: int, n: int, m: int, x: Any, out: Any) -> None:  # pragma: no cover
-    """Write A x for the (n, m) matrix A that begins at data[i, at], with the sums of np.einsum.
-
-    It adds the even and the odd products on their own, and blocks of eight from their last pair to the first.
-    """
-    for row in range(n):
-        start, even, odd, j = at + row * m, 0.0, 0.0, 0
-        while m - j >= 8:
-            for pair in range(6, -1, -2):
-                even += data[i, start + j + pair] * x[j + pair]
-                odd += data[i, start + j + pair + 1] * x[j + pair + 1]
-            j += 8
-        while j < m:
-            even += data[i, start + j] * x[j]
-            if j + 1 < m:
-                odd += data[i, start + j + 1] * x[j + 1]
-            j += 2
-        # np.einsum adds the sum to zero.
-        out[row] = 0.0 + (even + odd)
-
-
-@compiled()
-def product_kernel(data: Any, x: Any, out: Any) -> None:  # pragma: no cover
-    """Multiply every row of ``x`` by the matrix in ``data``."""
-    for row in range(len(x)):
-        _product(data, 0, 0, out.shape[1], x.shape[1], x[row], out[row])
-
-
-@compiled()
-def first_state(
-    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
-) -> int:  # pragma: no cover
-    """Measure the first state."""
-    out[0] = x[0]
-    return OK
-
-
-@compiled()
-def sampled_advance(
-    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
-) -> int:  # pragma: no cover
-    """Move x(k+1) = E x + G u + w with E (nx, nx) and G (nx, nu) of the run."""
-    nx, nu = len(x), len(u)
-    driven = work[0]
-    _product(own, 0, 0, nx, nx, x, out)
-    _product(own, 0, nx * nx, nx, nu, u, driven)
-    for i in range(nx):
-        out[i] = (out[i] + driven[i]) + w[i]
-    return OK
-
-
-@compiled()
-def _through(
-    i_F: int, x: Any, own: Any, shared: Any, i: int, at_G: int, at_H: int, n: int, sizes: Any, work: Any, out: Any
+def _shared_products(
+    rows: Any, to: int, n: int, base: int, step: int, sign: float, numbers: Any, at: int, m: int, x: int
 ) -> None:  # fmt: skip  # pragma: no cover
-    """Add H F G x to ``out``; a scalar F is not summed."""
-    nx, r, s = len(x), sizes[0], sizes[1]
-    seen, pushed, moved = work[0], work[1], work[2]
-    _product(shared, i, at_G, s, nx, x, seen)
-    if r == 1 and s == 1:
-        for j in range(n):
-            out[j] += (own[i_F, 0] * seen[0]) * shared[i, at_H + j]
-    else:
-        _product(own, i_F, 0, r, s, seen, pushed)
-        _product(shared, i, at_H, n, r, pushed, moved)
-        for j in range(n):
-            out[j] += moved[j]
+    """Write base + sign A x of every lane for the (n, m) matrix A that begins at numbers[at].
 
-
-@compiled()
-def uncertain_advance(
-    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
-) -> int:  # pragma: no cover
-    """Move x(k+1) = (A + H_A F G) x + B u + w; ``sizes`` has r, s, whether F and B have an effect, and ny.
-
-    A row of ``shared`` has A, B, C, G, H_A and H_C; ``own`` has F at every k.
+    The sums are those of np.einsum: even and odd products on their own, and in blocks of eight from the last pair to the
+    first.  np.einsum adds the sum to zero.
     """
-    nx, nu, s, ny = len(x), len(u), sizes[1], sizes[4]
-    i = k if len(shared) > 1 else 0
-    at_B = nx * nx
-    at_G = at_B + nx * nu + ny * nx
-    _product(shared, i, 0, nx, nx, x, out)
-    for j in range(nx):
-        out[j] += w[j]
-    if sizes[2] != 0:
-        _through(k, x, own, shared, i, at_G, at_G + s * nx, nx, sizes, work, out)
-    if sizes[3] != 0:
-        _product(shared, i, at_B, nx, nu, u, work[0])
-        for j in range(nx):
-            out[j] += work[0, j]
-    return OK
+    lanes, whole = rows.shape[1], m - m % 8
+    for i in range(n):
+        if m == 1:
+            a = numbers[at]
+            for l in range(lanes):
+                rows[to, l] = rows[base, l] + sign * (0.0 + a * rows[x, l])
+        elif m == 2:
+            a, b = numbers[at], numbers[at + 1]
+            for l in range(lanes):
+                rows[to, l] = rows[base, l] + sign * (0.0 + (a * rows[x, l] + b * rows[x + 1, l]))
+        elif m == 3:
+            a, b, c = numbers[at], numbers[at + 1], numbers[at + 2]
+            for l in range(lanes):
+                even = a * rows[x, l] + c * rows[x + 2, l]
+                rows[to, l] = rows[base, l] + sign * (0.0 + (even + b * rows[x + 1, l]))
+        elif m == 4:
+            a, b, c, d = numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3]
+            for l in range(lanes):
+                even, odd = a * rows[x, l] + c * rows[x + 2, l], b * rows[x + 1, l] + d * rows[x + 3, l]
+                rows[to, l] = rows[base, l] + sign * (0.0 + (even + odd))
+        else:
+            for l in range(lanes):
+                rows[EVEN, l] = rows[ODD, l] = 0.0
+            done = 0
+            while m - done >= 4:
+                p, q = (done ^ 6, (done + 2) ^ 6) if done < whole else (done, done + 2)
+                a, b, c, d = numbers[at + p], numbers[at + p + 1], numbers[at + q], numbers[at + q + 1]
+                for l in range(lanes):
+                    rows[EVEN, l] = (rows[EVEN, l] + a * rows[x + p, l]) + c * rows[x + q, l]
+                    rows[ODD, l] = (rows[ODD, l] + b * rows[x + p + 1, l]) + d * rows[x + q + 1, l]
+                done += 4
+            for j in range(done, m):
+                a = numbers[at + j]
+                for l in range(lanes):
+                    rows[EVEN + j % 2, l] += a * rows[x + j, l]
+            for l in range(lanes):
+                rows[to, l] = rows[base, l] + sign * (0.0 + (rows[EVEN, l] + rows[ODD, l]))
+        to, base, at = to + 1, base + step, at + m
 
 
 @compiled()
-def uncertain_measure(
+def _own_products(
+    rows: Any, to: int, n: int, base: int, step: int, sign: float, at: int, m: int, x: int
+) -> None:  # fmt: skip  # pragma: no cover
+    """Do the same for matrices that differ from run to run: row ``at`` has their first numbers."""
+    lanes, whole = rows.shape[1], m - m % 8
+    for i in range(n):
+        if m == 1:
+            for l in range(lanes):
+                rows[to, l] = rows[base, l] + sign * (0.0 + rows[at, l] * rows[x, l])
+        elif m == 4:
+            for l in range(lanes):
+                even = rows[at, l] * rows[x, l] + rows[at + 2, l] * rows[x + 2, l]
+                odd = rows[at + 1, l] * rows[x + 1, l] + rows[at + 3, l] * rows[x + 3, l]
+                rows[to, l] = rows[base, l] + sign * (0.0 + (even + odd))
+        else:
+            for l in range(lanes):
+                rows[EVEN, l] = rows[ODD, l] = 0.0
+            for j in range(m):
+                p = j ^ 6 if j < whole else j
+                for l in range(lanes):
+                    rows[EVEN + j % 2, l] += rows[at + p, l] * rows[x + p, l]
+            for l in range(lanes):
+                rows[to, l] = rows[base, l] + sign * (0.0 + (rows[EVEN, l] + rows[ODD, l]))
+        to, base, at = to + 1, base + step, at + m
+
+
+@compiled()
+def _operate(rows: Any, operations: Any, end: int, k: int, numbers: Any) -> None:  # pragma: no cover
+    """Do the first operations of a sample."""
+    lanes = rows.shape[1]
+    for i in range(end):
+        kind, to, n, base = operations[i, KIND], operations[i, TO], operations[i, N], operations[i, BASE]
+        step, sign, x = operations[i, STEP], float(operations[i, SIGN]), operations[i, FROM]
+        m, at = operations[i, M], operations[i, AT] + k * operations[i, EVERY]
+        if kind == PRODUCT:
+            _shared_products(rows, to, n, base, step, sign, numbers, at, m, x)
+        elif kind == OWN_PRODUCT:
+            _own_products(rows, to, n, base, step, sign, at, m, x)
+        elif kind == ADD:
+            for j in range(n):
+                for l in range(lanes):
+                    rows[to + j, l] = rows[base + step * j, l] + sign * rows[x + j, l]
+        elif kind == FILL:
+            for j in range(n):
+                rows[to + j] = numbers[at + j]
+        else:
+            for j in range(n):
+                for l in range(lanes):
+                    value = rows[x + j, l]
+                    value = rows[base, l] if value < rows[base, l] else value
+                    rows[to + j, l] = rows[at, l] if value > rows[at, l] else value
+
+
+@compiled()
+def no_step(
     k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
 ) -> int:  # pragma: no cover
-    """Measure y(k) = (C + H_C F G) x."""
-    nx, nu, r, s, ny = len(x), len(u), sizes[0], sizes[1], sizes[4]
-    i = k if len(shared) > 1 else 0
-    at_C = nx * nx + nx * nu
-    at_G = at_C + ny * nx
-    _product(shared, i, at_C, ny, nx, x, out)
-    if sizes[2] != 0:
-        _through(k, x, own, shared, i, at_G, at_G + s * nx + nx * r, ny, sizes, work, out)
+    """Stand in for the function of a plant that has a linear form."""
     return OK
 
 
@@ -178,146 +185,146 @@ def rows_kernel(
 
 
 @compiled()
-def _correct(
-    gains: Any, i: int, shape: Any, x_pred: Any, y: Any, e: Any, x_hat: Any, half: Any
-) -> int:  # fmt: skip  # pragma: no cover
-    """Write e = y - C x_pred - d and x_hat = x_pred + L e; return where F begins."""
-    ny, nh = shape[NY], shape[NH]
-    _product(gains, i, 0, ny, nh, x_pred, half)
-    for j in range(ny):
-        e[j] = (y[j] - half[j]) - gains[i, ny * nh + j]
-    at = ny * nh + ny
-    if shape[CORRECTS] != 0:
-        _product(gains, i, at, nh, ny, e, half)
-        for j in range(nh):
-            x_hat[j] = x_pred[j] + half[j]
-    else:
-        for j in range(nh):
-            x_hat[j] = x_pred[j]
-    return int(at + nh * ny)
+def _take(rows: Any, at: int, l: int, out: Any) -> None:  # pragma: no cover
+    """Copy the vector of one lane."""
+    for j in range(len(out)):
+        out[j] = rows[at + j, l]
 
 
 @compiled()
-def _predict(
-    gains: Any, i: int, at: int, shape: Any, x_pred: Any, u: Any, e: Any, half: Any, x_next: Any
-) -> None:  # fmt: skip  # pragma: no cover
-    """Replace x_pred by F x_pred + B u + K e + f; F begins at ``at``."""
-    nu, ny, nh = shape[NU], shape[NY], shape[NH]
-    _product(gains, i, at, nh, nh, x_pred, x_next)
-    at += nh * nh
-    if shape[DRIVEN] != 0:
-        _product(gains, i, at, nh, nu, u, half)
-        for j in range(nh):
-            x_next[j] += half[j]
-    at += nh * nu
-    _product(gains, i, at, nh, ny, e, half)
-    at += nh * ny
-    for j in range(nh):
-        x_pred[j] = (x_next[j] + half[j]) + gains[i, at + j]
+def _load(rows: Any, at: int, values: Any, k: int, first: int, n_runs: int) -> None:  # pragma: no cover
+    """Write values[run, k] into rows; what has one sample only stays, and the last run fills lanes that are left."""
+    if len(values) == 0 or k >= values.shape[1]:
+        return
+    for j in range(values.shape[2]):
+        for l in range(rows.shape[1]):
+            rows[at + j, l] = values[min(first + l, n_runs - 1), k, j]
 
 
 @compiled()
-def _choose(
-    law: Any, i: int, given: Any, row: int, k: int, constants: Any, shape: Any, x_hat: Any, u: Any, half: Any,
-    kept: Any,
-) -> None:  # fmt: skip  # pragma: no cover
-    """Replace u(k-1) by u(k)."""
-    nu, nh, form = shape[NU], shape[NH], shape[FORM]
-    own, now = row if len(given) > 1 else 0, k if given.shape[1] > 1 else 0
-    point = nh + nu + 2
-    if form == GIVEN:
-        for j in range(nu):
-            u[j] = given[own, now, j]
-    elif form == INCREMENT:
-        _product(law, i, nu * nh, nu, nu, u, kept)
-        _product(law, i, 0, nu, nh, x_hat, half)
-        for j in range(nu):
-            value = (((u[j] - kept[j]) + given[own, now, j]) - half[j]) - law[i, nu * nh + nu * nu + j]
-            value = constants[nh + nu] if value < constants[nh + nu] else value
-            u[j] = constants[nh + nu + 1] if value > constants[nh + nu + 1] else value
-    else:
-        if form == AROUND_POINT:
-            for j in range(nh):
-                kept[j] = x_hat[j] - constants[point + j]
-        else:
-            for j in range(nh):
-                kept[j] = x_hat[j]
-        _product(law, i, 0, nu, nh, kept, half)
-        for j in range(nu):
-            u[j] = -half[j] - law[i, nu * nh + nu * nu + j]
-        if form == AROUND_POINT:
-            for j in range(nu):
-                u[j] = constants[point + nh + j] + u[j]
+def _store(signal: Any, rows: Any, at: int, k: int, first: int) -> None:  # pragma: no cover
+    """Keep the rows of a signal at k; a signal without rows is not wanted."""
+    for l in range(min(rows.shape[1], len(signal) - first)):
+        for j in range(signal.shape[2]):
+            signal[first + l, k, j] = rows[at + j, l]
+
+
+@compiled()
+def _within(rows: Any, at: int, most: int, n: int) -> bool:  # pragma: no cover
+    """Whether all lanes of n rows are numbers up to their limits."""
+    beyond = 0
+    for j in range(n):
+        for l in range(rows.shape[1]):
+            beyond += 0 if abs(rows[at + j, l]) <= rows[most + j, l] else 1
+    return beyond == 0
+
+
+@compiled()
+def _between(rows: Any, at: int, low: int, n: int) -> bool:  # pragma: no cover
+    """Whether no lane of n rows is beyond its bounds, the lower ones from row ``low``, the upper ones after them."""
+    beyond = 0
+    for j in range(n):
+        for l in range(rows.shape[1]):
+            value = rows[at + j, l]
+            beyond += 1 if (value < rows[low + j, l]) | (value > rows[low + n + j, l]) else 0
+    return beyond == 0
+
+
+@compiled()
+def _stop(rows: Any, layout: Any, n: int, state: Any) -> None:  # pragma: no cover
+    """Set the status of runs whose estimates or inputs, n rows, do not fit."""
+    for l in range(len(state)):
+        for j in range(n):
+            fits = abs(rows[layout[X_HAT] + j, l]) <= rows[layout[MOST] + j, l]
+            if state[l] == OK and not fits:
+                state[l] = DIVERGED
+
+
+@compiled()
+def _settle(rows: Any, layout: Any, first: int, reported: Any, state: Any, end: Any) -> None:  # pragma: no cover
+    """Set the statuses after a step, and move the runs that have not failed to their next state."""
+    nx, low = layout[NX], layout[LOW]
+    most, x_next = layout[MOST] + layout[NH] + layout[NU], layout[NEXT_X]
+    for l in range(len(state)):
+        if state[l] != OK:
+            continue
+        fits, inside = True, True
+        for j in range(nx):
+            value = rows[x_next + j, l]
+            fits = fits and abs(value) <= rows[most + j, l]
+            inside = inside and not (value < rows[low + j, l] or value > rows[low + nx + j, l])
+        state[l] = reported[min(first + l, len(reported) - 1)]
+        if state[l] == OK:
+            state[l] = end[l]
+        if state[l] == OK:
+            state[l] = (OK if fits else DIVERGED) if inside else OUT_OF_RANGE
+        if state[l] == OK:
+            for j in range(nx):
+                rows[layout[X] + j, l] = rows[x_next + j, l]
 
 
 @compiled()
 def loop_kernel(
-    advance: Any, measure: Any, own: Any, shared: Any, sizes: Any, work: Any, reported: Any,
-    gains: Any, law: Any, given: Any, constants: Any, shape: Any, largest_x: Any, largest_x_hat: Any,
-    x0: Any, w: Any, v: Any, x: Any, y: Any, x_hat: Any, u: Any, e: Any, status: Any,
+    advance: Any, own_of_step: Any, shared: Any, sizes: Any, work: Any, reported: Any,
+    layout: Any, operations: Any, numbers: Any, start: Any,
+    x0: Any, most: Any, own: Any, w: Any, v: Any, given: Any, x: Any, y: Any, x_hat: Any, u: Any, e: Any, status: Any,
 ) -> None:  # fmt: skip  # pragma: no cover
     """Simulate all runs: write x, y, x_hat, u and e (runs, samples, n), and the statuses, which may not be OK before.
 
-    A run that fails keeps its state; its estimates and inputs go on.
+    Arrays without rows are inputs that have no effect, or signals that nobody reads.  A run that fails keeps its state;
+    its estimates and inputs go on.
     """
-    n_steps, nx, nu, ny, nh = shape[N_STEPS], shape[NX], shape[NU], shape[NY], shape[NH]
-    low, width = nh + nu + 2 + nh + nu, max(nx, nu, ny, nh)
-    x_now, x_next, u_now, w_now, y_now = np.empty(nx), np.empty(nx), np.empty(nu), np.empty(shape[NW]), np.empty(ny)
-    e_now, x_pred, estimate, next_pred = np.empty(ny), np.empty(nh), np.empty(nh), np.empty(nh)
-    half, kept = np.empty(width), np.empty(width)
-    for row in range(len(x0)):
-        own_now = own[row]
-        for j in range(nx):
-            x_now[j] = x0[row, j]
-        for j in range(nh):
-            x_pred[j] = constants[j]
-        for j in range(nu):
-            u_now[j] = constants[nh + j]
+    n_steps, lanes, nx, nu, nh = layout[N_STEPS], layout[LANES], layout[NX], layout[NU], layout[NH]
+    limits_x, n_runs = layout[MOST] + nh + nu, len(status)
+    rows, state, end = np.empty((len(start), lanes)), np.empty(lanes, np.int8), np.zeros(lanes, np.int8)
+    x_now, u_now, w_now, x_next = np.empty(nx), np.empty(nu), np.empty(layout[V] - layout[W]), np.empty(nx)
+    for first in range(0, n_runs, lanes):
+        for row in range(len(start)):
+            rows[row] = start[row]
+        # Whether all runs move on alike, without a look at every status.
+        alike = layout[CALLS] == 0
+        for l in range(lanes):
+            run = min(first + l, n_runs - 1)
+            state[l], end[l] = status[run], OK
+            alike = alike and status[run] == OK and reported[run] == OK
+        _load(rows, layout[X], x0, 0, first, n_runs)
+        _load(rows, layout[MOST], most, 0, first, n_runs)
         for k in range(n_steps + 1):
-            measure(k, x_now, u_now, w_now, own_now, shared, sizes, work, y_now)
-            for j in range(nx):
-                x[row, k, j] = x_now[j]
-            for j in range(ny):
-                # The true output is that with a noise of zero.
-                y[row, k, j] = y_now[j] + 0.0
-                y_now[j] = y_now[j] + v[row, k, j]
-            i = k if len(gains) > 1 else 0
-            at = _correct(gains, i, shape, x_pred, y_now, e_now, estimate, half)
-            fits = True
-            for j in range(nh):
-                x_hat[row, k, j] = estimate[j]
-                fits = fits and abs(estimate[j]) <= largest_x_hat[row, j]
-            if shape[KEEPS_E] != 0:
-                for j in range(ny):
-                    e[row, k, j] = e_now[j]
-            if status[row] == OK and not fits:
-                status[row] = DIVERGED
+            n_checked = nh if k == n_steps else nh + nu
+            _load(rows, layout[OWN], own, k, first, n_runs)
+            _load(rows, layout[W], w, k, first, n_runs)
+            _load(rows, layout[V], v, k, first, n_runs)
+            _load(rows, layout[GIVEN], given, k, first, n_runs)
+            _operate(rows, operations, layout[MEASURED] if k == n_steps else len(operations), k, numbers)
+            _store(x, rows, layout[X], k, first)
+            _store(y, rows, layout[Y], k, first)
+            _store(x_hat, rows, layout[X_HAT], k, first)
+            _store(e, rows, layout[E], k, first)
+            if not _within(rows, layout[X_HAT], layout[MOST], n_checked):
+                alike = False
+                _stop(rows, layout, n_checked, state)
             if k == n_steps:
                 break
-            _choose(law, k if len(law) > 1 else 0, given, row, k, constants, shape, estimate, u_now, half, kept)
-            fits = True
-            for j in range(nu):
-                u[row, k, j] = u_now[j]
-                fits = fits and abs(u_now[j]) < LARGEST
-            if status[row] == OK and not fits:
-                status[row] = DIVERGED
-            if status[row] == OK:
-                for j in range(shape[NW]):
-                    w_now[j] = w[row, k, j]
-                end = advance(k, x_now, u_now, w_now, own_now, shared, sizes, work, x_next)
-                fits, inside = True, True
-                for j in range(nx):
-                    fits = fits and abs(x_next[j]) <= largest_x[row, j]
-                    inside = inside and not (x_next[j] < constants[low + j] or x_next[j] > constants[low + nx + j])
-                if reported[row] != OK:
-                    end = reported[row]
-                elif end == OK:
-                    end = (OK if fits else DIVERGED) if inside else OUT_OF_RANGE
-                status[row] = end
-                if end == OK:
+            _store(u, rows, layout[NEXT_U], k, first)
+            for l in range(min(lanes, n_runs - first) if layout[CALLS] != 0 else 0):
+                if state[l] == OK:
+                    _take(rows, layout[X], l, x_now)
+                    _take(rows, layout[NEXT_U], l, u_now)
+                    _take(rows, layout[W], l, w_now)
+                    end[l] = advance(k, x_now, u_now, w_now, own_of_step[first + l], shared, sizes, work, x_next)
                     for j in range(nx):
-                        x_now[j] = x_next[j]
-            _predict(gains, i, at, shape, x_pred, u_now, e_now, half, next_pred)
+                        rows[layout[NEXT_X] + j, l] = x_next[j]
+            alike = alike and _within(rows, layout[NEXT_X], limits_x, nx)
+            alike = alike and (layout[BOUNDED] == 0 or _between(rows, layout[NEXT_X], layout[LOW], nx))
+            if not alike:
+                _settle(rows, layout, first, reported, state, end)
+            # u and x_pred of all runs, and x between them where all move on.
+            for j in range(nu + nx + nh):
+                if alike or not nu <= j < nu + nx:
+                    for l in range(lanes):
+                        rows[layout[NOW] + j, l] = rows[layout[NEXT_U] + j, l]
+        for l in range(min(lanes, n_runs - first)):
+            status[first + l] = state[l]
 
 
 def ready(kernel: Any, signature: Any) -> Any:

@@ -55,6 +55,7 @@ from rmpc_bench.types import (
     Positive,
     Status,
     Statuses,
+    Term,
 )
 
 POINTS = 200
@@ -195,9 +196,9 @@ class Servo(Plant):
         w: Float[Array, "runs 4"],
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
-        from rmpc_bench.models.servo_compiled import servo_step
+        from rmpc_bench.models.servo_compiled import compiled_servo, servo_step
 
-        x_next, status = servo_step(self.compiled_form(delta, 1), x, u, w)
+        x_next, status = servo_step(compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
 
     extra_signals = TORQUE_UNITS
@@ -221,7 +222,7 @@ class Servo(Plant):
         """Advance every period in equal parts, each as exactly as a whole period."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_between
 
-        shorter = compiled_servo(delta.linear, delta.friction, self.Ts / parts, TOLERANCE, delta.status)
+        shorter = compiled_servo(delta.linear, delta.friction, self.Ts / parts, TOLERANCE)
         return servo_between(shorter, x, u, parts)
 
     has_compiled_form = True
@@ -230,7 +231,8 @@ class Servo(Plant):
         """Return the compiled step with the coefficients of every run."""
         from rmpc_bench.models.servo_compiled import compiled_servo
 
-        return compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE, delta.status)
+        step = compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE)
+        return CompiledPlant(step, (Term("x"),), delta.status)
 
     def output(
         self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], v: Float[Array, "runs 1"]
@@ -319,12 +321,8 @@ class ServoLinear(Plant):
 
     def compiled_form(self, delta: LinearDelta, n_steps: int) -> CompiledPlant:
         """Return the sampled dynamics of every run."""
-        from rmpc_bench.numerics.linear_loop_kernel import first_state, sampled_advance
-
-        n_runs = len(delta.E)
-        own = np.concatenate([delta.E.reshape(n_runs, -1), delta.G.reshape(n_runs, -1)], axis=1)[:, None]
-        sizes = np.zeros(1, dtype=np.int64)
-        return CompiledPlant(sampled_advance, first_state, own, np.zeros((1, 1)), sizes, (1, self.nx), delta.status)
+        step = Term("x", (delta.E[:, None],)), Term("u", (delta.G[:, None],)), Term("w")
+        return CompiledPlant(step, (Term("x"),), delta.status)
 
     def output(
         self, k: int, delta: LinearDelta, x: Float[Array, "runs 4"], v: Float[Array, "runs 1"]

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.uncertain_system import CHANNELS, Matrices, UncertainSystem, takes_matrices, uncertain_system
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Array, Channel, CompiledPlant, Motion, Period, Plant, Positive, Status, SystemMatrix
+from rmpc_bench.types import Array, Channel, CompiledPlant, Motion, Period, Plant, Positive, Status, SystemMatrix, Term
 
 NAMES = ("x", "w", "v")
 
@@ -293,19 +293,13 @@ class UncertainLinear(Plant):
 
     def compiled_form(self, delta: Sequences, n_steps: int) -> CompiledPlant:
         """Return the matrices of the system and F_x of every run."""
-        from rmpc_bench.numerics.linear_loop_kernel import uncertain_advance, uncertain_measure
-
-        m, n = self.system.over_time, 1 if not self.system.varies else n_steps + 1
-        parts = [getattr(m, name) for name in ("A", "B", "C", "G_x", "H_A", "H_C")]
-        shared = [np.broadcast_to(M if len(M) == 1 else M[:n], (n, *M.shape[1:])).reshape(n, -1) for M in parts]
-        active, (r, s) = self.system.active, self.shapes[0]
-        # The compiled functions do not read F where it has no effect.
-        own = delta.F_x.reshape(*delta.F_x.shape[:2], -1) if "x" in active else np.zeros((len(delta.F_x), 1, 1))
-        sizes = np.array([r, s, "x" in active, "B" in active, self.ny])
-        work = (3, max(self.nx, self.nu, self.ny, r, s, 1))
-        status = np.full(len(own), OK)
-        shared_rows = np.concatenate(shared, axis=1)
-        return CompiledPlant(uncertain_advance, uncertain_measure, own, shared_rows, sizes, work, status)
+        m, active = self.system.over_time, self.system.active
+        moved, seen = (), ()
+        if "x" in active:
+            moved, seen = ((Term("x", (m.G_x, delta.F_x, H)),) for H in (m.H_A, m.H_C))
+        driven = (Term("u", (m.B,)),) if "B" in active else ()
+        status = np.full(len(delta.F_x), OK)
+        return CompiledPlant((Term("x", (m.A,)), Term("w"), *moved, *driven), (Term("x", (m.C,)), *seen), status)
 
     def period(self, k: int) -> Period | None:
         """Return the map from (x, [w; v]) to (x(k+1), y(k)) with mean and variance of F; None if F is not white."""

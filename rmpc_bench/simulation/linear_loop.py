@@ -18,7 +18,7 @@ from rmpc_bench.numerics.linalg import as_compiled, at_sample, mv
 from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
+from rmpc_bench.simulation.state_range import DEFAULT_RANGE, LARGEST, OK, RunLimits, StateRange
 from rmpc_bench.types import (
     DISTURBANCES,
     Array,
@@ -29,6 +29,8 @@ from rmpc_bench.types import (
     Plant,
     Record,
     Statuses,
+    StepFunction,
+    Term,
 )
 
 LEAST_WORK = 1_000_000
@@ -52,16 +54,27 @@ def adds_like_einsum() -> bool:
 
     It does on all processors whose vectors have two numbers and no fused multiply-add in NumPy's common code.
     """
-    from rmpc_bench.numerics.linear_loop_kernel import PRODUCT, product_kernel, ready
-
     for m in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 30):
         # Roots of numbers without a square factor: every sum rounds.
         A, x = np.sqrt(np.arange(1.0, 3 * m + 1)).reshape(3, m), 1.0 / np.sqrt(np.arange(3.0, 2 * m + 3)).reshape(2, m)
-        found = np.empty((2, 3))
-        ready(product_kernel, PRODUCT)(A.reshape(1, -1), x, found)
-        if not np.array_equal(found, mv(A, x)):
+        if not np.array_equal(compiled_products(A, x), mv(A, x)):
             return False
     return True
+
+
+def compiled_products(A: Float[Array, "*runs n m"], x: Float[Array, "runs m"]) -> Float[Array, "runs n"]:
+    """Multiply every row of ``x`` by a shared or a per-run matrix, as the compiled simulation does."""
+    from rmpc_bench.numerics import linear_loop_kernel as kernel
+    from rmpc_bench.simulation.loop_program import NONE, Program
+
+    p, terms = Program(), [Term("x", (A[None] if A.ndim == 2 else A[:, None],))]
+    rows = p.rows(np.zeros(x.shape[1]))
+    p.own_matrices(terms)
+    y, found = p.total((1, rows, *terms[0].matrices)), np.empty((len(x), 1, A.shape[-2]))
+    layout = {kernel.X: rows.at, kernel.Y: y.at, kernel.MEASURED: len(p.operations)}
+    status = np.zeros(len(x), np.int8)
+    p.run(layout, (x[:, None], *(NONE,) * 4), (NONE, found, *(NONE,) * 3), status, status)
+    return found[:, 0]
 
 
 def warm_up(experiment: Experiment, method: Method) -> None:
@@ -84,10 +97,12 @@ def compiled_loop(
     info: Collection[str] = (),
     state_range: StateRange = DEFAULT_RANGE,
     start: RunStart | None = None,
+    needed: Collection[str] = ("x", "x_hat", "u"),
 ) -> tuple[Record, Statuses] | None:
     """Simulate all runs of ``draws`` as `closed_loop.simulate` does, of a plant without bounds of its inputs.
 
-    None where a law alters the measurements, or where some are missing that the filter bridges.
+    None where a law alters the measurements, or where some are missing that the filter bridges.  Signals other than y
+    have no rows unless they are needed.
     """
     if draws.alterations:
         return None
@@ -102,7 +117,8 @@ def compiled_loop(
     limits = RunLimits(state_range, x0, known)
     nd = method.n_disturbances
     of_estimates = limits.of_estimates((len(x0), len(filter_.schedule.x0)), nd)
-    signals, status = _simulated(plant, compiled, filter_, law, limits, of_estimates, x0, w, v, n_steps, info)
+    needed = {"y", *needed, *({"x_hat"} if DISTURBANCES in info else ()), *({"e"} & set(info))}
+    signals, status = _simulated(plant, compiled, filter_, law, limits, of_estimates, x0, w, v, n_steps, needed)
     if method.estimator.bridges_missing and np.isnan(signals["y"]).any():
         return None
     matrices = {"P": with_P, "M": with_M}
@@ -129,75 +145,29 @@ def _simulated(
     w: Float[Array, "runs samples nw"],
     v: Float[Array, "runs samples ny"],
     n_steps: int,
-    info: Collection[str],
+    needed: Collection[str],
 ) -> tuple[dict[str, Array], Statuses]:
     """Call the kernel; return x, y, x_hat, u and e (runs, samples, n), and the statuses."""
-    from rmpc_bench.numerics import linear_loop_kernel as kernel
+    from rmpc_bench.numerics.linear_loop_kernel import N_STEPS
+    from rmpc_bench.simulation.loop_program import NONE, NO_STEP, loop_program
 
-    schedule = filter_.schedule
-    n_runs, nx, nu, ny, nh = len(x0), plant.nx, plant.nu, plant.ny, len(schedule.x0)
-    form, law_rows, point = _packed_law(law, nh, nu)
-    widths = {"x": (n_steps + 1, nx), "y": (n_steps + 1, ny), "x_hat": (n_steps + 1, nh), "u": (n_steps, nu)}
-    signals = {name: np.empty((n_runs, *shape)) for name, shape in widths.items()}
-    signals["e"] = np.empty((n_runs if "e" in info else 0, n_steps + 1, ny))
-    corrects, driven = bool(schedule.L.any()), bool(schedule.B.any())
-    shape = np.array([n_steps, nx, nu, ny, nh, form, corrects, driven, "e" in info, w.shape[2]])
-    start = np.zeros(nu) if law.start is None else law.start
-    low = np.full(nx, -np.inf) if limits.low is None else limits.low
-    high = np.full(nx, np.inf) if limits.high is None else limits.high
-    constants = np.concatenate([schedule.x0, start, [law.low, law.high], *point, low, high])
+    n_runs, nx, nu, ny, nh = len(x0), plant.nx, plant.nu, plant.ny, len(filter_.schedule.x0)
+    program, layout = loop_program(compiled, filter_, law, (nx, nu, ny, w.shape[2]), limits)
+    widths = {"x": (1, nx), "y": (1, ny), "x_hat": (1, nh), "u": (0, nu), "e": (1, ny)}
+    signals = {
+        name: np.empty((n_runs if name in needed else 0, n_steps + more, n)) for name, (more, n) in widths.items()
+    }
+    # Inputs below this are those with |u| < LARGEST.
+    of_u = np.full((n_runs, nu), np.nextafter(LARGEST, 0.0))
+    most = np.concatenate([np.broadcast_to(of_estimates, (n_runs, nh)), of_u, limits.of_x], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         status = limits.of_state(np.full(n_runs, OK), np.full(n_runs, OK), x0)
     status = np.array(status, dtype=np.int8)
-    kernel.ready(kernel.loop_kernel, kernel.LOOP)(
-        compiled.advance, compiled.measure, as_compiled(compiled.own), as_compiled(compiled.shared), compiled.sizes,
-        np.zeros(compiled.work), as_compiled_statuses(compiled.status),
-        as_compiled(_packed_filter(filter_)), as_compiled(law_rows), as_compiled(law.given), constants, shape,
-        as_compiled(limits.of_x), as_compiled(np.broadcast_to(of_estimates, (n_runs, nh))),
-        as_compiled(x0), as_compiled(w), as_compiled(v), *(signals[name] for name in ("x", "y", "x_hat", "u", "e")),
-        status,
-    )  # fmt: skip
+    noises = (noise if as_compiled(noise).view(np.int64).any() else NONE for noise in (w, v))
+    inputs = (x0[:, None], most[:, None], *noises, law.given if len(law.given) > 1 else NONE)
+    step = compiled.step if isinstance(compiled.step, StepFunction) else NO_STEP
+    program.run(layout | {N_STEPS: n_steps}, inputs, tuple(signals.values()), status, compiled.status, step)
     return signals, status
-
-
-def as_compiled_statuses(status: Statuses) -> Statuses:
-    """Return statuses of the one kind that the kernel is compiled for."""
-    return np.require(status, np.int8, ["C", "W"])
-
-
-def _packed_filter(filter_: CompiledFilter) -> Float[Array, "k packed"]:
-    """Return the matrices of a filter side by side, row by row; missing constant parts are zero."""
-    s = filter_.schedule
-    ny, nh = s.C.shape[1:]
-    d = np.zeros((1, ny)) if s.d is None else s.d
-    f = np.zeros((1, nh)) if s.f is None else s.f
-    return _side_by_side((s.C, d, s.L, s.F, s.B, s.K, f))
-
-
-def _packed_law(law: CompiledLaw, nh: int, nu: int) -> tuple[int, Float[Array, "k packed"], tuple[Array, Array]]:
-    """Return the form of a law, its matrices side by side, and its operating point, zero without one."""
-    from rmpc_bench.numerics.linear_loop_kernel import AROUND_POINT, GIVEN, INCREMENT, REGULATOR
-
-    point = (np.zeros(nh), np.zeros(nu)) if law.point is None else (law.point.x, law.point.u)
-    K_x = np.zeros((1, nu, nh)) if law.K_x is None else law.K_x
-    K_u = np.zeros((nu, nu)) if law.K_u is None else law.K_u
-    u_0 = np.zeros((1, nu)) if law.u_0 is None else law.u_0
-    if law.K_x is None:
-        form = GIVEN
-    elif law.K_u is not None:
-        form = INCREMENT
-    else:
-        form = REGULATOR if law.point is None else AROUND_POINT
-    return form, _side_by_side((K_x, K_u[None], u_0)), point
-
-
-def _side_by_side(schedules: tuple[Array, ...]) -> Float[Array, "k packed"]:
-    """Flatten the matrices of every k and put them side by side; one row if all are constant."""
-    n = max(map(len, schedules))
-    # A schedule may be longer than the experiment, and a law shorter than its filter.
-    n = min(len(each) for each in schedules if len(each) > 1) if n > 1 else 1
-    cut = [each[:n] if len(each) > 1 else each for each in schedules]
-    return np.concatenate([np.broadcast_to(each, (n, *each.shape[1:])).reshape(n, -1) for each in cut], axis=1)
 
 
 def _over_time(matrices: Array | None, n_steps: int) -> Array | None:

@@ -72,6 +72,8 @@ from rmpc_bench.types.records import (
     Period,
     Status,
     Statuses,
+    StepFunction,
+    Term,
     as_command,
     as_estimate,
     as_motion,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int, Int8
@@ -254,21 +254,38 @@ class OptimisedStep(IntEnum):
         return self in (OptimisedStep.INFEASIBLE, OptimisedStep.NOT_CONVERGED)
 
 
-class CompiledPlant(NamedTuple):
-    """A plant whose step and output are compiled functions, see `numerics.linear_loop_kernel`."""
+class StepFunction(NamedTuple):
+    """The step of a plant without a linear form, as a compiled function, see `numerics.linear_loop_kernel`."""
 
     advance: Any
     """Compiled function that writes x(k+1), w(k) included, and returns a status."""
-    measure: Any
-    """Compiled function that writes y(k) without measurement noise."""
     own: Float[Array, "runs rows own"]
-    """Numbers of every run, as the two functions need them; those of one run are passed to them."""
-    shared: Float[Array, "kshared shared"]
-    """Numbers that all runs have in common; axis 0 is k and has length 1 if they are constant."""
+    """Numbers of every run; those of one run are passed to the function."""
+    shared: Float[Array, "rows shared"]
+    """Numbers that all runs have in common."""
     sizes: Int[Array, " sizes"]
-    """Numbers of rows and columns, for the two functions."""
+    """Numbers of rows and columns, for the function."""
     work: tuple[int, int]
-    """Shape of the memory that the two functions write into."""
+    """Shape of the memory that the function writes into."""
+
+
+class Term(NamedTuple):
+    """A signal times matrices, of which the first is applied first; without any, the first coordinates of the signal.
+
+    A matrix is (k, n, m), k = 1 where it is constant, or (runs, k, n, m) where every run has its own.
+    """
+
+    signal: Literal["x", "u", "w"]
+    matrices: tuple[Float[Array, "..."], ...] = ()
+
+
+class CompiledPlant(NamedTuple):
+    """A plant for the compiled simulation: x(k+1) and y(k) as sums of terms, which are added in this order."""
+
+    step: tuple[Term, ...] | StepFunction
+    """x(k+1), w(k) included."""
+    output: tuple[Term, ...]
+    """y(k) without measurement noise."""
     status: Statuses
     """What the plant reports at every step of a run, unless it is OK."""
 

@@ -28,10 +28,7 @@ def taylor(rows, Ts, tolerance):
 
     made = [servo.coefficients(p) for p in rows]
     linear, friction = (np.stack(part) for part in zip(*made, strict=True))
-    plant, no_noise = (
-        compiled_servo(linear, friction, Ts, tolerance, np.zeros(len(rows), np.int8)),
-        np.zeros((len(rows), 4)),
-    )
+    plant, no_noise = compiled_servo(linear, friction, Ts, tolerance), np.zeros((len(rows), 4))
     return lambda x, u: servo_step(plant, x, u, no_noise)[0]
 
 

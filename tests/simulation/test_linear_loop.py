@@ -13,12 +13,11 @@ from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import uncertain_system
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.linear_loop_kernel import PRODUCT, product_kernel, ready
 from rmpc_bench.plants import servo
 from rmpc_bench.plants.uncertain_linear import UncertainLinear, Uncertainty
 from rmpc_bench.simulation import closed_loop
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
-from rmpc_bench.simulation.linear_loop import adds_like_einsum, applies, compiled_loop
+from rmpc_bench.simulation.linear_loop import adds_like_einsum, applies, compiled_loop, compiled_products
 from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Draws
@@ -224,9 +223,10 @@ def test_products_add_like_einsum(m):
     rng = np.random.default_rng(m)
     A = rng.standard_normal((4, m)) * 10.0 ** rng.integers(-8, 8, (4, m))
     x = rng.standard_normal((9, m)) * 10.0 ** rng.integers(-8, 8, (9, m))
-    x[0], found = -0.0, np.empty((9, 4))
-    ready(product_kernel, PRODUCT)(A.reshape(1, -1), x, found)
-    assert_same_bits(found, mv(A, x))
+    x[0] = -0.0
+    assert_same_bits(compiled_products(A, x), mv(A, x))
+    own = rng.permuted(np.tile(A, (9, 1, 1)), axis=0)
+    assert_same_bits(compiled_products(own, x), mv(own, x))
 
 
 def test_block_of_an_experiment_is_the_same_either_way(monkeypatch):

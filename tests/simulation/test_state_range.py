@@ -6,7 +6,6 @@ from simulation.test_closed_loop import RUNS, STEPS, TOY, others_unchanged, toy_
 from simulation.toy import Delta, Halfway, Walk
 
 from rmpc_bench.models import servo_kernel
-from rmpc_bench.numerics import linear_loop_kernel
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.simulation.state_range import LARGEST, RunLimits, StateRange
@@ -139,4 +138,4 @@ def test_a_run_that_starts_outside_has_failed_from_the_start(rng):
 
 def test_kernels_have_the_largest_input_too():
     """Their copies, which numba compiles, end the same runs."""
-    assert linear_loop_kernel.LARGEST == servo_kernel.LARGEST == LARGEST
+    assert servo_kernel.LARGEST == LARGEST
