@@ -38,6 +38,7 @@ class Nees(WindowMetric):
 
     name: str = "nees"
 
+    reads: ClassVar[tuple[str, ...]] = ("y", "x", "x_hat")
     better: ClassVar[Direction] = "one"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     needs_P: ClassVar[bool] = True

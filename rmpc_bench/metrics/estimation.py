@@ -32,6 +32,7 @@ class EstimationMse(WindowMetric):
 
     name: str = "estimation_mse"
 
+    reads: ClassVar[tuple[str, ...]] = ("y", "x", "x_hat")
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 

@@ -29,6 +29,7 @@ class InputPower(WindowMetric):
 
     name: str = "input_power"
 
+    reads: ClassVar[tuple[str, ...]] = ("y", "u")
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
@@ -126,6 +127,7 @@ class InputRms(BurstMetric):
 
     name: str = "input_rms"
 
+    reads: ClassVar[tuple[str, ...]] = ("y", "u")
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True

@@ -47,6 +47,11 @@ class ErrorMetric(WindowMetric):
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """The signals of the error."""
+        return {"output": ("y",), "state": ("y", "x"), "estimate": ("y", "x", "x_hat")}[self.of]
+
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window, and estimates of another length than the state."""
         yield from super().check(layout)
@@ -176,6 +181,7 @@ class SettlingTime(WindowMetric):
     name: str = "settling_time"
     band: Positive = 0.05
 
+    reads: ClassVar[tuple[str, ...]] = ("y",)
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     may_not_occur: ClassVar[bool] = True
@@ -235,6 +241,7 @@ class SteadyStateError(WindowMetric):
     name: str = "steady_state_error"
     share: Annotated[Positive, Le(1)] = 0.1
 
+    reads: ClassVar[tuple[str, ...]] = ("y",)
     better: ClassVar[Direction] = "zero"
     to_the_end: ClassVar[bool] = True
 

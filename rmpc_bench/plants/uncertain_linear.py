@@ -294,12 +294,10 @@ class UncertainLinear(Plant):
     def compiled_form(self, delta: Sequences, n_steps: int) -> CompiledPlant:
         """Return the matrices of the system and F_x of every run."""
         m, active = self.system.over_time, self.system.active
-        moved, seen = (), ()
-        if "x" in active:
-            moved, seen = ((Term("x", (m.G_x, delta.F_x, H)),) for H in (m.H_A, m.H_C))
-        driven = (Term("u", (m.B,)),) if "B" in active else ()
-        status = np.full(len(delta.F_x), OK)
-        return CompiledPlant((Term("x", (m.A,)), Term("w"), *moved, *driven), (Term("x", (m.C,)), *seen), status)
+        moved, seen = ([Term("x", (m.G_x, delta.F_x, H))] if "x" in active else [] for H in (m.H_A, m.H_C))
+        driven = [Term("u", (m.B,))] if "B" in active else []
+        step, output = (Term("x", (m.A,)), Term("w"), *moved, *driven), (Term("x", (m.C,)), *seen)
+        return CompiledPlant(step, output, np.full(len(delta.F_x), OK))
 
     def period(self, k: int) -> Period | None:
         """Return the map from (x, [w; v]) to (x(k+1), y(k)) with mean and variance of F; None if F is not white."""

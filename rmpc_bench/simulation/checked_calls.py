@@ -17,6 +17,7 @@ from rmpc_bench.types import (
     Array,
     Command,
     Controller,
+    DesignError,
     Estimate,
     Estimator,
     InvalidReturnValue,
@@ -53,10 +54,24 @@ def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], jou
 
 def metric_values(metric: Metric, record: Record) -> Array:
     """Evaluate a metric and check the shape of its values."""
-    values = metric.evaluate(record)
+    declared = _DeclaredRecord(*record)
+    declared.metric = metric
+    values = metric.evaluate(declared)
     if is_own(metric):
         _check_array(values, f"evaluate of the metric {metric.name!r}", "values", (len(record.y),))
     return values
+
+
+class _DeclaredRecord(Record):
+    """A record whose signals a metric must have declared in `reads`: others may have no rows."""
+
+    metric: Metric | None = None
+
+    def __getattribute__(self, name: str) -> Any:
+        """Return an entry; a DesignError for a signal that is not declared."""
+        if name in ("x", "x_hat", "u") and self.metric is not None and name not in self.metric.reads:
+            raise DesignError(f"the metric {self.metric.name!r} reads {name}, which its `reads` does not contain")
+        return super().__getattribute__(name)
 
 
 class _Checked:

@@ -70,7 +70,9 @@ def simulate_block(
     # A limit of time holds for single steps.
     if not watch.has_limits and applies(experiment, method):
         watch.step(0)
-        simulated = compiled_loop(plant, method, draws, r, n_steps, start=start, **options)
+        whole = n_recorded > 0 or recording.ensemble
+        needed = SIGNALS if whole else {name for metric in experiment.metrics for name in metric.reads}
+        simulated = compiled_loop(plant, method, draws, r, n_steps, start=start, needed=needed, **options)
     record, status = simulated or simulate(plant, method, draws, r, n_steps, start=start, **options)
     evaluated = RunInfo(start.runs, (), status == OK, start.journal)
     record = record._replace(experiment=experiment.metric_layout, runs=evaluated)

@@ -149,15 +149,14 @@ def _simulated(
 ) -> tuple[dict[str, Array], Statuses]:
     """Call the kernel; return x, y, x_hat, u and e (runs, samples, n), and the statuses."""
     from rmpc_bench.numerics.linear_loop_kernel import N_STEPS
-    from rmpc_bench.simulation.loop_program import NONE, NO_STEP, loop_program
+    from rmpc_bench.simulation.loop_program import NO_STEP, NONE, loop_program
 
     n_runs, nx, nu, ny, nh = len(x0), plant.nx, plant.nu, plant.ny, len(filter_.schedule.x0)
     program, layout = loop_program(compiled, filter_, law, (nx, nu, ny, w.shape[2]), limits)
-    widths = {"x": (1, nx), "y": (1, ny), "x_hat": (1, nh), "u": (0, nu), "e": (1, ny)}
-    signals = {
-        name: np.empty((n_runs if name in needed else 0, n_steps + more, n)) for name, (more, n) in widths.items()
-    }
-    # Inputs below this are those with |u| < LARGEST.
+    shapes = {name: (n_steps + 1, n) for name, n in (("x", nx), ("y", ny), ("x_hat", nh))}
+    shapes |= {"u": (n_steps, nu), "e": (n_steps + 1, ny)}
+    signals = {name: np.empty((n_runs if name in needed else 0, *shape)) for name, shape in shapes.items()}
+    # |u| < LARGEST is the same as |u| <= the number below it.
     of_u = np.full((n_runs, nu), np.nextafter(LARGEST, 0.0))
     most = np.concatenate([np.broadcast_to(of_estimates, (n_runs, nh)), of_u, limits.of_x], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -166,7 +165,8 @@ def _simulated(
     noises = (noise if as_compiled(noise).view(np.int64).any() else NONE for noise in (w, v))
     inputs = (x0[:, None], most[:, None], *noises, law.given if len(law.given) > 1 else NONE)
     step = compiled.step if isinstance(compiled.step, StepFunction) else NO_STEP
-    program.run(layout | {N_STEPS: n_steps}, inputs, tuple(signals.values()), status, compiled.status, step)
+    widths = nx, nu, w.shape[2]
+    program.run(layout | {N_STEPS: n_steps}, inputs, tuple(signals.values()), status, compiled.status, widths, step)
     return signals, status
 
 

@@ -1,7 +1,7 @@
 """A plant, a linear filter and a control law as operations of `numerics.linear_loop_kernel`.
 
-A `Program` is a list of sums of rows, or matrices times rows; a row holds one number of every run of a block.  A sum adds
-its terms from the left, as the methods of the components do.
+A `Program` is a list of sums of rows, or of matrices times rows; a row has one number of every run of a block.  A sum
+adds its terms from the left, as the methods of the components do.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rmpc_bench.simulation.state_range import RunLimits
 from rmpc_bench.types import Array, CompiledFilter, CompiledLaw, CompiledPlant, Statuses, StepFunction, Term
 
 LANES = 32
-"""Runs of a block: enough to share the cost of an operation, and few enough that its rows stay in the fastest memory."""
+"""Runs of a block: many enough to share the cost of an operation; the rows of a block stay in the fastest memory."""
 NONE = np.empty((0, 1, 1))
 NO_STEP = StepFunction(kernel.no_step, NONE, np.empty((0, 1)), np.zeros(1, dtype=np.int64), (0, 1))
 
@@ -92,28 +92,36 @@ class Program:
         signals: Sequence[Float[Array, "_ _ _"]],
         status: Statuses,
         reported: Statuses,
+        widths: tuple[int, int, int] = (0, 0, 0),
         step: StepFunction = NO_STEP,
     ) -> None:
-        """Call the kernel with what `places` puts at each position of its layout; `status` and `signals` are written.
+        """Call the kernel, which writes the signals x, y, x_hat, u and e and the statuses.
 
-        The inputs are x0, the limits, w, v and given, (runs, k, n) or (1, k, n); without rows they have no effect.
+        Parameters
+        ----------
+        places : entries of the kernel's layout; others are 0
+        inputs : x0, the limits, w, v and given: (runs, k, n), or without rows where they have no effect
+        signals : (runs, k, n), or without rows where nobody reads them
+        status : at the start
+        reported : what the plant reports at every step
+        widths : lengths of x, u and w
+        step : function of a plant without a linear form
         """
-        layout = np.zeros(kernel.E + 1, dtype=np.int64)
-        matrices = [values for _, values in self.own.values()]
-        layout[kernel.LANES] = max(1, min(LANES, len(status)))
+        lanes, layout = max(1, min(LANES, len(status))), np.zeros(kernel.E + 1, dtype=np.int64)
         layout[kernel.OWN] = next((rows.at for rows, _ in self.own.values()), 0)
-        for position, value in places.items():
-            layout[position] = value
+        layout[list(places)] = list(places.values())
+        matrices = [values for _, values in self.own.values()]
         own = as_compiled(np.concatenate(matrices, axis=2)) if matrices else NONE
         x0, most, *others = map(as_compiled, inputs)
         kernel.ready(kernel.loop_kernel, kernel.LOOP)(
             step.advance, as_compiled(step.own), as_compiled(step.shared), step.sizes, np.zeros(step.work),
-            np.require(reported, np.int8, ["C", "W"]), layout, np.array(self.operations), np.concatenate(self.numbers),
-            np.array(self.start), x0, most, own, *others, *signals, status,
+            np.require(reported, np.int8, ["C", "W"]), *(np.empty(n) for n in (*widths, widths[0])),
+            np.empty((len(self.start), lanes)), *np.empty((2, lanes), np.int8), layout, np.array(self.operations),
+            np.concatenate(self.numbers), np.array(self.start), x0, most, own, *others, *signals, status,
         )  # fmt: skip
 
     def _factor(self, matrix: Array | None = None) -> tuple[int, int, int]:
-        """Return the kind of an operation, where its matrix begins, and how far that of the next sample is from there."""
+        """Return the kind of an operation, where its matrix begins, and the distance to that of the next sample."""
         if matrix is None:
             return kernel.ADD, 0, 0
         if matrix.ndim == 4:
@@ -127,7 +135,7 @@ class Program:
 
     def _append(
         self, kind: int, at: int, every: int, to: Rows, *, base: tuple[int, int] = (0, 0), sign: int = 1,
-        source: Rows = Rows(0, 0),
+        source: tuple[int, int] = (0, 0),
     ) -> None:  # fmt: skip
         """Append an operation, with the columns of the kernel."""
         self.operations.append([kind, *to, *base, sign, *source, at, every])
@@ -139,7 +147,7 @@ def loop_program(
     """Return the operations of a sample and the layout of their rows; `sizes` has nx, nu, ny and the length of w."""
     s, (nx, nu, ny, nw), p = filter_.schedule, sizes, Program()
     nh = len(s.x0)
-    bounds = [np.full(nx, sign * np.inf) if bound is None else bound for sign, bound in ((-1, limits.low), (1, limits.high))]
+    bounds = [np.full(nx, np.nan) if each is None else each for each in (limits.low, limits.high)]
     # The kernel needs these in this order.
     u, x, x_pred = p.rows(np.zeros(nu) if law.start is None else law.start), p.rows(np.zeros(nx)), p.rows(s.x0)
     x_hat, u_next, x_next, pred_next = (p.rows(np.zeros(n)) for n in (nh, nu, nx, nh))
@@ -150,8 +158,8 @@ def loop_program(
     def sum_of(terms: Sequence[Term]) -> list[Signed]:
         return [(1, signals[term.signal], *term.matrices) for term in terms]
 
-    is_linear = not isinstance(plant.step, StepFunction)
-    p.own_matrices([*(plant.step if is_linear else ()), *plant.output])
+    step = () if isinstance(plant.step, StepFunction) else plant.step
+    p.own_matrices([*step, *plant.output])
     output = p.total(*sum_of(plant.output))
     # The true output is that with a noise of zero.
     y = p.total((1, Rows(output.at, ny)), (1, p.rows(np.zeros(ny))))
@@ -160,13 +168,13 @@ def loop_program(
     p.total((1, x_pred), *(((1, e, s.L),) if s.L.any() else ()), to=x_hat)
     measured = len(p.operations)
     _choose(p, law, u, x_hat, given, u_next)
-    if is_linear:
-        p.total(*sum_of(plant.step), to=x_next)
+    if step:
+        p.total(*sum_of(step), to=x_next)
     f = () if s.f is None else ((1, p.vector(s.f)),)
     driven = ((1, u_next, s.B),) if s.B.any() else ()
     p.total((1, x_pred, s.F), *driven, (1, e, s.K), *f, to=pred_next)
     layout = {
-        kernel.NX: nx, kernel.NU: nu, kernel.NH: nh, kernel.MEASURED: measured, kernel.CALLS: not is_linear,
+        kernel.NH: nh, kernel.MEASURED: measured, kernel.CALLS: not step,
         kernel.BOUNDED: limits.low is not None, kernel.NOW: u.at, kernel.X: x.at, kernel.X_HAT: x_hat.at,
         kernel.NEXT_U: u_next.at, kernel.NEXT_X: x_next.at, kernel.MOST: most.at, kernel.LOW: low.at, kernel.W: w.at,
         kernel.V: v.at, kernel.GIVEN: given.at, kernel.Y: y.at, kernel.E: e.at,

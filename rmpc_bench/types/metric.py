@@ -234,6 +234,11 @@ class Metric:
         return False
 
     @attribute
+    def reads(self) -> tuple[str, ...]:
+        """Signals of `Record` that it reads; of x, x_hat and u the simulation may keep only those."""
+        return ("y", "x", "x_hat", "u")
+
+    @attribute
     def needs_info(self) -> tuple[str, ...]:
         """Names of the entries of `Record.info` that it reads; others are not kept."""
         return ()

@@ -276,7 +276,7 @@ class Term(NamedTuple):
     """
 
     signal: Literal["x", "u", "w"]
-    matrices: tuple[Float[Array, "..."], ...] = ()
+    matrices: tuple[Array, ...] = ()
 
 
 class CompiledPlant(NamedTuple):
