@@ -41,7 +41,8 @@ KIND, TO, N, BASE, STEP, SIGN, FROM, M, AT, EVERY = range(10)
 PRODUCT, OWN_PRODUCT, ADD, FILL, CLIP = range(5)
 # Rows of every workspace: two sums, and -0, which leaves every number as it is.
 EVEN, ODD, NOTHING = range(3)
-# Positions in `layout`: sizes, number of operations before the law, what is left out, first rows.
+# Positions in `layout`: sizes, number of operations before the law, whether the plant is a function and whether its
+# states have bounds, first rows.
 N_STEPS, NH, MEASURED, CALLS, BOUNDED = range(5)
 NOW, X, X_HAT, NEXT_U, NEXT_X, MOST, LOW, OWN, W, V, GIVEN, Y, E = range(5, 18)
 
@@ -267,7 +268,8 @@ def loop_kernel(
     its estimates and inputs go on.
     """
     n_steps, nx, nu, nh = layout[N_STEPS], len(x_now), len(u_now), layout[NH]
-    limits_x, n_runs, lanes = layout[MOST] + nh + nu, len(status), rows.shape[1]
+    n_checked, n_runs, lanes = nh + nu, len(status), rows.shape[1]
+    limits_x = layout[MOST] + n_checked
     for first in range(0, n_runs, lanes):
         for row in range(len(start)):
             for lane in range(lanes):
@@ -281,7 +283,6 @@ def loop_kernel(
         _load(rows, layout[X], x0, 0, first, n_runs)
         _load(rows, layout[MOST], most, 0, first, n_runs)
         for k in range(n_steps + 1):
-            n_checked = nh if k == n_steps else nh + nu
             _load(rows, layout[OWN], own, k, first, n_runs)
             _load(rows, layout[W], w, k, first, n_runs)
             _load(rows, layout[V], v, k, first, n_runs)
@@ -291,6 +292,7 @@ def loop_kernel(
             _store(y, rows, layout[Y], k, first)
             _store(x_hat, rows, layout[X_HAT], k, first)
             _store(e, rows, layout[E], k, first)
+            # At the end u(k-1) is looked at again.
             if not _within(rows, layout[X_HAT], layout[MOST], n_checked):
                 alike = False
                 _stop(rows, layout, n_checked, state)

@@ -95,17 +95,10 @@ class Program:
         widths: tuple[int, int, int] = (0, 0, 0),
         step: StepFunction = NO_STEP,
     ) -> None:
-        """Call the kernel, which writes the signals x, y, x_hat, u and e and the statuses.
+        """Call the kernel, which writes the signals x, y, x_hat, u and e, and the statuses.
 
-        Parameters
-        ----------
-        places : entries of the kernel's layout; others are 0
-        inputs : x0, the limits, w, v and given: (runs, k, n), or without rows where they have no effect
-        signals : (runs, k, n), or without rows where nobody reads them
-        status : at the start
-        reported : what the plant reports at every step
-        widths : lengths of x, u and w
-        step : function of a plant without a linear form
+        `places` has entries of its layout, `inputs` are x0, the limits, w, v and given, `widths` those of x, u and w.
+        Inputs that have no effect and signals that nobody reads have no rows.
         """
         lanes, layout = max(1, min(LANES, len(status))), np.zeros(kernel.E + 1, dtype=np.int64)
         layout[kernel.OWN] = next((rows.at for rows, _ in self.own.values()), 0)
