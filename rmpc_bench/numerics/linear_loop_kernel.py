@@ -5,7 +5,7 @@ Phases
     2  the operations of a sample                                 _operate
     3  a plant that is a compiled function                        no_step, rows_kernel
     4  inputs and signals of a sample                             _load, _store
-    5  statuses                                                   _within, _check_inputs, _settle
+    5  statuses                                                   _within, _settle
     6  all samples of all runs                                    loop_kernel
 
 Operations
@@ -222,23 +222,16 @@ def _within(rows: Any, at: int, most: int, n: int) -> bool:  # pragma: no cover
 
 
 @compiled()
-def _stop(rows: Any, layout: Any, n: int, state: Any) -> None:  # pragma: no cover
-    """Set the status of runs whose estimates or inputs, n rows, do not fit."""
-    for lane in range(len(state)):
-        for j in range(n):
-            fits = abs(rows[layout[X_HAT] + j, lane]) <= rows[layout[MOST] + j, lane]
-            if state[lane] == OK and not fits:
-                state[lane] = DIVERGED
-
-
-@compiled()
 def _settle(
-    rows: Any, layout: Any, nx: int, most: int, first: int, reported: Any, state: Any, end: Any
-) -> None:  # pragma: no cover
-    """Set the statuses after a step, and move the runs that have not failed to their next state."""
-    x_next, low = layout[NEXT_X], layout[LOW]
+    rows: Any, layout: Any, nx: int, n_checked: int, first: int, moves: bool, reported: Any, state: Any, end: Any
+) -> None:  # fmt: skip  # pragma: no cover
+    """Set the statuses of a sample, and move the runs that have not failed to their next state."""
+    x_next, low, most = layout[NEXT_X], layout[LOW], layout[MOST] + n_checked
     for lane in range(len(state)):
-        if state[lane] != OK:
+        for j in range(n_checked):
+            if state[lane] == OK and not abs(rows[layout[X_HAT] + j, lane]) <= rows[layout[MOST] + j, lane]:
+                state[lane] = DIVERGED
+        if state[lane] != OK or not moves:
             continue
         fits, inside = True, True
         for j in range(nx):
@@ -269,7 +262,6 @@ def loop_kernel(
     """
     n_steps, nx, nu, nh = layout[N_STEPS], len(x_now), len(u_now), layout[NH]
     n_checked, n_runs, lanes = nh + nu, len(status), rows.shape[1]
-    limits_x = layout[MOST] + n_checked
     for first in range(0, n_runs, lanes):
         for row in range(len(start)):
             for lane in range(lanes):
@@ -292,14 +284,10 @@ def loop_kernel(
             _store(y, rows, layout[Y], k, first)
             _store(x_hat, rows, layout[X_HAT], k, first)
             _store(e, rows, layout[E], k, first)
-            # At the end u(k-1) is looked at again.
-            if not _within(rows, layout[X_HAT], layout[MOST], n_checked):
-                alike = False
-                _stop(rows, layout, n_checked, state)
-            if k == n_steps:
-                break
-            _store(u, rows, layout[NEXT_U], k, first)
-            for lane in range(min(lanes, n_runs - first) if layout[CALLS] != 0 else 0):
+            moves = k < n_steps
+            if moves:
+                _store(u, rows, layout[NEXT_U], k, first)
+            for lane in range(min(lanes, n_runs - first) if moves and layout[CALLS] != 0 else 0):
                 if state[lane] == OK:
                     _take(rows, layout[X], lane, x_now)
                     _take(rows, layout[NEXT_U], lane, u_now)
@@ -307,9 +295,12 @@ def loop_kernel(
                     end[lane] = advance(k, x_now, u_now, w_now, own_of_step[first + lane], shared, sizes, work, x_next)
                     for j in range(nx):
                         rows[layout[NEXT_X] + j, lane] = x_next[j]
-            alike = alike and _within(rows, layout[NEXT_X], limits_x, nx)
+            # At the end u(k-1) and x(k) are looked at again.
+            alike = alike and _within(rows, layout[X_HAT], layout[MOST], n_checked + nx)
             if not alike:
-                _settle(rows, layout, nx, limits_x, first, reported, state, end)
+                _settle(rows, layout, nx, n_checked, first, moves, reported, state, end)
+            if not moves:
+                break
             # u and x_pred of all runs, and x between them where all move on.
             for j in range(nu + nx + nh):
                 if alike or not nu <= j < nu + nx:
