@@ -27,7 +27,7 @@ def servo(noise):
     """Return the experiment of the servomechanism and its draws."""
     from rmpc_bench.config.load import load_config
 
-    made = load_config(SERVO, overrides=[f"noise={noise}"]).experiment
+    made = load_config(SERVO, overrides=[f"noise={noise}", f"runs={RUNS}"]).experiment
     return made, made.scenario.draw(made.plant, range(RUNS), made.n_steps)
 
 
