@@ -33,6 +33,10 @@ STEP_OF_OWN_CODE = 1e-4
 """Time of a step of a run [s] with a component of the user that states no `cost_per_step`."""
 LONG = 4.0
 """Least number of runs of a block by a / b: a is then at most 20 % of its time."""
+LOADING = 2.0
+"""Time of the first block of a method in a process that may go into loading code [s]."""
+MOST = 10.0
+"""Time of a block that `LONG` asks for, at most [s]."""
 MEASURED = 1.0
 """Computing time after which the time of what is left is known [s]."""
 PAYS = 2.0
@@ -80,7 +84,7 @@ class BlockLengths:
         self.seconds = SECONDS
         """Time of a block of the slowest method [s]."""
         self.seconds_done = defaultdict[str, float](float)
-        """Computing time of what is finished of a method, without what a worker has computed while it loaded code."""
+        """Computing time of what is finished of a method, without what may have gone into loading code."""
         self._experiments, self._fixed = experiments, fixed
         # Octave of lengths -> the block that took least per run, as number of runs and time.
         self._blocks: dict[Pair, dict[int, tuple[int, float]]] = {}
@@ -97,8 +101,8 @@ class BlockLengths:
         # A run that has failed outside of the simulation has no time.
         if done.seconds > 0.0 and n:
             block, blocks = (n, done.seconds), self._blocks.setdefault(pair, {})
+            self.seconds_done[name] += max(done.seconds - LOADING, 0.0) if done.loads else done.seconds
             if not done.loads:
-                self.seconds_done[name] += done.seconds
                 # Other programs only add time.
                 octave = n.bit_length()
                 blocks[octave] = min(block, blocks.get(octave, block), key=lambda each: each[1] / each[0])
@@ -130,7 +134,7 @@ class BlockLengths:
             # Towards the end the blocks become shorter, so that all workers end at the same time.
             seconds = min(seconds, max(seconds_left / (2 * workers) * slowest / each, LEAST))
         most = max(1.0, min(map(self._most, pairs)))
-        least = max(1.0, LONG * fixed / each, *map(self._tried, pairs))
+        least = max(1.0, min(LONG * fixed, MOST - fixed) / each, *map(self._tried, pairs))
         wanted = min((seconds - a) / b for a, b in costs)
         # The fit rounds.
         stop = first + math.floor(min(max(wanted, least), most) + 1e-6)
@@ -156,7 +160,8 @@ class BlockLengths:
     def _tried(self, pair: Pair) -> int:
         """Return the least number of runs with which a second length becomes known, without which no fit shows a."""
         known = len(self._blocks.get(pair, ()))
-        return (1 + known) * self._longest[pair] if pair in self._longest and known < 2 else 0
+        is_slow = self._seconds_of_a_run(pair) > self.seconds
+        return (1 + known) * self._longest[pair] if pair in self._longest and known < 2 and not is_slow else 0
 
     def _most(self, pair: Pair) -> float:
         """Return the largest number of runs that memory and experience allow."""
@@ -178,8 +183,10 @@ def fitted(times: Mapping[int, float]) -> tuple[float, float]:
     """Return a and b [s] of the times of some lengths: a >= 0, b > 0, least squares of the relative errors."""
     zero, one, two = (sum(n**power / t**2 for n, t in times.items()) for power in range(3))
     sums = [sum(n**power / t for n, t in times.items()) for power in range(2)]
-    alone = sums[1] / two
-    each = (zero * sums[1] - one * sums[0]) / (zero * two - one**2) if len(times) > 1 else alone
+    alone, determinant = sums[1] / two, zero * two - one**2
+    # Rounding may leave nothing of the determinant.
+    each = (zero * sums[1] - one * sums[0]) / determinant if len(times) > 1 and determinant > 0.0 else alone
+    # A longer block that took less time shows no slope: almost all of it is a.
     each = min(max(each, 1e-9), alone)
     return max(sums[1] - each * two, 0.0) / one, each
 

@@ -112,12 +112,14 @@ def serial(
     try:
         with single_thread(), noted_signals() as signals:
             warm_up_own(experiments)
+            begun = set[str]()
             while not ends() and (task := queue.take()) is not None:
                 for done in contained(experiments, task, lambda error: bool(signals)):
                     if signals:
                         # A component has caught the interruption.
                         signal.raise_signal(signals[0])
-                    yield done
+                    yield done._replace(loads=task.method not in begun)
+                    begun.add(task.method)
     finally:
         forget_draws()
 

@@ -8,7 +8,7 @@ from engines.misbehaving import do_nothing, experiment, raise_value_error
 
 from rmpc_bench.config.load import load_config
 from rmpc_bench.engines import blocks
-from rmpc_bench.engines.blocks import BlockLengths, TaskQueue, fitted, megabytes_of_a_run
+from rmpc_bench.engines.blocks import MOST, BlockLengths, TaskQueue, fitted, megabytes_of_a_run
 from rmpc_bench.engines.choice import here_first
 from rmpc_bench.engines.tasks import Done, Task
 from rmpc_bench.simulation.ensemble import SIZE
@@ -140,13 +140,42 @@ def test_the_first_block_of_a_worker_tells_nothing_of_the_time():
     assert ends[0] == ends[1]
 
 
+def test_first_blocks_of_many_seconds_count_as_computing():
+    """Where every method has one block only, nothing else says that further workers pay."""
+    queue = queue_of(100)
+    for name in (A, B):
+        queue.note(done(Task(name, 0, 2), 2.0, loads=True))
+    assert queue.pays(1)
+
+
+def test_runs_that_take_longer_than_a_block_are_not_doubled():
+    """A second length would cost minutes, and tell nothing of use."""
+    queue = queue_of(100_000)
+    for _ in range(2):
+        for task in queue.take_range():
+            queue.note(done(task, 20.0))
+    assert {len(task.runs) for task in queue.take_range()} == {1}
+
+
+def test_a_fixed_time_asks_for_ten_seconds_at_most():
+    """A block of twice the length in less time shows no slope at all."""
+    queue = queue_of(100_000)
+    for n, seconds in ((4, 3.0), (8, 2.9), (2000, 6.0)):
+        for name in (A, B):
+            queue.note(Done(Task(name, 0, n), None, [], seconds))
+    (first, *_), costs = queue.take_range(), fitted({4: 3.0, 8: 2.9, 2000: 6.0})
+    assert 2 * (costs[0] + costs[1] * len(first.runs)) <= MOST + 0.1
+
+
 @pytest.mark.parametrize(("a", "b"), [(0.3, 2e-3), (0.0, 1e-2), (1e-4, 3.0)])
 def test_times_on_a_line(a, b):
     """The fit finds the line, also from the least of several times."""
     assert fitted({n: a + b * n for n in (7, 20, 90)}) == pytest.approx((a, b), rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.parametrize("times", [{10: 0.4, 20: 0.3}, {10: 0.1, 20: 0.5}, {10: 0.1, 11: 0.4, 80: 0.2}, {3: 0.2}])
+@pytest.mark.parametrize(
+    "times", [{10: 0.4, 20: 0.3}, {10: 0.1, 20: 0.5}, {10: 0.1, 11: 0.4, 80: 0.2}, {3: 0.2}, {8: 7.2e-5, 3: 3937.0}]
+)
 def test_times_on_no_line(times):
     """Neither is below 0; no other line of this kind has smaller relative errors.  Oracle: a grid around it."""
 
