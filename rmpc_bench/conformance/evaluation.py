@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.conformance.results import FROZEN, Check, base_class, copies, require, require_same, require_unchanged
+from rmpc_bench.simulation.checked_calls import declared
 from rmpc_bench.types import Array, Direction, Figure, Issue, Metric, MetricInfo, MetricLayout, Record, ResultLayout
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class MetricExample:
 
     def values(self, metric: Metric) -> Float[Array, " runs"]:
         """Evaluate a metric on a copy of the trajectories."""
-        return metric.evaluate(self.some(range(self.n_runs)))
+        return metric.evaluate(declared(self.some(range(self.n_runs)), metric))
 
     def some(self, rows: Sequence[int]) -> Record:
         """Trajectories of some runs, in memory of their own."""

@@ -7,8 +7,9 @@ the block has failed: a component goes on with the rows of failed runs, whose nu
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Bool
@@ -35,6 +36,7 @@ from rmpc_bench.types import (
 
 _STATUSES = frozenset(int(status) for status in Status)
 _NUMBERS = "fiub"
+_KEPT_FOR_METRICS = ("x", "x_hat", "u")
 
 
 def is_own(design: Any) -> bool:
@@ -54,23 +56,42 @@ def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], jou
 
 def metric_values(metric: Metric, record: Record) -> Array:
     """Evaluate a metric and check the shape of its values."""
-    declared = _DeclaredRecord(*record)
-    declared.metric = metric
-    values = metric.evaluate(declared)
+    values = metric.evaluate(declared(record, metric))
     if is_own(metric):
         _check_array(values, f"evaluate of the metric {metric.name!r}", "values", (len(record.y),))
     return values
 
 
+def signals_read(metric: Metric) -> Collection[str]:
+    """Return the signals that a metric may read; all for a class of the user that does not say itself what it reads.
+
+    A class that is derived from a built-in metric may read more than that.
+    """
+    return _KEPT_FOR_METRICS if is_own(metric) and "reads" not in vars(type(metric)) else metric.reads
+
+
+def declared(record: Record, metric: Metric) -> Record:
+    """Return a record that refuses to give a metric what it has not declared in `reads`."""
+    found = _DeclaredRecord(*record)
+    found.metric, found.missing = metric.name, {*_KEPT_FOR_METRICS} - {*signals_read(metric)}
+    return found
+
+
 class _DeclaredRecord(Record):
     """A record whose signals a metric must have declared in `reads`: others may have no rows."""
 
-    metric: Metric | None = None
+    metric: str = ""
+    missing: Collection[str] = ()
+
+    def _replace(self, **values: Any) -> Self:
+        replaced = super()._replace(**values)
+        replaced.metric, replaced.missing = self.metric, self.missing
+        return replaced
 
     def __getattribute__(self, name: str) -> Any:
         """Return an entry; a DesignError for a signal that is not declared."""
-        if name in ("x", "x_hat", "u") and self.metric is not None and name not in self.metric.reads:
-            raise DesignError(f"the metric {self.metric.name!r} reads {name}, which its `reads` does not contain")
+        if name in _KEPT_FOR_METRICS and name in self.missing:
+            raise DesignError(f"the metric {self.metric!r} reads {name}, which its `reads` does not contain")
         return super().__getattribute__(name)
 
 

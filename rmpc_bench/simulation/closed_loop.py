@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.simulation.block_times import BlockTimes
-from rmpc_bench.simulation.checked_calls import checked_calls, metric_values
+from rmpc_bench.simulation.checked_calls import checked_calls, metric_values, signals_read
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, Recorder
@@ -71,7 +71,7 @@ def simulate_block(
     if not watch.has_limits and applies(experiment, method):
         watch.step(0)
         whole = n_recorded > 0 or recording.ensemble
-        needed = SIGNALS if whole else {name for metric in experiment.metrics for name in metric.reads}
+        needed = SIGNALS if whole else {name for metric in experiment.metrics for name in signals_read(metric)}
         simulated = compiled_loop(plant, method, draws, r, n_steps, start=start, needed=needed, **options)
     record, status = simulated or simulate(plant, method, draws, r, n_steps, start=start, **options)
     evaluated = RunInfo(start.runs, (), status == OK, start.journal)

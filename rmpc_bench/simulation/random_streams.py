@@ -57,11 +57,16 @@ class _KnownSeed(ISpawnableSeedSequence):
     def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
         """Return words of the state."""
         known = n_words == len(self._words) and dtype is np.uint64
-        return self._words if known else self._sequence.generate_state(n_words, dtype)
+        return self._words.copy() if known else self._sequence.generate_state(n_words, dtype)
 
     def spawn(self, n_children: int) -> Any:
         """Return the next children."""
         return self._sequence.spawn(n_children)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._sequence, name)
 
 
 def generators(seed: int, runs: Sequence[int], name: str) -> Iterator[np.random.Generator]:

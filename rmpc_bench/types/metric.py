@@ -235,7 +235,10 @@ class Metric:
 
     @attribute
     def reads(self) -> tuple[str, ...]:
-        """Signals of `Record` that it reads; of x, x_hat and u the simulation may keep only those."""
+        """Signals of `Record` that it reads; of x, x_hat and u the simulation may keep only those.
+
+        A class of the user inherits none: it reads all unless it says itself what it reads.
+        """
         return ("y", "x", "x_hat", "u")
 
     @attribute

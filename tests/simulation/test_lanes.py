@@ -228,13 +228,39 @@ class Modest(Own):
     reads = ("y", "x")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Effort(Mse):
+    """A metric of a user, derived from a built-in one that reads y alone."""
+
+    name: str = "effort"
+
+    def evaluate(self, record):
+        """Add the inputs and the states of a changed record."""
+        return (
+            super().evaluate(record)
+            + np.abs(record.u).sum(axis=(1, 2))
+            + record._replace(y=record.x).y.sum(axis=(1, 2))
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden(Effort):
+    """The same, which says that it reads less, and takes the rest from a changed record."""
+
+    reads = ("y", "u")
+
+    def evaluate(self, record):
+        """Take a signal that is not there."""
+        return record._replace(y=2.0 * record.y).x[:, 0, 0]
+
+
 def experiment_with(*metrics):
     """Linear servomechanism with other metrics, without records."""
     experiment = loaded("zenere2018/sim1").experiment
     return replace(experiment, metrics=metrics, recording=experiment.recording._replace(n_runs=0, ensemble=False))
 
 
-@pytest.mark.parametrize("metrics", [(Mse(),), (Own(),), (Mse(), EstimationMse())])
+@pytest.mark.parametrize("metrics", [(Mse(),), (Own(),), (Mse(), EstimationMse()), (Effort(),)])
 def test_metrics_are_the_same_either_way(metrics, monkeypatch):
     """With and without signals that nobody reads, and of the simulation step by step."""
     experiment = experiment_with(*metrics)
@@ -245,9 +271,10 @@ def test_metrics_are_the_same_either_way(metrics, monkeypatch):
 
 
 @pytest.mark.parametrize("is_compiled", [True, False])
-def test_a_metric_that_reads_more_than_it_says(is_compiled, monkeypatch):
+@pytest.mark.parametrize(("metric", "signal"), [(Modest(), "x_hat"), (Hidden(name="own"), "x")])
+def test_a_metric_that_reads_more_than_it_says(metric, signal, is_compiled, monkeypatch):
     """The error names the metric and the signal."""
-    experiment = experiment_with(Modest())
+    experiment = experiment_with(metric)
     monkeypatch.setattr(closed_loop, "applies", lambda experiment, method: is_compiled)
-    with pytest.raises(DesignError, match="metric 'own' reads x_hat, which its `reads` does not contain"):
+    with pytest.raises(DesignError, match=f"metric 'own' reads {signal}, which its `reads` does not contain"):
         simulate_block(experiment, experiment.methods[0], range(2))

@@ -59,6 +59,8 @@ def test_seeds_of_generators_of_many_runs(altered):
         seed, its = found.bit_generator.seed_seq, expected.bit_generator.seed_seq
         for n_words, dtype in ((4, np.uint64), (4, np.uint32), (5, np.uint64)):
             np.testing.assert_array_equal(seed.generate_state(n_words, dtype), its.generate_state(n_words, dtype))
+            seed.generate_state(n_words, dtype)[:] = 0
+        assert seed.n_children_spawned == its.n_children_spawned == 4 and seed.state == its.state
         assert found.standard_normal(3).tolist() == expected.standard_normal(3).tolist()
 
 
