@@ -114,8 +114,7 @@ def test_all_points_meet_the_same_chance(tmp_path):
     ]  # std 0.01, 0.01, 0.02, 0.02
     for drawn in draws:
         np.testing.assert_array_equal(drawn.x0, draws[0].x0)
-        for one, other in zip(drawn.delta, draws[0].delta, strict=True):
-            np.testing.assert_array_equal(one, other)
+        np.testing.assert_equal(drawn.delta._asdict(), draws[0].delta._asdict())
     np.testing.assert_array_equal(draws[1].v, draws[0].v)
     np.testing.assert_allclose(draws[2].v, 2 * draws[0].v, rtol=1e-15)
     assert draws[0].v.any() and draws[0].x0.any()
