@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from contextlib import AbstractContextManager
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -83,7 +83,7 @@ class _DeclaredRecord(Record):
     metric: str = ""
     missing: Collection[str] = ()
 
-    def _replace(self, **values: Any) -> Self:
+    def _replace(self, **values: Any) -> _DeclaredRecord:
         replaced = super()._replace(**values)
         replaced.metric, replaced.missing = self.metric, self.missing
         return replaced
