@@ -153,7 +153,7 @@ def _run_all(
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
-    gc.freeze()
+    gc.freeze()  # what is loaded stays: no later look passes through it
     gc.set_threshold(*_USUAL)  # components may make cycles that hold large arrays
     _say_shards(request, directory)
     config = _tuned_config(request, config, directory)

@@ -61,7 +61,9 @@ def _import(context: click.Context, parameter: click.Parameter, names: tuple[str
             raise click.BadParameter(text, context, parameter) from None
 
 
-jobs = click.option("-j", "--jobs", type=Workers(), help="Most workers, or auto.  [default: execution.workers]")
+jobs = click.option(
+    "-j", "--jobs", type=Workers(), help="Largest number of workers, or auto.  [default: execution.workers]"
+)
 n_runs = click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the configuration.")
 add_method = click.option(
     "--add-method",

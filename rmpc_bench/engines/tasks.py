@@ -41,7 +41,7 @@ from rmpc_bench.types.basics import Design
 MAX_FRAMES = 30
 """Frames of the bench that are kept, the innermost ones: a recursion without end has a thousand."""
 WAITS = 0.1
-"""Share of computing below which a component waits for something else than a processor, which counts as time."""
+"""Least share of computing in the time of a block; with less, a component waits for a device, and waiting counts."""
 _ROLES: dict[str, tuple[type, ...]] = {
     "estimator": (Estimator, CheckedEstimator),
     "controller": (Controller, CheckedController),
@@ -74,7 +74,7 @@ class Done(NamedTuple):
     seconds: float = 0.0
     """Time that the computation has taken, without waiting for a processor [s]."""
     loads: bool = False
-    """Whether it is the first of its method in a worker, whose time includes that of loading code."""
+    """Whether it is the first of its method in a process, whose time includes that of loading code."""
 
 
 def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH) -> Done:

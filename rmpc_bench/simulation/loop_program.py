@@ -41,6 +41,7 @@ class Program:
         self.start: list[float] = [0.0, 0.0, -0.0]
         self.operations: list[list[int]] = []
         self.numbers: list[Array] = [np.zeros(0)]
+        # By the identity of a matrix; the terms keep it in memory while the operations are written.
         self.own: dict[int, tuple[Rows, Array]] = {}
 
     def rows(self, values: Sequence[float] | Array) -> Rows:
