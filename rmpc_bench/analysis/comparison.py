@@ -11,11 +11,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import FEW, NONE, holm, mean_interval, signed_rank_p, student
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
@@ -105,7 +105,8 @@ class Comparison:
 
 
 COLUMNS = [field.name for field in fields(Comparison)]
-_WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
+WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
+"""Whole numbers that may be missing: NaN in a `Comparison`, None in its row."""
 MANY = 1e15
 """Numbers of runs from which on none is given: the average differs from 0 by rounding only."""
 
@@ -161,18 +162,15 @@ def _averages(point: Trials, pairs: Pairs) -> dict[str, Array]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
+def comparisons(trials: Trials, of: Levels | None = None) -> Rows:
     """Compare every method with the baseline, run by run: the fields of `Comparison` per metric and method."""
     of = of or levels(trials)
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, Any]] = []
     for info in trials.metrics:
         family = compared(trials, info, of)
         adjusted = holm([signed_rank_p(pairs.ranked()) for pairs, _ in family])
         rows += [asdict(row) | {"p_wilcoxon_holm": p_text(p)} for (_, row), p in zip(family, adjusted, strict=True)]
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    for name in _WHOLE:
-        table[name] = table[name].astype("Int64")
-    return table
+    return [row | {name: None if math.isnan(row[name]) else int(row[name]) for name in WHOLE} for row in rows]
 
 
 @np.errstate(over="ignore", invalid="ignore")

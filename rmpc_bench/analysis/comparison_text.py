@@ -87,13 +87,11 @@ def far_worse_bound(rows: Iterable[Mapping[str, Any]], trials: Trials, info: Met
 
 def _inconclusive(row: Mapping[str, Any]) -> str:
     """Name about how many runs would decide, for each word; none where it is the failed runs that leave it open."""
-    import pandas as pd
-
     numbers = [
         (row["runs_for_direction"], "better or worse"),
         (row["runs_for_equivalence"], "equivalent"),
     ]
-    known = [f"{about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
+    known = [f"{about(n)} for {word}" for n, word in numbers if n is not None]
     if known:
         return f"inconclusive (runs needed: {', '.join(known)})"
     has_failures = row["failed_only"] != row["baseline_failed_only"]

@@ -9,14 +9,14 @@ one, which may explain in its place.  Below `FEWEST` runs nothing is resolved.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows, rows_at
 from rmpc_bench.analysis.responses import (
     Region,
     RegionMean,
@@ -124,18 +124,17 @@ def _correlated(values: Mapping[str, Array]) -> tuple[tuple[str, str], ...]:
 
 def inputs(trials: Trials) -> Inputs:
     """Collect the uncertain quantities that differ between the runs of a table."""
-    table = trials.uncertainty
-    if "run" not in table:
+    table = trials.quantities
+    if "run" not in table or not len(trials.runs) or not np.isin(trials.runs, table["run"]).all():
         return Inputs({}, ())
-    rows = table.set_index("run").reindex(trials.runs)
-    values = {str(name): rows[name].to_numpy(dtype=float) for name in rows.columns}
+    rows = rows_at(table, np.searchsorted(table["run"], trials.runs))
     # At a point of a sweep where a quantity does not exist its column is empty.
-    values = {name: column for name, column in values.items() if len(column) and np.isfinite(column).all()}
+    values = {name: column for name, column in rows.items() if name != "run" and np.isfinite(column).all()}
     constant = [name for name, column in values.items() if _is_constant(column)]
     return Inputs({name: column for name, column in values.items() if name not in constant}, tuple(constant))
 
 
-def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: bool = True) -> pd.DataFrame:
+def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: bool = True) -> Rows:
     """Compute the drivers of every method: a row per quantity, one for the rest, one that says where it fails."""
     metric, found = info or trials.primary_info, inputs(trials)
     rows: list[Driver] = []
@@ -156,7 +155,7 @@ def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: boo
             failed = trials.failed(response.method) | trials.failed(trials.baseline)
             rows += _rows(response, metric, found, fit, worst, shared, int(failed.sum()))
             rows += _failure_row(trials, response, metric, found) if with_regions else ()
-    return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
+    return [asdict(row) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -297,7 +296,6 @@ def _is_constant(column: Array) -> bool:
     return float(np.ptp(column)) <= NEGLIGIBLE * float(np.abs(column).max(initial=0.0))
 
 
-Row = Mapping[Hashable, Any]
 LITTLE = "the uncertain quantities explain little of the change"
 """What is said where no quantity is named."""
 MOST_OF = 0.5
@@ -306,7 +304,7 @@ MUCH_OF = 0.25
 """Share from which on two quantities are named."""
 
 
-def share_text(row: Row) -> str:
+def share_text(row: Mapping[str, Any]) -> str:
     """Write a share with its interval in per cent, such as ``79 % [67, 85]``; ``-`` in place of one that is unclear.
 
     Parameters
@@ -326,7 +324,7 @@ def per_cent(share: float) -> str:
     return decimal_text(min(100.0, max(0.0, 100 * float(share))), 0)
 
 
-def gist(rows: Iterable[Row], baseline: str) -> str:
+def gist(rows: Rows, baseline: str) -> str:
     """Say in a few words what drives the changes from the baseline; nothing where no share is resolved.
 
     Parameters

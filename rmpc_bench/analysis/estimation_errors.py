@@ -7,7 +7,6 @@ Applications to Tracking and Navigation, 2001, Section 5.4).  A singular P has a
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -123,14 +122,9 @@ def ensemble_errors(point: Trials, method: str, *, exact: bool) -> ErrorMoments 
     method : name of the method
     exact : the exact moments, and not those from runs
     """
-    series = point.series
-    chosen = (series["method"] == method) & series["quantity"].isin((MEAN, SCATTER))
-    rows = series[chosen & ((series["n"] == 0) == exact)]
-    if set(rows["quantity"]) != {MEAN, SCATTER}:
-        return None
-    only = replace(point, series=rows)
-    mean, cov = (only.matrix_series(name, method) for name in (MEAN, SCATTER))
-    return ErrorMoments(-mean, cov, only.n_of(MEAN, method))
+    found = ([each for each in point.series_of(name, method) if (each.n == 0) == exact] for name in (MEAN, SCATTER))
+    mean, cov = (next(iter(each), None) for each in found)
+    return None if mean is None or cov is None else ErrorMoments(-mean.values, cov.values, mean.n)
 
 
 def reported_covariance(point: Trials, method: str, n_samples: int) -> Array | None:

@@ -30,8 +30,8 @@ def layout_of(trials: Trials) -> ResultLayout:
         methods=trials.methods,
         metrics=tuple(info.name for info in trials.metrics),
         points=tuple(point.point for point in trials.each),
-        has_runs=len(trials.frame) > 0,
-        is_uncertain=any(len(point.uncertainty.columns) > 1 for point in trials.each),
+        has_runs=len(trials.runs) > 0,
+        is_uncertain=any(len(point.quantities) > 1 for point in trials.each),
         signals={
             name: {signal: traces.shapes.get(signal, values.shape[2:]) for signal, values in traces.signals.items()}
             for name, traces in recorded.items()
@@ -46,8 +46,6 @@ def layout_of(trials: Trials) -> ResultLayout:
 def _shapes(trials: Trials) -> dict[str, dict[str, tuple[int, ...]]]:
     """Return method -> series -> shape, axis 0 = k."""
     found: dict[str, dict[str, tuple[int, ...]]] = {}
-    for (method, quantity), rows in trials.series.groupby(["method", "quantity"], sort=False):
-        entries = [[int(part) for part in text.split(",") if part] for text in rows["component"].unique()]
-        sizes = (max(indices) + 1 for indices in zip(*entries, strict=True))
-        found.setdefault(str(method), {})[str(quantity)] = (rows["k"].nunique(), *sizes)
+    for each in trials.over_time:
+        found.setdefault(each.method, {}).setdefault(each.quantity, each.values.shape)
     return found

@@ -14,8 +14,8 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import far_worse
@@ -50,17 +50,17 @@ class LostRuns:
 COLUMNS = [field.name for field in fields(LostRuns)]
 
 
-def lost_runs(trials: Trials) -> pd.DataFrame:
+def lost_runs(trials: Trials) -> Rows:
     """Count the lost runs of every method at one point, whose baseline need not be shown: rows of `LostRuns`.
 
     Empty where no factor is given.
     """
     info, factor = trials.primary_info, trials.lost
     if info is None or factor is None:
-        return pd.DataFrame([], columns=COLUMNS)
+        return []
     # A table may show some of the methods only.
     whole = replace(trials, methods=tuple(dict.fromkeys([*trials.methods, trials.baseline])))
-    return pd.DataFrame([asdict(_lost(whole, name, info.name, factor)) for name in trials.methods], columns=COLUMNS)
+    return [asdict(_lost(whole, name, info.name, factor)) for name in trials.methods]
 
 
 def _lost(trials: Trials, method: str, metric: str, factor: float) -> LostRuns:

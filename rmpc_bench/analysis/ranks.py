@@ -310,7 +310,7 @@ def ranking(trials: Trials) -> Ranking | None:
     None where it does not, there is only one method or no run, or a value of the primary metric has no logarithm.
     """
     info = trials.primary_info
-    if not trials.ranks or info is None or len(trials.methods) < 2 or not len(trials.frame):
+    if not trials.ranks or info is None or len(trials.methods) < 2 or not len(trials.runs):
         return None
     found = losses(trials, info)
     if found is None:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
-from weakref import ref
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, margin_of
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
@@ -218,7 +217,7 @@ class ResultTable(NamedTuple):
         return " ".join(filter(None, self.change_texts(row)))
 
 
-def result_table(trials: Trials, described: pd.DataFrame, compared: pd.DataFrame, info: MetricInfo) -> ResultTable:
+def result_table(trials: Trials, described: Rows, compared: Rows, info: MetricInfo) -> ResultTable:
     """Collect the rows of one metric at one point.
 
     Parameters
@@ -227,8 +226,8 @@ def result_table(trials: Trials, described: pd.DataFrame, compared: pd.DataFrame
     described, compared : of `statistics.summary` and `comparison.comparisons`
     info : the metric
     """
-    of_summary = _rows_of(described).get(info.name, {})
-    of_pairs = _rows_of(compared).get(info.name, {})
+    of_summary = {row["method"]: row for row in described if row["metric"] == info.name}
+    of_pairs = {row["method"]: row for row in compared if row["metric"] == info.name}
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())
     rows = [_row(trials, info, name, of_summary.get(name, _NONE), of_pairs.get(name, {})) for name in _names(trials)]
     return ResultTable(trials, info, rows, _form(of_pairs), may_not_occur)
@@ -251,27 +250,12 @@ _NONE = {"n": 0, "n_failed": 0, "did_not_occur": 0, **dict.fromkeys(NUMBERS, mat
 
 def _names(trials: Trials) -> list[str]:
     """Return the methods of a table, with those that are not computed unless it shows some of the methods only."""
-    if not len(trials.frame) or not {*trials.frame["method"].unique()} <= {*trials.methods}:
+    if not len(trials.runs) or not {*trials.columns["method"].tolist()} <= {*trials.methods}:
         return [*trials.methods]
     known = [name for name in trials.all_methods if name in trials.methods]
     if known == [*trials.methods]:
         return [*trials.all_methods]
     return [*trials.methods, *(name for name in trials.all_methods if name not in trials.methods)]
-
-
-_Rows = dict[str, dict[str, dict[str, Any]]]
-_known: dict[int, tuple[ref[pd.DataFrame], _Rows]] = {}
-
-
-def _rows_of(table: pd.DataFrame) -> _Rows:
-    """Return metric -> method -> row; made once for a table, which all pages, tables and figures share."""
-    key = id(table)
-    if key not in _known:
-        rows: _Rows = {}
-        for row in table.to_dict("records"):
-            rows.setdefault(row["metric"], {})[row["method"]] = row
-        _known[key] = ref(table, lambda _: _known.pop(key)), rows
-    return _known[key][1]
 
 
 def _form(compared: Mapping[str, Mapping[str, Any]]) -> Form:

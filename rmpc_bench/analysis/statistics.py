@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import NONE, quantiles, standard_error, student, wilson
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.analysis.trials import Trials
@@ -27,14 +27,13 @@ SUMMARY = ["method", "metric", "n", "n_failed", *NUMBERS, "did_not_occur"]
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def summary(trials: Trials) -> pd.DataFrame:
+def summary(trials: Trials) -> Rows:
     """Describe every metric of every method.
 
     One row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and `did_not_occur`
     those of them that are inf.  Where there is one, or could be, mean, se and interval (Student t) are NaN.
     """
-    rows = [_describe(trials, method, info) for method in trials.methods for info in trials.metrics]
-    return pd.DataFrame(rows, columns=SUMMARY)
+    return [_describe(trials, method, info) for method in trials.methods for info in trials.metrics]
 
 
 def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
@@ -101,10 +100,9 @@ class PassRate:
 COLUMNS = [field.name for field in fields(PassRate)]
 
 
-def pass_rates(trials: Trials) -> pd.DataFrame:
+def pass_rates(trials: Trials) -> Rows:
     """Count the runs that meet each requirement, a row per requirement and method with the fields of `PassRate`."""
-    rows = [_rate(trials, each, method) for each in trials.requirements for method in trials.methods]
-    return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
+    return [asdict(_rate(trials, each, method)) for each in trials.requirements for method in trials.methods]
 
 
 def _rate(trials: Trials, requirement: Requirement, method: str) -> PassRate:

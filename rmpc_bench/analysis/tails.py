@@ -18,8 +18,8 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import NONE, Interval, order_ranks, quantile, wilson
 from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.analysis.trials import Trials
@@ -41,7 +41,7 @@ COLUMNS = (
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def tails(trials: Trials) -> pd.DataFrame:
+def tails(trials: Trials) -> Rows:
     """Describe the worst runs of every method in every metric.
 
     What is described is the distance from the best value: the size of a metric that is best at 0, max(x, 1/x) of one
@@ -49,10 +49,9 @@ def tails(trials: Trials) -> pd.DataFrame:
 
     One row per method and metric with the columns `COLUMNS`, from the `n` finished runs of one point; the worst 5 % of
     them begin at `tail_quantile` and have the mean `cvar`; the share of runs in which the event did not occur has its
-    Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, <NA> without one.
+    Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, None without one.
     """
-    rows = [_row(trials, method, info) for method in trials.methods for info in trials.metrics]
-    return pd.DataFrame(rows, columns=COLUMNS).astype({"worst_run": "Int64"})
+    return [_row(trials, method, info) for method in trials.methods for info in trials.metrics]
 
 
 def _row(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:

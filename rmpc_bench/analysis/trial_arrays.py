@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float, Int
 
 from rmpc_bench.analysis.rounding import rounded
@@ -73,25 +72,23 @@ def values_of(points: Points, column: str) -> Array:
     # Texts of one length: netCDF has no objects.
     values: Array = np.full(shape, "", dtype="<U16") if is_text else np.full(shape, np.nan)
     for place, table in zip(points.places, points.tables, strict=True):
-        frame = table.frame
-        method = np.array([points.methods.index(name) for name in frame[METHOD]], dtype=int)
-        run = np.searchsorted(points.runs, frame[RUN].to_numpy(dtype=np.int64))
-        values[place][method, run] = frame[column].to_numpy(dtype=str if is_text else float)
+        columns = table.columns
+        method = np.array([points.methods.index(name) for name in columns[METHOD]], dtype=int)
+        values[place][method, np.searchsorted(points.runs, columns[RUN])] = columns[column]
     return values
 
 
 def _uncertainty(points: Points) -> dict[str, Any]:
     """Return the uncertain quantities: over the runs, or over sweep and runs where points differ."""
-    names = dict.fromkeys(name for table in points.tables for name in table.uncertainty.columns if name != RUN)
+    names = dict.fromkeys(name for table in points.tables for name in table.quantities if name != RUN)
     found: dict[str, Any] = {}
     for name in names:
         values = np.full((*points.shape, len(points.runs)), np.nan)
         for place, table in zip(points.places, points.tables, strict=True):
-            frame = table.uncertainty
-            rows = np.isin(frame[RUN], points.runs) if name in frame else np.zeros(0, dtype=bool)
+            columns = table.quantities
+            rows = np.isin(columns[RUN], points.runs) if name in columns else np.zeros(0, dtype=bool)
             if rows.any():
-                run = np.searchsorted(points.runs, frame[RUN][rows])
-                values[place][run] = frame[name][rows]
+                values[place][np.searchsorted(points.runs, columns[RUN][rows])] = columns[name][rows]
         flat = values.reshape(-1, len(points.runs))
         same = all(np.array_equal(row, flat[0], equal_nan=True) for row in flat)
         found[name] = (RUN, flat[0]) if same else ((*points.dims, RUN), values)
@@ -132,35 +129,29 @@ def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "metho
 
 def rounded_trials(trials: Trials) -> Trials:
     """Round all numbers to six digits; nothing becomes 0, which a logarithmic axis cannot show."""
-    metrics = [info.name for info in trials.metrics]
     # Points of a sweep share the series of designs that do not depend on it.
-    series: dict[int, pd.DataFrame] = {}
-    return _rounded(trials, metrics, series)
+    return _rounded(trials, [info.name for info in trials.metrics], {})
 
 
-def _rounded(trials: Trials, metrics: list[str], series: dict[int, pd.DataFrame]) -> Trials:
+def _rounded(trials: Trials, metrics: list[str], known: dict[int, Array]) -> Trials:
     # Columns that stay are shared with the other table, and parts of a column need little memory.
-    columns = {name: _rounded_column(trials.frame[name]) for name in metrics}
-    if id(trials.series) not in series:
-        series[id(trials.series)] = trials.series.assign(value=_rounded_column(trials.series["value"]))
+    for each in trials.over_time:
+        if id(each.values) not in known:
+            known[id(each.values)] = _rounded_column(each.values.ravel()).reshape(each.values.shape)
     return trials.with_numbers(
-        trials.frame.assign(**columns),
-        series=series[id(trials.series)],
-        uncertainty=_rounded_quantities(trials.uncertainty),
+        columns={**trials.columns, **{name: _rounded_column(trials.columns[name]) for name in metrics}},
+        over_time=[each._replace(values=known[id(each.values)]) for each in trials.over_time],
+        quantities={
+            name: column if name == RUN else _rounded_column(column) for name, column in trials.quantities.items()
+        },
         traces={method: _rounded_traces(traces) for method, traces in trials.traces.items()},
-        points=tuple(_rounded(point, metrics, series) for point in trials.points),
+        points=tuple(_rounded(point, metrics, known) for point in trials.points),
     )
 
 
-def _rounded_column(column: pd.Series) -> Array:
-    values = column.to_numpy(dtype=float)
+def _rounded_column(values: Array) -> Array:
     parts = [rounded(values[first : first + ROWS]) for first in range(0, len(values), ROWS)]
     return np.concatenate(parts) if parts else values
-
-
-def _rounded_quantities(table: pd.DataFrame) -> pd.DataFrame:
-    columns = {name: _rounded_column(table[name]) for name in table.columns if name != "run"}
-    return table.assign(**columns)
 
 
 def _rounded_traces(traces: Traces) -> Traces:

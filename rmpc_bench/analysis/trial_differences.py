@@ -123,7 +123,7 @@ def trial_differences(a: Trials, b: Trials, tolerance: float = 0.0) -> TrialDiff
     metrics = [info.name for info in a.metrics if info.name in {other.name for other in b.metrics}]
     for one, other in common:
         for method in (name for name in one.methods if name in other.methods):
-            words_a, words_b = _statuses(one, method), _statuses(other, method)
+            words_a, words_b = one.statuses(method), other.statuses(method)
             both = sorted(words_a.keys() & words_b.keys())
             n_trials += len(both)
             alone = (tuple(sorted(words_a.keys() - words_b.keys())), tuple(sorted(words_b.keys() - words_a.keys())))
@@ -167,11 +167,6 @@ def _title(table: Trials) -> str:
 
 def _alone(a: Sequence[str], b: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(name for name in a if name not in b), tuple(name for name in b if name not in a)
-
-
-def _statuses(table: Trials, method: str) -> dict[int, str]:
-    rows = table.frame[table.frame["method"] == method]
-    return dict(zip(rows["run"].tolist(), rows["status"].tolist(), strict=True))
 
 
 def _values(one: Trials, other: Trials, method: str, metric: str, runs: Array, tolerance: float) -> MetricDifference:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Columns, Series, data_frame, rows_at, series_columns, stacked, with_point
 from rmpc_bench.analysis.levels import PlannedLook
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import RunGroups, Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
 from rmpc_bench.types.metric import ComparisonKeys, Requirement
 from rmpc_bench.types.tuning import Tuning
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,11 +34,10 @@ class Trials(ComparisonKeys):
     name : name of the experiment
     methods : names in the order of the configuration
     labels : method name -> text for tables and figures
-    metrics : one record per metric column of `frame`
-    frame : columns `method, run, status` and one float column per metric (NaN where the run failed, inf where
-        an event did not occur), sorted by method (order of the configuration), then run
-    series : columns `method, quantity, component, k, n, value`; `component` is a text such as "0,1", "2" or "" for
-        scalars; n = 0 means exact
+    metrics : one record per metric of `columns`
+    columns : columns `method, run, status` and one of floats per metric (NaN where the run failed, inf where an event
+        did not occur), sorted by method (order of the configuration), then run; `frame` is the same as a data frame
+    over_time : series of the designs and of the ensemble; `series` is a data frame of them
     baseline : the method that all others are compared with
     confidence : level of every interval, such as 0.95
     relevant : the smallest relative change that matters, such as 0.01
@@ -52,7 +55,7 @@ class Trials(ComparisonKeys):
     units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
     names : component of a signal, such as y.0 -> its name
     traces : method -> its recorded runs
-    paths : the columns of a sweep, which come first in `frame` and `series`; empty without one
+    paths : the columns of a sweep, which come first in `columns` and `series`; empty without one
     points : the tables of a sweep's points; empty without one
     alike : whether the methods are the same at all points, which then differ in the true system only
     point : path -> value as text, where the table is a point of a sweep
@@ -61,7 +64,8 @@ class Trials(ComparisonKeys):
     oracles : methods whose estimator is an oracle
     declared : all methods of the experiment, also those that have no stored runs; `methods` if empty
     notes : method -> failures, held steps and warnings of its runs
-    uncertainty : column ``run`` and one per named uncertain quantity; empty for a whole sweep, whose points have it
+    quantities : column ``run``, ascending, and one per named uncertain quantity; empty for a whole sweep, whose points
+        have it; `uncertainty` is the same as a data frame
     requirements : what the metric of a run must keep
     random_besides : what else is random in a run, such as ``noise``; None where the store does not say
     limitations : what a comparison with this plant cannot show, as sentences
@@ -76,8 +80,8 @@ class Trials(ComparisonKeys):
     methods: tuple[str, ...]
     labels: Mapping[str, str]
     metrics: tuple[MetricInfo, ...]
-    frame: pd.DataFrame
-    series: pd.DataFrame
+    columns: Columns
+    over_time: Sequence[Series]
     baseline: str
     confidence: float
     relevant: float
@@ -104,7 +108,7 @@ class Trials(ComparisonKeys):
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
-    uncertainty: pd.DataFrame = field(default_factory=pd.DataFrame)
+    quantities: Columns = field(default_factory=dict)
     random_besides: tuple[str, ...] | None = None
     limitations: tuple[str, ...] = ()
     requirements: tuple[Requirement, ...] = ()
@@ -115,6 +119,21 @@ class Trials(ComparisonKeys):
 
     def __repr__(self) -> str:
         return f"<Trials of {self.name!r}: {len(self.runs)} runs of {len(self.methods)} methods>"
+
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """The table of trials."""
+        return data_frame(self.columns)
+
+    @cached_property
+    def series(self) -> pd.DataFrame:
+        """Columns `method, quantity, component, k, n, value`; `component` is such as "0,1", n = 0 means exact."""
+        return data_frame(series_columns(self.over_time, self.paths))
+
+    @cached_property
+    def uncertainty(self) -> pd.DataFrame:
+        """The named uncertain quantities."""
+        return data_frame(self.quantities)
 
     def with_tuning(self, tuning: Tuning | None) -> Trials:
         """Return the same trials, and points of a sweep, with a record of how parameters were chosen."""
@@ -128,7 +147,7 @@ class Trials(ComparisonKeys):
     @property
     def is_random(self) -> bool:
         """Whether runs differ by chance, as far as the store says; else a single run is all there is."""
-        return self.random_besides != () or any(len(point.uncertainty.columns) > 1 for point in self.each)
+        return self.random_besides != () or any(len(point.quantities) > 1 for point in self.each)
 
     @property
     def primary_info(self) -> MetricInfo | None:
@@ -161,13 +180,13 @@ class Trials(ComparisonKeys):
         return self if runs is None else self._of_runs(runs)
 
     def _of_runs(self, runs: Array) -> Trials:
-        def kept(table: pd.DataFrame) -> pd.DataFrame:
-            return table[table["run"].isin(runs)].reset_index(drop=True) if "run" in table else table
+        def kept(table: Columns) -> Columns:
+            return rows_at(table, np.isin(table["run"], runs)) if "run" in table else table
 
         return replace(
             self,
-            frame=kept(self.frame),
-            uncertainty=kept(self.uncertainty),
+            columns=kept(self.columns),
+            quantities=kept(self.quantities),
             traces={name: traces.of_runs(runs) for name, traces in self.traces.items()},
             notes={name: notes.of_runs(runs) for name, notes in self.notes.items()},
         )
@@ -179,7 +198,7 @@ class Trials(ComparisonKeys):
         return replace(
             self,
             methods=methods,
-            frame=stacked_rows([with_point(point.frame, point.point) for point in points]),
+            columns=stacked([with_point(point.columns, point.point) for point in points]),
             baseline=self.baseline if self.baseline in methods else (*methods, "")[0],
             points=tuple(points),
         )
@@ -197,12 +216,12 @@ class Trials(ComparisonKeys):
 
     def pooled(self) -> Trials:
         """Take the runs of all points of a sweep together, numbered on from point to point."""
-        n_runs = max(int(table.frame["run"].max()) for table in self.points) + 1
-        frames = [table.frame.assign(run=table.frame["run"] + n * n_runs) for n, table in enumerate(self.points)]
+        n_runs = max(int(table.runs[-1]) for table in self.points) + 1
+        tables = [{**table.columns, "run": table.columns["run"] + n * n_runs} for n, table in enumerate(self.points)]
         return replace(
             self,
-            frame=stacked_rows(frames).drop(columns=list(self.paths), errors="ignore"),
-            series=self.series.iloc[:0],
+            columns=stacked(tables),
+            over_time=(),
             paths=(),
             points=(),
             title=f"all {len(self.points)} points together",
@@ -211,13 +230,12 @@ class Trials(ComparisonKeys):
     @cached_property
     def runs(self) -> Array:
         """The run indices of the table, ascending."""
-        return np.unique(self.frame["run"].to_numpy(dtype=np.int64))
+        return np.unique(self.columns["run"])
 
     @cached_property
     def _rows(self) -> dict[str, tuple[Array, Array, Array]]:
         """Per method the positions of its rows in the table and in `runs`, and which of them ended well."""
-        names, runs = self.frame["method"].to_numpy(dtype=object), self.frame["run"].to_numpy(dtype=np.int64)
-        ok = self.frame["status"].to_numpy(dtype=object) == Status.OK.word
+        names, runs, ok = self.columns["method"], self.columns["run"], self.columns["status"] == Status.OK.word
         rows = {name: np.flatnonzero(names == name) for name in self.methods}
         return {name: (found, np.searchsorted(self.runs, runs[found]), ok[found]) for name, found in rows.items()}
 
@@ -237,11 +255,11 @@ class Trials(ComparisonKeys):
 
     def has_negative(self, metric: str) -> bool:
         """Whether a metric is negative in a run that ended well."""
-        return bool((self.frame[metric].to_numpy(dtype=float)[self._finished] < 0).any())
+        return bool((self.columns[metric][self._finished] < 0).any())
 
-    def with_numbers(self, frame: pd.DataFrame, **changes: Any) -> Trials:
-        """Return the same trials with other values of the metrics; methods, runs and statuses are those of `frame`."""
-        made = replace(self, frame=frame, **changes)
+    def with_numbers(self, **changes: Any) -> Trials:
+        """Return the same trials with other metrics, or other values of them; methods, runs and statuses stay."""
+        made = replace(self, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
         for name in {"runs", "_rows", "_complete", "_finished"} & set(self.__dict__):
             made.__dict__[name] = self.__dict__[name]
@@ -260,11 +278,11 @@ class Trials(ComparisonKeys):
         (n_runs,) values in the order of `runs`; NaN where the run failed or has no value, inf without the event
         """
         if method in self._complete:
-            return np.array(self.frame[metric].to_numpy(dtype=float)[self._complete[method]])
+            return np.array(self.columns[metric][self._complete[method]])
         values = np.full(len(self.runs), np.nan)
         if method in self._rows:
             rows, places, ok = self._rows[method]
-            values[places[ok]] = self.frame[metric].to_numpy(dtype=float)[rows[ok]]
+            values[places[ok]] = self.columns[metric][rows[ok]]
         return values
 
     def pairs(self, metric: str, method: str, other: str) -> tuple[Array, Array]:
@@ -282,6 +300,11 @@ class Trials(ComparisonKeys):
         a, b = self.column(metric, method), self.column(metric, other)
         both = ~(np.isnan(a) | np.isnan(b))
         return a[both], b[both]
+
+    def statuses(self, method: str) -> dict[int, str]:
+        """Return run -> word of its status, of the runs of a method."""
+        rows = rows_at({name: self.columns[name] for name in ("run", "status")}, self.columns["method"] == method)
+        return dict(zip(rows["run"].tolist(), rows["status"].tolist(), strict=True))
 
     def failed(self, method: str) -> Array:
         """Return whether a method failed, (n_runs,) in the order of `runs`; an absent run did not."""
@@ -303,19 +326,14 @@ class Trials(ComparisonKeys):
             failed |= {(name, table.keys.get(name)): table.n_failed(name) for name in table.methods}
         return sum(failed.values())
 
-    @cached_property
-    def _series_rows(self) -> Mapping[tuple[str, str], Array]:
-        """Quantity and method -> positions of their rows in `series`, found once: comparing texts is slow."""
-        found: Mapping[tuple[str, str], Array] = self.series.groupby(["quantity", "method"], sort=False).indices
-        return found
-
-    def _series_of(self, quantity: str, method: str) -> pd.DataFrame:
-        return self.series.iloc[self._series_rows.get((quantity, method), np.zeros(0, dtype=np.int64))]
+    def series_of(self, quantity: str, method: str) -> list[Series]:
+        """Return the series of a quantity of a method, the exact one first, then that from most runs."""
+        found = [each for each in self.over_time if (each.quantity, each.method) == (quantity, method)]
+        return sorted(found, key=lambda each: -each.n if each.n else -math.inf)
 
     def n_of(self, quantity: str, method: str) -> int:
         """Count the runs that `matrix_series` of a quantity stands on; 0 where it is exact."""
-        n = self._series_of(quantity, method)["n"].to_numpy(dtype=np.int64)
-        return 0 if (n == 0).any() else int(n.max(initial=0))
+        return next((each.n for each in self.series_of(quantity, method)), 0)
 
     def run_groups(self, quantity: str, method: str) -> RunGroups | None:
         """Groups of runs that can be left out of a moment of the ensemble, such as ``cov(e)``.
@@ -329,11 +347,11 @@ class Trials(ComparisonKeys):
         """Return method -> its recorded runs, with NaN after the sample at which a run has failed."""
         found = {}
         for method, trace in self.traces.items():
-            failed = self.frame.loc[(self.frame["method"] == method) & (self.frame["status"] != Status.OK.word), "run"]
+            failed = {*self.runs[self.failed(method)].tolist()}
             # A built-in component says no sample; nothing of the plant moves after it.
             state = trace.signals.get("x", trace.signals.get("y", ()))
             recorded = zip(trace.runs.tolist(), state, strict=False)
-            last = {run: last_new_sample(x) for run, x in recorded if run in failed.to_numpy()}
+            last = {run: last_new_sample(x) for run, x in recorded if run in failed}
             for each in self.notes[method].failures if method in self.notes else ():
                 if each.component == "metric":
                     last.pop(each.run, None)
@@ -355,7 +373,7 @@ class Trials(ComparisonKeys):
         return {}
 
     def matrix_series(self, quantity: str, method: str) -> Array:
-        """Assemble a series of a design; where it exists exactly and from runs, the exact one counts.
+        """Return a series of a design; where it exists exactly and from runs, the exact one counts.
 
         Parameters
         ----------
@@ -364,34 +382,13 @@ class Trials(ComparisonKeys):
 
         Returns
         -------
-        (samples,), (samples, rows) or (samples, rows, columns) array with axis 0 = k, NaN where an entry is absent
+        (samples,), (samples, rows) or (samples, rows, columns) array with axis 0 = k
 
         Raises
         ------
         KeyError
             when the method has no such series
         """
-        rows = self._series_of(quantity, method)
-        if rows.empty:
-            raise KeyError(f"{method} has no series {quantity}")
-        n = rows["n"].to_numpy(dtype=np.int64)
-        rows = rows[n == (0 if (n == 0).any() else n.max())]
-        entries = np.array([_indices(text) for text in rows["component"]], dtype=np.int64)
-        samples, position = np.unique(rows["k"].to_numpy(dtype=np.int64), return_inverse=True)
-        values = np.full((len(samples), *(entries.max(axis=0) + 1)), np.nan)
-        values[(position, *entries.T)] = rows["value"].to_numpy(dtype=float)
-        return values
-
-
-def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:
-    """Put the columns of a sweep in front of a table."""
-    return pd.concat([pd.DataFrame(dict(point), index=frame.index, dtype=object), frame], axis=1)
-
-
-def stacked_rows(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Join the tables that have rows: pandas versions differ in the types of columns that empty tables cause."""
-    return pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
-
-
-def _indices(component: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in component.split(",")) if component else ()
+        for each in self.series_of(quantity, method):
+            return each.values
+        raise KeyError(f"{method} has no series {quantity}")

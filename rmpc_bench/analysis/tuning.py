@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.types import Array
@@ -114,10 +113,9 @@ def outcome(search: TuningSearch) -> Outcome:
     return Outcome(search, *known, *tests, best, _failed(default), _failed(search.test[search.chosen]))
 
 
-def tuning_frame(tuning: Tuning) -> pd.DataFrame:
-    """Return a table of `COLUMNS`, one row per point, method and tuned parameter; numbers in full precision."""
-    rows = [row for search in tuning.searches for row in _rows(outcome(search))]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+def tuning_rows(tuning: Tuning) -> list[dict[str, object]]:
+    """Return a row of `COLUMNS` per point, method and tuned parameter; numbers in full precision."""
+    return [row for search in tuning.searches for row in _rows(outcome(search))]
 
 
 def _rows(found: Outcome) -> list[dict[str, object]]:

@@ -160,7 +160,7 @@ def _export(found: Replay, file: Path) -> None:
     if file.suffix.lower() == ".csv":
         from rmpc_bench.report.csv_file import write_csv
 
-        write_csv(frame, file)
+        write_csv(dict(frame.items()), file)
     else:
         arrays = {"k": frame["k"].to_numpy(), "t": frame["t"].to_numpy(), "r": found.r, **found.signals}
         if file.suffix.lower() == ".npz":

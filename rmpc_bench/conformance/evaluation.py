@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.analysis.columns import Series, data_frame, series_columns
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.conformance.results import FROZEN, Check, base_class, copies, require, require_same, require_unchanged
 from rmpc_bench.simulation.checked_calls import declared
@@ -183,10 +184,15 @@ def _refused(figure: Figure, example: FigureExample) -> None:
     require(all(isinstance(issue, Issue) and bool(issue.message) for issue in issues), "an issue has no message")
 
 
+def _tables(trials: Trials) -> list[Any]:
+    """Return all numbers, and the data frames of them that a figure may have read."""
+    return [trials.frame, trials.series, data_frame(trials.columns), data_frame(series_columns(trials.over_time))]
+
+
 def _same_bytes(figure: Figure, example: FigureExample) -> None:
-    frame, series = example.results.frame.copy(), example.results.series.copy()
+    before = [table.copy() for table in _tables(example.results)]
     require(example.svg(figure) == example.svg(figure), "the second picture has other bytes than the first")
-    same = example.results.frame.equals(frame) and example.results.series.equals(series)
+    same = all(table.equals(old) for table, old in zip(_tables(example.results), before, strict=True))
     require(same, "drawing changes the results")
 
 
@@ -223,31 +229,23 @@ def example_record() -> Record:
 
 def example_results() -> Trials:
     """Return results of two methods: two metrics, recorded runs, a reported matrix and ensemble moments."""
-    # Imported here, since pandas takes long and the other kinds do not need it.
-    import pandas as pd
-
     from rmpc_bench.analysis.trials import Trials
 
     rng, runs, steps = np.random.default_rng(2), 6, 20
     k = np.arange(steps + 1.0)
-    rows = [
-        {"method": method, "run": run, "status": "ok", "mse": rng.uniform(1.0, 2.0), "power": rng.uniform(1.0, 2.0)}
-        for method in "AB"
-        for run in range(runs)
-    ]
-    entries = [
-        {"method": method, "quantity": name, "component": component, "k": at, "n": 0, "value": value}
-        for method in "AB"
-        for name, component, values in _series(k)
-        for at, value in enumerate(values)
-    ]
+    mse, power = rng.uniform(1.0, 2.0, (2 * runs, 2)).T
+    columns = {
+        "method": np.repeat(np.array(["A", "B"], dtype=object), runs),
+        "run": np.tile(np.arange(runs), 2),
+        "status": np.full(2 * runs, "ok", dtype=object),
+    }
     return Trials(
         name="example",
         methods=("A", "B"),
         labels={"A": "A", "B": "B"},
         metrics=METRICS,
-        frame=pd.DataFrame(rows),
-        series=pd.DataFrame(entries),
+        columns=columns | {"mse": mse, "power": power},
+        over_time=[Series(method, name, values) for method in "AB" for name, values in _series(k)],
         baseline="A",
         confidence=0.95,
         relevant=0.01,
@@ -265,7 +263,7 @@ def _traces(rng: np.random.Generator, runs: int, steps: int) -> Traces:
     return Traces(np.arange(runs), signals, np.zeros((steps + 1, 2)))
 
 
-def _series(k: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
-    """Return name, component and values of the series of a method."""
-    matrices = [(name, f"{i},{j}", (2.0 + k) * (i == j)) for name in ("P", "cov(e)") for i in (0, 1) for j in (0, 1)]
-    return matrices + [(name, f"{i}", np.sin(k) + i) for name in ("mean(x)", "mean(x_hat)") for i in (0, 1)]
+def _series(k: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return name and values of the series of a method."""
+    matrix, vector = (2.0 + k)[:, None, None] * np.eye(2), np.sin(k)[:, None] + np.arange(2)
+    return [("P", matrix), ("cov(e)", matrix), ("mean(x)", vector), ("mean(x_hat)", vector)]

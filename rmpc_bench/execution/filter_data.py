@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from rmpc_bench.analysis.columns import data_frame
 from rmpc_bench.config_file.factories import UnsizedEstimator
 from rmpc_bench.numerics.linalg import real_numbers
 from rmpc_bench.simulation.checked_calls import CheckedEstimator, is_own
@@ -19,6 +19,9 @@ from rmpc_bench.types import Array, DesignError, Estimator, InvalidReturnValue, 
 from rmpc_bench.types.contract import undefined_methods
 from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.run_info import Journal, PassedOn, passed_on
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Estimates(NamedTuple):
@@ -52,7 +55,7 @@ class Estimates(NamedTuple):
         for name, values in self._known.items():
             parts = values.reshape(len(columns["k"]), -1).T
             columns |= {f"{name}.{i}" if len(parts) > 1 else name: part for i, part in enumerate(parts)}
-        return pd.DataFrame(columns)
+        return data_frame(columns)
 
 
 def filter_data(estimator: Estimator, y: ArrayLike, u: ArrayLike | None) -> Estimates:

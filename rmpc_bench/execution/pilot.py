@@ -17,12 +17,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rmpc_bench.analysis.columns import Columns, rows_at, stacked
 from rmpc_bench.engines.blocks import SECONDS, tuning_seconds
 from rmpc_bench.simulation.ensemble import SIZE
 
 if TYPE_CHECKING:
-    import pandas as pd
-
+    from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.results.results import Results
 
@@ -245,35 +247,25 @@ def enlarged(results: Results, n_runs: int) -> Results:
     if not n or n >= n_runs:
         return results
 
-    def repeated(frame: pd.DataFrame) -> pd.DataFrame:
-        return _repeated(frame, n, n_runs)
+    def repeated(table: Trials) -> Trials:
+        columns = _sorted(_repeated(table.columns, n, n_runs), trials.methods, trials.paths)
+        points = tuple(map(repeated, table.points))
+        return replace(table, columns=columns, quantities=_repeated(table.quantities, n, n_runs), points=points)
 
-    points = tuple(
-        replace(table, frame=_sorted(repeated(table.frame), trials.methods), uncertainty=repeated(table.uncertainty))
-        for table in trials.points
-    )
-    frame = _sorted(repeated(trials.frame), trials.methods)
-    larger = replace(trials, frame=frame, uncertainty=repeated(trials.uncertainty), points=points)
-    return replace(results, stored=larger, uncertainty=repeated(results.uncertainty))
+    return replace(results, stored=repeated(trials), quantities=_repeated(results.quantities, n, n_runs))
 
 
-def _repeated(frame: pd.DataFrame, n: int, n_runs: int) -> pd.DataFrame:
+def _repeated(columns: Columns, n: int, n_runs: int) -> Columns:
     """Put copies of a table with runs 0 to n - 1 below each other, with the next indices of runs."""
-    import pandas as pd
-
-    if "run" not in frame:
-        return frame
-    copies = [frame.assign(run=frame["run"] + i * n) for i in range(math.ceil(n_runs / n))]
-    table = pd.concat(copies, ignore_index=True)
-    return table[table["run"] < n_runs].reset_index(drop=True)
+    if "run" not in columns:
+        return columns
+    table = stacked([{**columns, "run": columns["run"] + i * n} for i in range(math.ceil(n_runs / n))])
+    return rows_at(table, table["run"] < n_runs)
 
 
-def _sorted(frame: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
+def _sorted(columns: Columns, methods: Sequence[str], paths: Sequence[str]) -> Columns:
     """Sort rows by point, method and run, as `Trials` needs them."""
-    head = list(frame.columns[: list(frame.columns).index("method")])
-    order = {name: number for number, name in enumerate(methods)}
-    rows = frame.assign(_order=frame["method"].map(order))
-    first = {tuple(key): number for number, key in enumerate(frame[head].drop_duplicates().itertuples(index=False))}
-    rows["_point"] = [first[tuple(key)] for key in frame[head].itertuples(index=False)] if head else 0
-    rows = rows.sort_values(["_point", "_order", "run"], kind="stable")
-    return rows.drop(columns=["_order", "_point"]).reset_index(drop=True)
+    order = [methods.index(name) for name in columns["method"]]
+    points = [*zip(*(columns[path] for path in paths if path in columns), strict=True)] or [()] * len(order)
+    number = {point: place for place, point in enumerate(dict.fromkeys(points))}
+    return rows_at(columns, np.lexsort((columns["run"], order, [number[point] for point in points])))

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float
 
+from rmpc_bench.analysis.columns import data_frame
 from rmpc_bench.analysis.traces import last_new_sample
 from rmpc_bench.components.user_code import user_entry
 from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -44,6 +44,9 @@ from rmpc_bench.types import (
 from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import RESOLVED
 from rmpc_bench.types.run_info import passed_on
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}
@@ -132,7 +135,7 @@ class Replay:
             padded = np.full((n, values.shape[1]), np.nan)
             padded[: len(values)] = values
             columns |= {f"{name}.{i}" if values.shape[1] > 1 else name: padded[:, i] for i in range(values.shape[1])}
-        return pd.DataFrame(columns)
+        return data_frame(columns)
 
 
 def replay(

@@ -30,8 +30,6 @@ from rmpc_bench.figures.recorded_runs import (
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from rmpc_bench.analysis.trials import Trials
 
 
@@ -63,18 +61,13 @@ class SeriesComponent(NamedTuple):
     """Those from runs where the exact ones exist too."""
 
 
-def component_of(rows: pd.DataFrame) -> SeriesComponent:
-    """Read one component of one method; of values from runs, those from most runs count at every sample."""
-    rows = rows.sort_values(["k", "n"])
-    parts = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
-    best, *others = (Curve(each["k"].to_numpy(np.int64), each["value"].to_numpy(float)) for each in parts if len(each))
-    return SeriesComponent(best, others[0] if others else None)
-
-
 def components(point: Trials, quantity: str, method: str) -> dict[str, SeriesComponent]:
     """Read all components of a quantity of a method; none where it does not have it."""
-    own = point.series[(point.series["quantity"] == quantity) & (point.series["method"] == method)]
-    return {str(component): component_of(rows) for component, rows in own.groupby("component", sort=False)}
+    best, *behind = [
+        {name: Curve(np.arange(len(values)), values) for name, values in each.components().items()}
+        for each in point.series_of(quantity, method)
+    ] or [{}]
+    return {name: SeriesComponent(curve, behind[0][name] if behind else None) for name, curve in best.items()}
 
 
 class NeesLines(NamedTuple):
@@ -273,12 +266,9 @@ def _mean(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _:
 
 def _series(point: Trials, method: str, quantity: Quantity, window: TimeWindow, _: Choice) -> Cell | None:
     """A series of the design or of the ensemble."""
-    table = point.series
-    chosen = (table["quantity"] == quantity.name) & (table["method"] == method)
-    rows = table[chosen & (table["component"] == quantity.component)]
-    if not len(rows) and not quantity.component:
-        rows = table[chosen]
-    return _of_series(window, {"main": component_of(rows).best}) if len(rows) else None
+    found = components(point, quantity.name, method)
+    component = quantity.component if quantity.component or "" in found else next(iter(found), "")
+    return _of_series(window, {"main": found[component].best}) if component in found else None
 
 
 def _of_series(window: TimeWindow, curves: Mapping[str, Curve | None]) -> Cell:
@@ -332,8 +322,7 @@ def _shapes(point: Trials, name: str, level: float) -> tuple[Array, bool]:
     """Return the shape matrices of the reported sets, axis 0 = k, and whether they are ellipsoids of P at `level`."""
     from scipy.special import gammaincinv
 
-    known = point.series.loc[point.series["method"] == name, "quantity"].unique()
-    quantity = reported_set({quantity: str(quantity) for quantity in known})
+    quantity = reported_set({each.quantity: each.quantity for each in point.over_time if each.method == name})
     assert quantity is not None, "the check of the figure requires one"
     values = point.matrix_series(quantity, name)
     if quantity != "P":

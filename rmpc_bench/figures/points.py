@@ -68,7 +68,7 @@ def tables_of(results: Trials, points: Sequence[Trials], info: MetricInfo) -> li
         known = _tables.setdefault(point, {})
         if (info, of) not in known:
             primary = point.primary or point.metrics[0].name
-            one = point.with_numbers(point.frame, metrics=(info,), primary=primary)
+            one = point.with_numbers(metrics=(info,), primary=primary)
             known[info, of] = result_table(one, summary(one), comparisons(one, of), info)
         found.append(known[info, of])
     return in_one_form(found)

@@ -102,8 +102,7 @@ def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
 def select_runs(point: Trials, method: str) -> RunSelection:
     """Select the recorded runs that ended well, or all of them if none did."""
     runs = point.traces[method].runs
-    table = point.frame[point.frame["method"] == method]
-    failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
+    failed = np.isin(runs, point.runs[point.failed(method)])
     rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
     return RunSelection(rows, bool(failed.all()))
 
@@ -117,8 +116,8 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
     base = point.traces.get(point.baseline)
     if base is None:
         raise DesignError(f"no run of the baseline '{point.baseline}' is recorded", "difference")
-    table = point.frame[(point.frame["method"] == point.baseline) & (point.frame["status"] == Status.OK.word)]
-    finished, traces = table["run"].to_numpy(), {}
+    finished = [run for run, word in point.statuses(point.baseline).items() if word == Status.OK.word]
+    traces = {}
     for name in methods:
         own = point.traces[name]
         shared = np.intersect1d(own.runs, base.runs[np.isin(base.runs, finished)])
@@ -136,7 +135,7 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
 
 def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
     """Return the position of a recorded run in the traces of its method, and its status where it failed, else empty."""
-    status = str(point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]["status"].iloc[0])
+    status = point.statuses(method)[run]
     return int(np.flatnonzero(point.traces[method].runs == run)[0]), "" if status == Status.OK.word else status
 
 
@@ -146,8 +145,8 @@ def middle_run(point: Trials, method: str, rows: Array, run: int | None) -> int:
     if run is not None:
         return find_run(point, method, run)[0]
     info = point.primary_info or point.metrics[0]
-    table = point.frame[point.frame["method"] == method].set_index("run")[info.name]
-    values = distance_from_best(table.reindex(runs[rows]).to_numpy(dtype=float), info.direction)
+    column = point.column(info.name, method)[np.searchsorted(point.runs, runs[rows])]
+    values = distance_from_best(column, info.direction)
     return int(rows[np.argsort(values, kind="stable")[len(rows) // 2]])
 
 

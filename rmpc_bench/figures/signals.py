@@ -189,8 +189,7 @@ class Signals(OnePointFigure):
 def _last(point: Trials, methods: Sequence[str]) -> int:
     """Find the last sample that any of the methods has."""
     recorded = [len(point.traces[name].r) - 1 for name in methods if name in point.traces]
-    series = point.series.loc[point.series["method"].isin(methods), "k"]
-    return max([*recorded, int(series.max()) if len(series) else 0])
+    return max([0, *recorded, *(len(each.values) - 1 for each in point.over_time if each.method in methods)])
 
 
 MANY = 30.0

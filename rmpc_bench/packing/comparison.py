@@ -78,8 +78,7 @@ def with_rows(trials: Trials, rows: pd.DataFrame) -> Trials:
         return _with_rows(trials, rows)
     points = tuple(_with_rows(table, rows[_at(rows, table.point)]) for table in trials.points)
     here = pd.concat([rows[_at(rows, table.point)] for table in trials.points])
-    columns = [name for name in trials.frame.columns if name in here.columns]
-    return replace(trials, points=points, frame=here[columns].reset_index(drop=True))
+    return replace(trials, points=points, columns=_columns(here, trials))
 
 
 def _at(rows: pd.DataFrame, point: Mapping[str, str]) -> Array:
@@ -89,15 +88,19 @@ def _at(rows: pd.DataFrame, point: Mapping[str, str]) -> Array:
     return found
 
 
+def _columns(rows: pd.DataFrame, trials: Trials) -> dict[str, Array]:
+    """Return the columns that a table of trials has, too."""
+    return {name: np.asarray(rows[name]) for name in trials.columns if name in rows}
+
+
 def _with_rows(table: Trials, rows: pd.DataFrame) -> Trials:
-    columns = [name for name in table.frame.columns if name in rows.columns]
     present = {*rows["method"]}
-    methods = tuple(name for name in table.methods if name in present) if len(table.frame) else table.methods
+    methods = tuple(name for name in table.methods if name in present) if len(table.runs) else table.methods
     metrics = tuple(info for info in table.metrics if info.name in rows.columns)
     order = {name: number for number, name in enumerate(methods)}
-    frame = rows[rows["method"].isin(methods)][columns]
-    frame = frame.iloc[np.lexsort((frame["run"], frame["method"].map(order)))].reset_index(drop=True)
-    return replace(table, methods=methods, metrics=metrics, frame=frame)
+    rows = rows[rows["method"].isin(methods)]
+    rows = rows.iloc[np.lexsort((rows["run"], rows["method"].map(order)))]
+    return replace(table, methods=methods, metrics=metrics, columns=_columns(rows, table))
 
 
 def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:

@@ -20,6 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from rmpc_bench.analysis.columns import n_rows
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.own_code import renamed
@@ -177,7 +178,7 @@ def _checked_rows(results: Results, directory: Path, temporary: Path) -> Path:
     """
     way_out = f"`rmpc-bench report {shlex.quote(str(directory))}` writes it again"
     report = chosen(results, manifest.read(directory).get("report", {}), directory).experiment.report
-    has_rows = report.writes_trials(len(results.stored.frame))
+    has_rows = report.writes_trials(n_rows(results.stored.columns))
     for name in NEEDED:
         if (has_rows or name != ROWS) and not (directory / name).exists():
             raise ArchiveError(f"{directory}: there is no {name}; {way_out}")
@@ -185,7 +186,7 @@ def _checked_rows(results: Results, directory: Path, temporary: Path) -> Path:
     name = ROWS if (directory / ROWS).exists() else "summary.csv"
     if name != ROWS:
         tables = summarise(results).shown(report.order, report.metrics)
-        write_csv(summary_table(tables.described), temporary / name)
+        write_csv(summary_table(tables.described_columns), temporary / name)
     if not cmp(temporary / name, directory / name, shallow=False):
         raise ArchiveError(f"{directory}: {name} differs from the stored trials; {way_out}")
     return temporary / ROWS

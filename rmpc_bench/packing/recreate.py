@@ -12,9 +12,8 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import pandas as pd
-
 import rmpc_bench
+from rmpc_bench.analysis.columns import Columns, n_rows
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.config.own_code import in_directory, renamed
@@ -97,7 +96,7 @@ class PackedFiles:
         made.mkdir()
         timed = self._timed(results)
         found = {each.name: each for each in self._inputs(config, computed, temporary)}
-        found[TIMINGS] = _timings(timed.timings, results.timings)
+        found[TIMINGS] = _timings(timed.durations, results.durations)
         results = chosen(timed, self._way, self._path)
         if n_runs is None:
             self._publish(results, config, computed, made)
@@ -185,11 +184,11 @@ class PackedFiles:
         """Return results with the durations of the archive."""
         file = self._directory / TIMINGS
         try:
-            timings = read_rows(file) if file.is_file() else pd.DataFrame()
-            trials = with_timings(results.stored, timings) if len(timings) else results.stored
+            timings = dict(read_rows(file).items()) if file.is_file() else {}
+            trials = with_timings(results.stored, timings) if n_rows(timings) else results.stored
         except (ValueError, KeyError, TypeError) as error:
             raise ArchiveError(f"{self._path}: {TIMINGS} cannot be read ({error})") from None
-        return replace(results, timings=timings, stored=trials)
+        return replace(results, durations=timings, stored=trials)
 
     def _name_files(self, resolved: Path, known: Collection[str]) -> None:
         """Write the configuration that the page shows, with data files as the packed directory named them."""
@@ -236,10 +235,10 @@ class PackedFiles:
         return FileOutcome(name, UNSEEN, "drawn on another machine") if name.endswith(".png") else found
 
 
-def _timings(packed: pd.DataFrame, here: pd.DataFrame) -> FileOutcome:
+def _timings(packed: Columns, here: Columns) -> FileOutcome:
     """Compare what was timed, not the durations."""
-    a, b = (table.drop(columns=[*DURATIONS], errors="ignore").astype(str) for table in (packed, here))
-    same = [*packed] == [*here] and a.equals(b) if len(packed) else not len(here)
+    a, b = ([[*map(str, table[name])] for name in table if name not in DURATIONS] for table in (packed, here))
+    same = [*packed] == [*here] and a == b if n_rows(packed) else not n_rows(here)
     note = f"all but {', '.join(DURATIONS)} are compared" if same else "other methods, components or phases"
     return FileOutcome(TIMINGS, HASHED if same else DIFFERENT, note)
 

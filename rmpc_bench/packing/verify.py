@@ -284,10 +284,9 @@ def _of_rows(outcome: FileOutcome, found: Verification, *, exact: bool) -> FileO
 def _missing(packed: Trials, here: Trials) -> Iterator[RunsInOne]:
     """Yield the runs that were computed but have no row; a run that was packed has been computed."""
     for table in here.each:
-        rows = next(each.frame for each in packed.each if each.point == table.point)
+        rows = next(each for each in packed.each if each.point == table.point)
         for name in table.methods:
-            runs = ({*frame["run"][frame["method"] == name].tolist()} for frame in (table.frame, rows))
-            if left := sorted(next(runs) - next(runs)):
+            if left := sorted(table.statuses(name).keys() - rows.statuses(name).keys()):
                 yield RunsInOne(table.title, name, (), tuple(left))
 
 

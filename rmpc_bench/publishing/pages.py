@@ -166,7 +166,7 @@ def write_page(
         requirements=published.requirements,
         ranks=published.ranks,
         tuning=published.tuning,
-        timings=results.timings,
+        timings=results.durations,
         files=[*_relative(published.paths, directory), "report.md"],
         index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),
     )

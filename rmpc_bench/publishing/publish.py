@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from rmpc_bench.analysis.columns import n_rows
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.files import NO_LATEX, latex_program
 from rmpc_bench.figures.style import Rendering, remark_on
@@ -17,8 +18,8 @@ from rmpc_bench.publishing.table_files import (
     experiment_record,
     write_claims,
     write_failures,
-    write_frame,
     write_latex,
+    write_rows,
     write_summary,
     write_table,
     write_traces,
@@ -176,12 +177,12 @@ def _published(
         *write_summary(results, published.tables, directory),
         *write_table(published.drivers, directory, "drivers"),
         *write_table(published.requirements, directory, "requirements"),
-        *write_frame(lost_table(results.trials), directory / "lost.csv"),
+        *write_rows(lost_table(results.trials), directory / "lost.csv"),
         *write_table(published.ranks, directory, "ranks"),
         *write_table(published.tuning, directory, "tuning"),
         *write_traces(results.stored, directory / "traces.npz"),
         *write_claims(results, published.verdicts, directory, rendering.formats),
-        *write_frame(results.timings, directory / "timings.csv"),
+        *write_rows(results.durations, directory / "timings.csv"),
         *write_failures(results, directory / "failures", place),
     ]
     # Another directory says nothing else than this one, which stays as it is.
@@ -200,10 +201,10 @@ def _published(
 
 def _remark_on_rows(results: Results) -> str:
     """Say that trials.csv is left out unasked; empty where it is not."""
-    report, n_rows = results.experiment.report, len(results.stored.frame)
-    if report.trials is not None or report.writes_trials(n_rows):
+    report, n = results.experiment.report, n_rows(results.stored.columns)
+    if report.trials is not None or report.writes_trials(n):
         return ""
-    return f"trials.csv, with {n_rows:,} rows, is left out; --trials or `report: {{trials: true}}` writes it"
+    return f"trials.csv, with {n:,} rows, is left out; --trials or `report: {{trials: true}}` writes it"
 
 
 def _way(results: Results, place: str, file: str) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 import rmpc_bench
+from rmpc_bench.analysis.columns import Columns, n_rows, series_columns
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import IDENTIFIERS
 from rmpc_bench.claims.markdown import claims_markdown
@@ -89,15 +89,15 @@ def write_caption(caption: str, stem: Path) -> Path:
 
 def write_summary(results: Results, tables: Summary, directory: Path) -> list[Path]:
     """Write the rows of all runs, where the report has them, summary and comparisons."""
-    rows = [directory / "trials.csv"] if results.experiment.report.writes_trials(len(results.stored.frame)) else []
+    rows = [directory / "trials.csv"] if results.experiment.report.writes_trials(n_rows(results.stored.columns)) else []
     for path in rows:
         trials_csv(results.stored, path)
     if not rows:
         (directory / "trials.csv").unlink(missing_ok=True)
-    write_csv(results.uncertainty, directory / "uncertainty.csv")
-    write_csv(results.series, directory / "series.csv")
-    write_csv(summary_table(tables.described), directory / "summary.csv")
-    write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
+    write_csv(results.quantities, directory / "uncertainty.csv")
+    write_csv(series_columns(results.trials.over_time, results.trials.paths), directory / "series.csv")
+    write_csv(summary_table(tables.described_columns), directory / "summary.csv")
+    write_csv(comparisons_table(tables.compared_columns), directory / "comparisons.csv")
     replace_text(directory / "tables" / "summary.md", tables.to_markdown())
     names = ("uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [*rows, *(directory / name for name in names)]
@@ -111,21 +111,21 @@ def write_table(
     file.unlink(missing_ok=True)
     if text:
         replace_text(file, text)
-    return [*write_frame(table.frame, directory / f"{name}.csv"), *([file] if text else [])]
+    return [*write_rows(table.content, directory / f"{name}.csv"), *([file] if text else [])]
 
 
-def write_frame(frame: pd.DataFrame, path: Path) -> list[Path]:
+def write_rows(columns: Columns, path: Path) -> list[Path]:
     """Write a table that has rows; an earlier file is removed."""
     path.unlink(missing_ok=True)
-    if not len(frame):
+    if not n_rows(columns):
         return []
-    write_csv(frame, path)
+    write_csv(columns, path)
     return [path]
 
 
 def write_failures(results: Results, directory: Path, place: str) -> list[Path]:
     """Write a file for each of the first failed runs of every method, and remove those of runs that did not fail."""
-    files = failure_files(results.trials, place, results.uncertainty, read(results.directory).get("versions", {}))
+    files = failure_files(results.trials, place, results.quantities, read(results.directory).get("versions", {}))
     for old in directory.glob("*-*.txt") if directory.is_dir() and not directory.is_symlink() else ():
         if old.name not in files:
             old.unlink()
@@ -177,10 +177,10 @@ def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     report, trials = results.experiment.report, results.trials
     tables = summarise(results).shown(report.order, report.metrics)
     texts = folder(directory, "tables")
-    write_csv(summary_table(tables.described), directory / "summary.csv")
-    write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
+    write_csv(summary_table(tables.described_columns), directory / "summary.csv")
+    write_csv(comparisons_table(tables.compared_columns), directory / "comparisons.csv")
     write_table(requirements(results), directory, "requirements")
-    write_frame(lost_table(trials), directory / "lost.csv")
+    write_rows(lost_table(trials), directory / "lost.csv")
     write_table(ranks(results), directory, "ranks")
     if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
         write_latex(tables, experiment_record(results, file), texts, report)

@@ -99,7 +99,7 @@ def _lost(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     """Write the share of lost runs with its interval, where the configuration says what a lost run is."""
     if table.trials.lost is None or table.info != table.trials.primary_info:
         return []
-    found = {each["method"]: each for each in lost_runs(table.trials).to_dict("records")}
+    found = {each["method"]: each for each in lost_runs(table.trials)}
     shares = {name: Estimate(*(each[f"lost_{end}"] for end in ("pct", "low", "high"))) for name, each in found.items()}
     return [interval_text(shares[row.method]).replace(" [", " % [") if row.method in shares else "" for row in rows]
 
@@ -130,7 +130,7 @@ def _times(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
 def _needed(row: ResultRow) -> str:
     """Write how many runs an inconclusive comparison needs for a direction."""
     n = row.compared.get("runs_for_direction") if row.word == INCONCLUSIVE else None
-    return "" if n is None or math.isnan(n) else about(float(n))
+    return "" if n is None else about(n)
 
 
 COLUMNS: dict[str, TableColumn] = {

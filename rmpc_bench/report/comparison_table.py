@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.analysis import comparison_text
-from rmpc_bench.analysis.comparison import comparisons, levels
+from rmpc_bench.analysis.columns import Columns, data_frame, n_rows
+from rmpc_bench.analysis.comparison import COLUMNS, WHOLE, comparisons, levels
 from rmpc_bench.analysis.comparison_text import margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
@@ -25,6 +24,9 @@ from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import Column
 from rmpc_bench.types.texts import inert_markdown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
@@ -93,22 +95,27 @@ class ComparisonTable:
     """Paired comparisons of methods with a baseline."""
 
     summary: Summary  # of the compared methods and metrics, with the same comparisons
-    frame: pd.DataFrame  # sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
+    columns: Columns  # sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
     sentences: tuple[str, ...]  # each row as one sentence that can be quoted
     notes: tuple[str, ...]  # what the columns mean: pairing, level of the intervals, relevant change
 
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The comparisons."""
+        return data_frame(self.columns, WHOLE)
+
     def to_frame(self) -> pd.DataFrame:
-        """Return a copy of the table."""
-        return self.frame.copy()
+        """Return the comparisons."""
+        return self.frame
 
     def to_dict(self) -> list[dict[str, Any]]:
         """Return the rows as plain data; a missing number is None."""
-        rows = self.frame.astype(object).where(self.frame.notna(), None)
-        return [{str(name): value for name, value in row.items()} for row in rows.to_dict("records")]
+        rows = [dict(zip(self.columns, cells, strict=True)) for cells in zip(*self.columns.values(), strict=True)]
+        return [{name: value if value == value else None for name, value in row.items()} for row in rows]
 
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
-        return inert_markdown("\n".join([markdown_table(texts_of(self.frame)), "", *self.notes, ""]))
+        return inert_markdown("\n".join([markdown_table(texts_of(self.columns)), "", *self.notes, ""]))
 
     def to_latex(
         self, metric: str | None = None, *, columns: Sequence[Column] | None = None, width: float = WIDTH
@@ -117,7 +124,7 @@ class ComparisonTable:
         return self.summary.to_latex(metric, columns=columns, width=width)
 
     def __repr__(self) -> str:
-        return f"<ComparisonTable: {len(self.frame)} comparisons with {self.summary.points[0].trials.baseline}>"
+        return f"<ComparisonTable: {n_rows(self.columns)} comparisons with {self.summary.points[0].trials.baseline}>"
 
     def _repr_html_(self) -> str:
         return self.summary._repr_html_()
@@ -177,11 +184,11 @@ def comparison_table(
     found = [PointSummary(point, summary(point), table) for point, table in zip(points, tables, strict=True)]
     return ComparisonTable(
         summary=Summary(found),
-        frame=stacked_points(list(zip(points, tables, strict=True))),
+        columns=stacked_points(list(zip(points, tables, strict=True)), COLUMNS),
         sentences=tuple(
             (f"{point.title}: " if point.title else "") + sentence(row, infos[row["metric"]], point)
             for point, table in zip(points, tables, strict=True)
-            for row in table.to_dict("records")
+            for row in table
         ),
         notes=(explanation(points[0]),),
     )

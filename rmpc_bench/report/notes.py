@@ -264,7 +264,7 @@ def _body(tables: Sequence[Trials], *, short: bool) -> Body:
         rates = pass_rates(trials)
         for requirement in trials.requirements:
             rows = []
-            for row in rates[rates["requirement"] == requirement.text].to_dict("records"):
+            for row in (row for row in rates if row["requirement"] == requirement.text):
                 texts = [f"{row['passed']}/{row['n']}", share_text(row).replace(" %", "", 1)]
                 texts += [difference_text(row).replace(" points", "", 1)] if paired else []
                 rows.append([row_label(trials, row["method"], short=short), *map(number_latex, texts)])

@@ -5,12 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import pandas as pd
+import numpy as np
 
-from rmpc_bench.analysis.trials import Trials, stacked_rows
+from rmpc_bench.analysis.columns import Columns, Rows, columns_of, data_frame, n_rows
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types.texts import inert_markdown, without_links
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # What a change in per cent is an average of.
 AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
@@ -20,8 +25,8 @@ class PointSummary(NamedTuple):
     """The statistics of one table of trials."""
 
     trials: Trials
-    described: pd.DataFrame  # one row per method and metric, see `statistics.summary`
-    compared: pd.DataFrame  # one row per comparison with the baseline, see `comparison.comparisons`
+    described: Rows  # one row per method and metric, see `statistics.summary`
+    compared: Rows  # one row per comparison with the baseline, see `comparison.comparisons`
 
 
 class Points(NamedTuple):
@@ -34,18 +39,18 @@ class Points(NamedTuple):
     def with_runs(self) -> list[PointSummary]:
         """All points together where they are many plants, else those that have runs."""
         points = [self.pooled] if self.pooled else self.points
-        return [point for point in points if len(point.trials.frame)]
+        return [point for point in points if len(point.trials.runs)]
 
 
-def stacked_points(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
-    """Put the tables of points below each other, with the columns of the sweep in front."""
-    tables = []
-    for trials, frame in parts:
-        frame = frame.copy()
-        for column, (path, value) in enumerate(trials.point.items()):
-            frame.insert(column, path, value)
-        tables.append(frame)
-    return stacked_rows(tables)
+def stacked_points(parts: Sequence[tuple[Trials, Rows]], names: Sequence[str]) -> dict[str, list[Any]]:
+    """Put the tables of points below each other as columns, those of the sweep in front."""
+    paths = parts[0][0].point if parts else ()
+    return columns_of([{**trials.point, **row} for trials, rows in parts for row in rows], [*paths, *names])
+
+
+def rounded_columns(columns: Columns, names: Sequence[str], scale: float = 0.0) -> dict[str, Any]:
+    """Round the numbers of some columns for version control, beside the scale of what they were computed from."""
+    return {**columns, **{name: rounded(np.array(columns[name], dtype=float), scale) for name in names}}
 
 
 _CODE = re.compile("`[^`]+`")
@@ -89,26 +94,39 @@ LONGEST = 2800
 class FrameTable:
     """A table with a data frame; a derived dataclass has no `__repr__` of its own."""
 
+    whole: Sequence[str] = ()
+    """Columns of whole numbers that may be missing."""
+
+    @property
+    def content(self) -> Columns:
+        """Content of the CSV file."""
+        raise NotImplementedError("content")
+
     @property
     def frame(self) -> pd.DataFrame:
         """The table."""
-        raise NotImplementedError("frame")
+        return data_frame(self.content, self.whole)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a copy of the table."""
-        return self.frame.copy()
+        """Return the table."""
+        return self.frame
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {len(self.frame)} rows>"
+        return f"<{type(self).__name__}: {n_rows(self.content)} rows>"
 
     def _repr_html_(self) -> str:
-        return html_table(texts_of(self.frame)) if len(self.frame) else escape(repr(self))
+        return html_table(texts_of(self.content)) if n_rows(self.content) else escape(repr(self))
 
 
-def texts_of(frame: pd.DataFrame) -> dict[str, list[str]]:
+def texts_of(columns: Columns, digits: int = 4) -> dict[str, list[str]]:
     """Return the columns of a table as texts; a missing number is empty."""
-    texts = frame.map(lambda x: ("" if x != x else f"{x:.4g}") if isinstance(x, float) else str(x))
-    return {str(name): [*texts[name]] for name in texts.columns}
+
+    def text(cell: object) -> str:
+        if cell is None or cell != cell:
+            return ""
+        return f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell)
+
+    return {name: [*map(text, cells)] for name, cells in columns.items()}
 
 
 def html_table(columns: Mapping[str, Sequence[str]], write: Callable[[str], str] = escape) -> str:

@@ -8,15 +8,13 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
-import pandas as pd
-
+from rmpc_bench.analysis.columns import Columns, columns_of
 from rmpc_bench.analysis.ranks import Ranking, RankRow, Ratio, ranking
-from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_cells, parameter_legend
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.point_tables import FrameTable, markdown_page, markdown_table
+from rmpc_bench.report.point_tables import FrameTable, markdown_page, markdown_table, rounded_columns
 from rmpc_bench.report.run_notes import short_time
 
 LIMITATIONS = (
@@ -41,17 +39,14 @@ class RanksTable(FrameTable):
 
     trials: Trials
     found: Ranking | None  # None where there are no ranks
+    whole = _WHOLE
 
     @property
-    def frame(self) -> pd.DataFrame:
+    def content(self) -> Columns:
         """Content of ranks.csv: a row per method, then a row per part of the sweep and method."""
         rows = [_record(row.ratio, row) for row in self.found.rows] if self.found else []
         rows += map(_record, self.found.ratios) if self.found else []
-        table = pd.DataFrame(rows, columns=COLUMNS)
-        table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float), 1.0)
-        for name in _WHOLE:
-            table[name] = table[name].astype("Int64")
-        return table
+        return rounded_columns(columns_of(rows, COLUMNS), _NUMBERS, 1.0)
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -187,7 +182,7 @@ def _factor(ratio: Ratio | None, *, at: bool = False) -> str:
 
 def _record(ratio: Ratio, row: RankRow | None = None) -> dict[str, Any]:
     """Return a row of ranks.csv: of a method, or of a part of the sweep."""
-    found = asdict(ratio)
+    found = dict.fromkeys(COLUMNS) | asdict(ratio)
     found |= {"ratio_low": found.pop("low"), "ratio_high": found.pop("high")}
     if row is None:
         return found

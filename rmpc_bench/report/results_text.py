@@ -7,9 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from typing import NamedTuple
-
-import pandas as pd
+from typing import TYPE_CHECKING, NamedTuple
 
 from rmpc_bench.analysis.comparison_text import about, margin_of
 from rmpc_bench.analysis.improvement_difference import AverageDifference, ImprovementDifference
@@ -26,6 +24,9 @@ from rmpc_bench.report.point_tables import AVERAGES
 from rmpc_bench.report.screen_tables import NAME, fitting
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.texts import cut, folded, in_columns, without_formulas, wrapped
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_SETTINGS = 5  # settings that differ and are shown with their values
 MOST_ROWS = 15  # pairs of verdicts that are shown
@@ -106,6 +107,8 @@ class ResultsComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the compared metrics: point, method, metric, counts and the largest differences with their runs."""
+        import pandas as pd
+
         rows = []
         for each in self.trials.values:
             found = {name: getattr(each, name) for name in ("point", "method", "metric", "n", "n_differ")}
@@ -292,6 +295,8 @@ class ImprovementComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row per point and average; see `ImprovementDifference` and `AverageDifference`."""
+        import pandas as pd
+
         names = ["point", "method", "baseline", "metric", "paired", "n_a", "n_b", "failed_a", "failed_b"]
         names += ["superiority_a", "superiority_b", "verdict", "level"]
         rows = []

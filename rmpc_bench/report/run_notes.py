@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-import pandas as pd
+import numpy as np
 
+from rmpc_bench.analysis.columns import Columns, rows_at
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
 
@@ -56,12 +57,12 @@ def sections_of(trials: Trials) -> dict[str, list[str]]:
         for method, notes in trials.notes.items()
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]
-    bad, failed = trials.frame[trials.frame["status"] != Status.OK.word], []
+    failed = []
     for method in trials.methods:
-        for word, n in sorted(bad.loc[bad["method"] == method, "status"].value_counts().items()):
+        for word, n in sorted(Counter(trials.statuses(method).values()).items()):
             status = Status.__members__.get(word.upper().replace("-", "_"))
             meaning = f": {status.explanation}" if status is not None else ""
-            failed.append(f"{method}: {counted(n, 'run')} {word}{meaning}")
+            failed += [f"{method}: {counted(n, 'run')} {word}{meaning}"] if word != Status.OK.word else []
     declared = {method: trials.expected_failures.get(method, {}) for method in trials.methods}
     return {
         "Failed runs": failed,
@@ -91,7 +92,7 @@ def _limitations(trials: Trials) -> list[str]:
 
 
 def failure_files(
-    trials: Trials, directory: object, uncertainty: pd.DataFrame, versions: Mapping[str, str]
+    trials: Trials, directory: object, quantities: Columns, versions: Mapping[str, str]
 ) -> dict[str, str]:
     """Return name -> text of the files on the first failed runs of every method; `versions` are those that computed."""
     files: dict[str, str] = {}
@@ -100,11 +101,10 @@ def failure_files(
         for method, run in failed_runs(table):
             counts[method] += 1
             if counts[method] <= MOST_FILES:
-                rows = uncertainty[uncertainty["run"] == run]
-                for path, value in table.point.items():
-                    rows = rows[rows[path] == value]
-                names = [name for name in rows.columns if name != "run" and name not in table.point]
-                values = {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
+                at = {**table.point, "run": run}
+                (rows,) = np.nonzero(np.all([quantities[name] == value for name, value in at.items()], axis=0))
+                names = [name for name in quantities if name not in at]
+                values = {name: float(quantities[name][rows[0]]) for name in names} if len(rows) else {}
                 point = f"{_word(table.title)}-" if table.title else ""
                 text = _failure_text(table, directory, method, run, values, versions)
                 files[f"{point}{_word(method)}-{run}.txt"] = text
@@ -123,18 +123,18 @@ def show_command(trials: Trials, directory: object, method: str, run: int) -> st
 
 def failed_runs(trials: Trials) -> list[tuple[str, int]]:
     """Return method and run of every failed trial of one point."""
-    rows = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "run"]]
-    return [(str(method), int(run)) for method, run in rows.itertuples(index=False)]
+    rows = rows_at(trials.columns, trials.columns["status"] != Status.OK.word)
+    return [*zip(rows["method"].tolist(), rows["run"].tolist(), strict=True)]
 
 
 def crashed_runs(trials: Trials) -> dict[str, tuple[list[int], int, str]]:
     """Return method -> its runs that crashed, the number of all its runs, and the message of the first one."""
-    rows, found = trials.frame, {}
+    found = {}
     for method in trials.methods:
-        own = rows[rows["method"] == method]
-        runs = sorted(map(int, own.loc[own["status"] == Status.CRASHED.word, "run"]))
+        statuses = trials.statuses(method)
+        runs = sorted(run for run, word in statuses.items() if word == Status.CRASHED.word)
         if runs:
-            found[method] = runs, len(own), message_of(trials, method, runs[0])
+            found[method] = runs, len(statuses), message_of(trials, method, runs[0])
     return found
 
 
@@ -146,7 +146,7 @@ def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
 def ran_counts(trials: Trials) -> dict[str, tuple[int, int]]:
     """Return method -> its failed runs and all its runs, all points together."""
     failed = {name: sum(table.n_failed(name) for table in trials.each) for name in trials.methods}
-    sizes = {name: sum(int((table.frame["method"] == name).sum()) for table in trials.each) for name in failed}
+    sizes = {name: sum(len(table.statuses(name)) for table in trials.each) for name in failed}
     return {name: (failed[name], sizes[name]) for name in failed}
 
 
@@ -155,19 +155,14 @@ def of_run(trials: Trials, method: str, run: int) -> str:
     failure = _failure(trials, method, run)
     where = f" at {trials.title}" if trials.title else ""
     why = f"{_at(trials, failure.k)} ({message_of(trials, method, run)})" if failure is not None else ""
-    return f"{method} run {run}{where}: {_status(trials, method, run)}{why}"
+    return f"{method} run {run}{where}: {trials.statuses(method)[run]}{why}"
 
 
 def message_of(trials: Trials, method: str, run: int) -> str:
     """Return the first line of the message of a failed run; its status where there is none."""
     failure = _failure(trials, method, run)
     text = failure.message or failure.component if failure is not None else ""
-    return text.splitlines()[0] if text else _status(trials, method, run)
-
-
-def _status(trials: Trials, method: str, run: int) -> str:
-    rows = trials.frame
-    return str(rows.loc[(rows["method"] == method) & (rows["run"] == run), "status"].iloc[0])
+    return text.splitlines()[0] if text else trials.statuses(method)[run]
 
 
 def _at(trials: Trials, k: int | None) -> str:
@@ -177,7 +172,7 @@ def _at(trials: Trials, k: int | None) -> str:
 def _failure_text(
     trials: Trials, directory: object, method: str, run: int, values: Mapping[str, Any], versions: Mapping[str, str]
 ) -> str:
-    word, failure = _status(trials, method, run), _failure(trials, method, run)
+    word, failure = trials.statuses(method)[run], _failure(trials, method, run)
     status = Status.__members__[word.upper().replace("-", "_")]
     lines = [f"{trials.name}: run {run} of {method}" + (f" at {trials.title}" if trials.title else "")]
     lines += [f"status      {word}: {status.explanation}"]

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Columns, Rows
 from rmpc_bench.analysis.comparison_text import per_cent
+from rmpc_bench.analysis.drivers import COLUMNS as OF_DRIVERS
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
 from rmpc_bench.analysis.drivers import share_text as driver_share
+from rmpc_bench.analysis.lost_runs import COLUMNS as OF_LOST_RUNS
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.result_rows import ResultTable
-from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
+from rmpc_bench.analysis.statistics import COLUMNS as OF_PASS_RATES
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
@@ -27,6 +29,7 @@ from rmpc_bench.report.point_tables import (
     columns_from,
     markdown_page,
     markdown_table,
+    rounded_columns,
     stacked_points,
 )
 from rmpc_bench.report.run_notes import counted, show_command
@@ -80,10 +83,10 @@ def tail_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) ->
     """Return head -> cells at one point for some metrics or all; empty with few runs and where nothing is estimated."""
     if len(trials.runs) < FEWEST_RUNS or trials.alike or not trials.with_verdicts:
         return {}
-    trials = trials if metrics is None else trials.with_numbers(trials.frame, metrics=tuple(metrics))
-    infos = {info.name: info for info in trials.metrics}
-    table = tails(trials).sort_values("metric", key=lambda names: names.map(list(infos).index), kind="stable")
-    return columns_from(_cells(trials, row, infos[row["metric"]]) for row in table.to_dict("records"))
+    trials = trials if metrics is None else trials.with_numbers(metrics=tuple(metrics))
+    rows = tails(trials)
+    of_each = ((info, row) for info in trials.metrics for row in rows if row["metric"] == info.name)
+    return columns_from(_cells(trials, row, info) for info, row in of_each)
 
 
 class WorstRuns(NamedTuple):
@@ -135,7 +138,7 @@ def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]
     return found
 
 
-def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str, str]:
+def _cells(trials: Trials, row: Mapping[str, Any], info: MetricInfo) -> dict[str, str]:
     return {
         "metric": name_of_distance(info) + (f" [{info.unit}]" if info.unit else ""),
         "method": marked(trials, row["method"]),
@@ -145,17 +148,15 @@ def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str
     }
 
 
-def _tail_text(row: Mapping[Any, Any], name: str) -> str:
+def _tail_text(row: Mapping[str, Any], name: str) -> str:
     value, low, high = (float(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
     return f"{value}" if math.isinf(value) else interval_text(Estimate(value, low, high))
 
 
-def lost_table(trials: Trials) -> pd.DataFrame:
-    """Return the content of lost.csv: sweep columns, then one row per method; empty where no factor is given."""
-    table = stacked_points([(point, lost_runs(point)) for point in trials.each])
-    shares = ["lost_pct", "lost_low", "lost_high"]
-    table[shares] = rounded(table[shares].to_numpy(dtype=float), 100.0)
-    return table
+def lost_table(trials: Trials) -> Columns:
+    """Return the content of lost.csv: sweep columns, then one row per method; no row where no factor is given."""
+    table = stacked_points([(point, lost_runs(point)) for point in trials.each], OF_LOST_RUNS)
+    return rounded_columns(table, ["lost_pct", "lost_low", "lost_high"], 100.0)
 
 
 MOST_POINTS = 12  # points of a sweep whose drivers stand in tables/drivers.md; drivers.csv has all
@@ -168,10 +169,10 @@ DRIVERS_NOTE = (
 
 
 def _parts(
-    points: Sequence[tuple[Trials, pd.DataFrame]], columns: Callable[[Trials, pd.DataFrame], Mapping[str, list[str]]]
+    points: Sequence[tuple[Trials, Rows]], columns: Callable[[Trials, Rows], Mapping[str, list[str]]]
 ) -> list[str]:
     """Return the title and the table in Markdown of every point that has rows."""
-    found = [(trials.title, markdown_table(columns(trials, frame))) for trials, frame in points if len(frame)]
+    found = [(trials.title, markdown_table(columns(trials, rows))) for trials, rows in points if rows]
     return [text for title, table in found for text in ([f"# {title}", table] if title else [table])]
 
 
@@ -179,17 +180,17 @@ def _parts(
 class DriversTable(FrameTable):
     """Drivers of the primary metric."""
 
-    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its drivers, see `rmpc_bench.analysis.drivers`
+    points: Sequence[tuple[Trials, Rows]]  # each with its drivers, see `rmpc_bench.analysis.drivers`
 
     @property
-    def frame(self) -> pd.DataFrame:
+    def content(self) -> Columns:
         """Content of drivers.csv: sweep columns, then one row per method and quantity."""
-        return stacked_points(self.points)
+        return stacked_points(self.points, OF_DRIVERS)
 
     def to_markdown(self) -> str:
         """Return a table for every point; empty where nothing is uncertain."""
         parts = _parts(self.points[:MOST_POINTS], _columns)
-        left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
+        left = sum(len(rows) > 0 for _, rows in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
         return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
 
@@ -201,11 +202,14 @@ def drivers_table(trials: Trials) -> DriversTable:
     return DriversTable([(point, drivers(point)) for point in trials.each])
 
 
-def _columns(_: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
+def _columns(_: Trials, rows: Rows) -> dict[str, list[str]]:
     """Return head -> cells, a row per method."""
     found = []
-    for method, rows in frame[frame["response"] != "failed"].groupby("method", sort=False):
-        records = rows.to_dict("records")
+    of_method: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["response"] != "failed":
+            of_method.setdefault(row["method"], []).append(row)
+    for method, records in of_method.items():
         # Heads of two words cannot be names of quantities.
         cells = {"variance of": f"{method}: {records[0]['response']} of {records[0]['metric']}"}
         cells |= {"not explained" if row["quantity"] == REST else row["quantity"]: driver_share(row) for row in records}
@@ -220,9 +224,8 @@ REQUIREMENTS_NOTE = (
 )
 
 
-def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = False) -> dict[str, list[str]]:
+def requirement_columns(trials: Trials, rows: Rows, *, plain: bool = False) -> dict[str, list[str]]:
     """Return head -> cells by the pass rates of one point; a plain table has no backticks around requirements."""
-    rows = frame.to_dict("records")
     if not rows:
         return {}
     columns = {
@@ -241,12 +244,12 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame, *, plain: bool = Fa
     return columns
 
 
-def share_text(row: Mapping[Hashable, Any]) -> str:
+def share_text(row: Mapping[str, Any]) -> str:
     """Write the share of runs that meet a requirement with its interval."""
     return interval_text(Estimate(row["pass_pct"], row["pass_low"], row["pass_high"]), "%")
 
 
-def difference_text(row: Mapping[Hashable, Any]) -> str:
+def difference_text(row: Mapping[str, Any]) -> str:
     """Write the paired difference from the baseline in percentage points; "-" for the baseline."""
     values = (row["difference_pct"], row["difference_low"], row["difference_high"])
     return interval_text(Estimate(*values), "points", sign=True)
@@ -261,29 +264,27 @@ class RequirementsTable(FrameTable):
     """Pass rates at every point of a sweep."""
 
     trials: Trials
-    points: Sequence[tuple[Trials, pd.DataFrame]]  # each with its pass rates, see `rmpc_bench.analysis.statistics`
+    points: Sequence[tuple[Trials, Rows]]  # each with its pass rates, see `rmpc_bench.analysis.statistics`
 
     @property
-    def frame(self) -> pd.DataFrame:
+    def content(self) -> Columns:
         """Content of requirements.csv: sweep columns, then one row per requirement and method."""
-        table = stacked_points(self.points)
-        table[_SHARES] = rounded(table[_SHARES].to_numpy(dtype=float), 100.0)
-        return table
+        return rounded_columns(stacked_points(self.points, OF_PASS_RATES), _SHARES, 100.0)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """One sentence per requirement and method that can be quoted as it stands."""
-        return tuple(_sentence(trials, row) for trials, frame in self.points for row in frame.to_dict("records"))
+        return tuple(_sentence(trials, row) for trials, rows in self.points for row in rows)
 
     @property
     def gist(self) -> str:
         """In how many runs each method meets the first requirement; empty without one, or with several points."""
-        known = [frame for _, frame in self.points if len(frame)]
+        known = [rows for _, rows in self.points if rows]
         if len(known) != 1:
             return "requirements: tables/requirements.md" if known else ""
-        first = known[0]["requirement"].iloc[0]
-        rows = known[0][known[0]["requirement"] == first].to_dict("records")[:MOST_NAMED]
-        others = known[0]["requirement"].nunique() > 1 or len(known[0]) > len(rows)
+        first = known[0][0]["requirement"]
+        rows = [row for row in known[0] if row["requirement"] == first][:MOST_NAMED]
+        others = len(known[0]) > len(rows)
         met = ", ".join(f"{row['passed']} ({row['method']})" for row in rows)
         return f"{first} in {met} of {rows[0]['n']} runs{': tables/requirements.md' * others}"
 
@@ -301,7 +302,7 @@ def requirements_table(trials: Trials) -> RequirementsTable:
     return RequirementsTable(trials, [(point, pass_rates(point)) for point in trials.each])
 
 
-def _sentence(trials: Trials, row: Mapping[Hashable, Any]) -> str:
+def _sentence(trials: Trials, row: Mapping[str, Any]) -> str:
     where = f"{trials.title}: " if trials.title else ""
     failed = f", {row['n_failed']} of them failed" if row["n_failed"] else ""
     met = f"meets {row['requirement']} in {row['passed']} of {row['n']} runs"

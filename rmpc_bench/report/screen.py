@@ -177,7 +177,7 @@ class Screen:
     def _driven(self) -> list[str]:
         if len(self.driven.points) != 1 or not self.trials.with_verdicts:
             return []
-        text = gist(self.driven.points[0][1].to_dict("records"), self.trials.baseline)
+        text = gist(self.driven.points[0][1], self.trials.baseline)
         what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
         mostly = "mostly " * text.startswith("mostly ")
         found = f"{what} depends {mostly}on {text.removeprefix(mostly)}"
@@ -188,7 +188,7 @@ class Screen:
         info = self.trials.primary_info
         if self.trials.lost is None or self.trials.points or info is None:
             return []
-        counts = [f"{row['n_lost']} ({row['method']})" for row in lost_runs(self.trials).to_dict("records")]
+        counts = [f"{row['n_lost']} ({row['method']})" for row in lost_runs(self.trials)]
         rule = f"failed, or {info.words} above {self.trials.lost:g} times that of {self.trials.baseline}"
         return [f"lost ({rule}): {', '.join(counts[:MOST_NAMED])}{': lost.csv' * (len(counts) > MOST_NAMED)}"]
 

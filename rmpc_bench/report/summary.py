@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from rmpc_bench.analysis import statistics
-from rmpc_bench.analysis.comparison import comparisons, levels
+from rmpc_bench.analysis.columns import Columns, Rows, data_frame
+from rmpc_bench.analysis.comparison import COLUMNS, WHOLE, comparisons, levels
 from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -32,8 +32,11 @@ from rmpc_bench.types import DesignError
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import Column
 
+if TYPE_CHECKING:
+    import pandas as pd
 
-def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
+
+def summary_markdown(trials: Trials, summary: Rows, comparisons: Rows) -> str:
     """Write the page of tables: per metric all columns of the page, then the worst and the failed runs."""
     n, level = len(trials.runs), 100 * trials.confidence
     name = f"{trials.name}: {' '.join(trials.title.split())}" if trials.title else trials.name
@@ -87,14 +90,24 @@ class Summary(Points):
     __slots__ = ()
 
     @property
+    def described_columns(self) -> Columns:
+        """Sweep columns, then one row per method and metric."""
+        return stacked_points([(point.trials, point.described) for point in self.points], statistics.SUMMARY)
+
+    @property
+    def compared_columns(self) -> Columns:
+        """Sweep columns, then one row per comparison with the baseline."""
+        return stacked_points([(point.trials, point.compared) for point in self.points], COLUMNS)
+
+    @property
     def described(self) -> pd.DataFrame:
         """Sweep columns, then one row per method and metric."""
-        return stacked_points([(point.trials, point.described) for point in self.points])
+        return data_frame(self.described_columns)
 
     @property
     def compared(self) -> pd.DataFrame:
         """Sweep columns, then one row per comparison with the baseline."""
-        return stacked_points([(point.trials, point.compared) for point in self.points])
+        return data_frame(self.compared_columns, WHOLE)
 
     def shown(self, order: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Summary:
         """Return the same statistics with fewer or reordered methods and metrics in the tables; all where None."""
@@ -115,7 +128,7 @@ class Summary(Points):
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""
         pages = [self.pooled] if self.pooled else []
-        tables = [summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]] if len(page.trials.frame)]
+        tables = [summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]] if len(page.trials.runs)]
         tables += [text for point in self.points[:MOST_PAGES] if (text := ensemble_markdown(point.trials))]
         return "\n".join(tables)
 
@@ -163,6 +176,6 @@ def summarise(trials: Trials) -> Summary:
     if len(trials.points) > MOST_ON_SCREEN and trials.is_population:
         # Nothing is estimated where the points are all there are, so there are no errors, intervals and tests.
         every, none = trials.pooled(), {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
-        pooled = PointSummary(every, statistics.summary(every).assign(**none), comparisons(every).iloc[:0])
+        pooled = PointSummary(every, [{**row, **none} for row in statistics.summary(every)], [])
     points = [PointSummary(point, statistics.summary(point), comparisons(point, of)) for point in trials.each]
     return Summary(points, pooled)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pandas as pd
 
-from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.columns import Columns, columns_of
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.tuning import Outcome, outcome, parameter_text, tuning_frame
+from rmpc_bench.analysis.tuning import Outcome, outcome, parameter_text, tuning_rows
 from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks, tuning_ranks, why_unranked
-from rmpc_bench.report.point_tables import FrameTable, columns_from, markdown_page, markdown_table
+from rmpc_bench.report.point_tables import FrameTable, columns_from, markdown_page, markdown_table, rounded_columns
 from rmpc_bench.report.run_notes import counted, percent
 from rmpc_bench.types.tuning import Tuning
 
@@ -143,19 +142,17 @@ class TuningTable(FrameTable):
         whys = {title: why for title, why in self._ranked.items() if isinstance(why, str)}
         return whys if len(self.trials.methods) > 1 else {}
 
+    whole = _RANKS
+
     @property
-    def frame(self) -> pd.DataFrame:
+    def content(self) -> Columns:
         """Content of tuning.csv: one row per point, method and parameter; empty where nothing is known."""
         # The record of a tuning may be missing, and a command may compute the other methods only.
         if self.tuning is None or not self.tuning.searches:
-            return pd.DataFrame()
-        table = tuning_frame(self.tuning)
-        table = table.join(pd.DataFrame([*map(self._rank_row, table["point"], table["method"])]))
-        table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float))
-        table[_SHARES] = rounded(table[_SHARES].to_numpy(dtype=float), 100.0)
-        for name in _RANKS:
-            table[name] = table[name].astype("Int64")
-        return table if (table["point"] != "").any() else table.drop(columns="point")
+            return {}
+        rows = [row | self._rank_row(str(row["point"]), str(row["method"])) for row in tuning_rows(self.tuning)]
+        names = [name for name in rows[0] if name != "point" or any(row["point"] for row in rows)]
+        return rounded_columns(rounded_columns(columns_of(rows, names), _NUMBERS), _SHARES, 100.0)
 
     def _rank_row(self, point: str, method: str) -> dict[str, object]:
         ranks = self.ranks.get(point)

@@ -9,8 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
+from rmpc_bench.analysis.columns import Columns, data_frame
 from rmpc_bench.analysis.runs import Extent, PointExtent
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trial_arrays import rounded_trials
@@ -26,6 +25,8 @@ from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from rmpc_bench.config_file.component import Component
 
 
@@ -38,9 +39,10 @@ class Results:
     experiment : names, settings, figures and claims of the experiment, as they are stored beside its trials
     directory : where the trials are stored
     stored : metrics and status of every stored run, series of the designs, recorded runs
-    uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
+    quantities : sweep columns, ``run`` and one column per named uncertain quantity; `uncertainty` is a data frame of it
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
-    timings : sweep columns, method, component, and quantiles of the durations of its calls [s]
+    durations : sweep columns, method, component, and quantiles of the durations of its calls [s]; `timings` is a data
+        frame of it
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
     tuning : how parameters were chosen, as far as it is recorded here; None where nothing is tuned
     components : own figures by their index among the figures, loaded by `run`; stored results have none
@@ -49,9 +51,9 @@ class Results:
     experiment: StoredExperiment
     directory: Path
     stored: Trials
-    uncertainty: pd.DataFrame
+    quantities: Columns
     n_complete: Mapping[str, int]
-    timings: pd.DataFrame = field(default_factory=pd.DataFrame)
+    durations: Columns = field(default_factory=dict)
     other_code: str = ""
     tuning: Tuning | None = None
     components: Mapping[int, Component] = field(default_factory=dict)
@@ -71,12 +73,22 @@ class Results:
         return f"<Results of {self.experiment.name!r}: {runs} runs of {methods} methods, {self.directory}>"
 
     def _repr_html_(self) -> str:
-        return self.comparison._repr_html_() if len(self.trials.frame) else escape(repr(self))
+        return self.comparison._repr_html_() if len(self.trials.runs) else escape(repr(self))
 
     @property
     def overrides(self) -> tuple[str, ...]:
         """Options that changed the configuration, such as ``--smoke``; claims are then not evaluated."""
         return self.experiment.overrides
+
+    @cached_property
+    def uncertainty(self) -> pd.DataFrame:
+        """The named uncertain quantities of every stored run."""
+        return data_frame(self.quantities)
+
+    @cached_property
+    def timings(self) -> pd.DataFrame:
+        """How long the calls of components took."""
+        return data_frame(self.durations)
 
     @property
     def series(self) -> pd.DataFrame:
@@ -156,14 +168,14 @@ def read_results(directory: str | Path) -> Results:
     check_copies(place)
     with Store(place, writable=False) as store, decoded(place):
         experiment = read_experiment(store)
-        tuning, quantities = tuning_of(experiment, place), dict[str, pd.DataFrame]()
+        tuning, quantities = tuning_of(experiment, place), dict[str, Columns]()
         return Results(
             experiment=experiment,
             directory=place,
             stored=stored_trials(experiment, store, quantities).with_tuning(tuning),
-            uncertainty=uncertainty(experiment, store, quantities),
+            quantities=uncertainty(experiment, store, quantities),
             n_complete=n_complete(experiment, store),
-            timings=timings(experiment, store),
+            durations=timings(experiment, store),
             other_code=other_code(experiment, store),
             tuning=tuning,
         )

@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Columns, Series, n_rows, stacked, with_point
 from rmpc_bench.analysis.levels import number_of_look
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import COVARIANCE, RunGroups, Traces
-from rmpc_bench.analysis.trials import Trials, stacked_rows, with_point
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.received.store import MissingError, decoded
 from rmpc_bench.results import manifest
 from rmpc_bench.results.other_code import rows_kept_apart
@@ -27,9 +27,7 @@ from rmpc_bench.types import Array
 from rmpc_bench.types.sweep_points import relevant_paths
 
 
-def stored_trials(
-    experiment: StoredExperiment, store: Store, quantities: dict[str, pd.DataFrame] | None = None
-) -> Trials:
+def stored_trials(experiment: StoredExperiment, store: Store, quantities: dict[str, Columns] | None = None) -> Trials:
     """Read the stored trials of an experiment, without methods that have no stored run.
 
     Raises a MissingError if there are none.  `quantities` gets the sampled values, for `uncertainty`.
@@ -63,27 +61,27 @@ def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: Seri
         title="",
         keys={},
     ).with_points(tables)
-    return replace(whole, series=series.of_sweep(whole.methods))
+    return replace(whole, over_time=series.of_sweep(whole.methods))
 
 
 class _TrialsReader:
     """Reads the trials of an experiment, point by point; what points share is read once."""
 
-    def __init__(self, experiment: StoredExperiment, store: Store, quantities: dict[str, pd.DataFrame]) -> None:
+    def __init__(self, experiment: StoredExperiment, store: Store, quantities: dict[str, Columns]) -> None:
         self._experiment, self._store, self._quantities = experiment, store, quantities
         points = experiment.points
-        self._frames = [{name: _frame(experiment, point, store, name) for name in point.methods} for point in points]
-        self._common = [common_runs(frame["run"].to_numpy() for frame in found.values()) for found in self._frames]
+        self._columns = [{name: _columns(experiment, point, store, name) for name in point.methods} for point in points]
+        self._common = [common_runs(columns["run"] for columns in found.values()) for found in self._columns]
         self.series = SeriesReader(experiment, store, self._common)
 
     def at_point(self, number: int) -> Trials:
         """Read the table of one point."""
         experiment, store = self._experiment, self._store
-        # The frames of a point are in memory once: what is read of a large experiment fills it.
-        point, frames, self._frames[number] = experiment.points[number], self._frames[number], {}
-        methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
-        frame = stacked_rows([*frames.values()])
-        del frames
+        # The columns of a point are in memory once: what is read of a large experiment fills it.
+        point, found, self._columns[number] = experiment.points[number], self._columns[number], {}
+        methods = tuple(name for name, columns in found.items() if n_rows(columns) or not experiment.has_runs)
+        columns = stacked([*found.values()])
+        del found
         notes = {name: _notes(experiment, point, store, name) for name in methods}
         traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
         groups = {name: _groups(experiment, point, store, name, self._common[number]) for name in methods}
@@ -91,15 +89,15 @@ class _TrialsReader:
             **_same_at_all_points(experiment),
             **_of_record(point),
             methods=methods,
-            frame=frame,
-            series=self.series.at_point(number, methods),
+            columns=columns,
+            over_time=self.series.at_point(number, methods),
             baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
             units=with_estimates(point, point.units, traces.values()),
             names=with_estimates(point, point.names, traces.values()),
             traces=traces,
             groups={name: each for name, each in groups.items() if each is not None},
             notes=with_step_times(notes, experiment, point, store),
-            uncertainty=_quantities(experiment, point, store, self._quantities),
+            quantities=_quantities(experiment, point, store, self._quantities),
         )
 
 
@@ -168,11 +166,11 @@ def _groups(
     return RunGroups(runs, n, mean, second, point.nx)
 
 
-def _frame(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> pd.DataFrame:
+def _columns(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> dict[str, Array]:
     key = point.methods[name].key
     runs, status = store.statuses(key, experiment.n_runs)
     columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
-    return pd.DataFrame({"method": name, "run": runs, "status": WORDS[status], **columns})
+    return {"method": np.full(len(runs), name, dtype=object), "run": runs, "status": WORDS[status], **columns}
 
 
 def other_code(experiment: StoredExperiment, store: Store) -> str:
@@ -190,58 +188,47 @@ def n_complete(experiment: StoredExperiment, store: Store) -> dict[str, int]:
     return counts
 
 
-def uncertainty(experiment: StoredExperiment, store: Store, cached: dict[str, pd.DataFrame]) -> pd.DataFrame:
+def uncertainty(experiment: StoredExperiment, store: Store, cached: dict[str, Columns]) -> dict[str, Array]:
     """Read every sampled value of the named uncertain quantities: sweep columns, ``run`` and one per quantity."""
-    tables: list[pd.DataFrame] = []
-    for point in experiment.points:
-        table = _quantities(experiment, point, store, cached)
-        tables.append(with_point(table, point.coordinates) if point.coordinates else table)
-    return stacked_rows(tables)
+    points = experiment.points
+    return stacked([with_point(_quantities(experiment, each, store, cached), each.coordinates) for each in points])
 
 
-def _quantities(
-    experiment: StoredExperiment, point: StoredPoint, store: Store, cached: dict[str, pd.DataFrame]
-) -> pd.DataFrame:
+def _quantities(experiment: StoredExperiment, point: StoredPoint, store: Store, cached: dict[str, Columns]) -> Columns:
     """Read the sampled values at one point: ``run`` and one column per quantity."""
     if point.uncertainty_key not in cached:
         runs, columns = store.uncertainty(point.uncertainty_key, experiment.n_runs)
         names = [*point.uncertainty, *(name for name in columns if name not in point.uncertainty)]
         missing = np.full(len(runs), np.nan)
-        table = pd.DataFrame({"run": runs, **{name: columns.get(name, missing) for name in names}})
-        cached[point.uncertainty_key] = table
+        cached[point.uncertainty_key] = {"run": runs, **{name: columns.get(name, missing) for name in names}}
     return cached[point.uncertainty_key]
 
 
-COLUMNS = ["method", "quantity", "component", "k", "n", "value"]
-
-
 class SeriesReader:
-    """Reads the series of an experiment; points of a sweep that share a series get the same table.
+    """Reads the series of an experiment; points of a sweep that share a series get the same arrays.
 
     An ensemble has the common runs of its point: in the order of the points, None where these are all runs.
     """
 
     def __init__(self, experiment: StoredExperiment, store: Store, common: Sequence[Array | None]) -> None:
         self._experiment, self._store, self._common = experiment, store, common
-        self._cache: dict[tuple[tuple[str, str, bytes], ...], pd.DataFrame] = {}
+        self._cache: dict[tuple[str, str, bytes], list[Series]] = {}
 
-    def at_point(self, number: int, methods: Sequence[str]) -> pd.DataFrame:
-        """Series of some methods at one point of the sweep, with the columns `COLUMNS`."""
+    def at_point(self, number: int, methods: Sequence[str]) -> list[Series]:
+        """Series of some methods at one point of the sweep."""
         point, runs = self._experiment.points[number], self._common[number]
         chosen = runs.tobytes() if runs is not None and point.has_ensemble else b""
-        key = tuple((name, point.methods[name].series_key, chosen) for name in methods)
-        if key not in self._cache and len(methods) > 1:
-            self._cache[key] = stacked_rows([self.at_point(number, [name]) for name in methods])
-        elif key not in self._cache:
-            parts = (
-                [*self._of_design(point, methods[0]), *self._of_ensemble(point, methods[0], runs)] if methods else []
-            )
-            self._cache[key] = stacked_rows(parts or [pd.DataFrame(columns=COLUMNS)])
-        return self._cache[key]
+        found = []
+        for name in methods:
+            key = name, point.methods[name].series_key, chosen
+            if key not in self._cache:
+                self._cache[key] = [*self._of_design(point, name), *self._of_ensemble(point, name, runs)]
+            found += self._cache[key]
+        return found
 
-    def of_sweep(self, methods: Sequence[str]) -> pd.DataFrame:
-        """Series of some methods at all points, each once: columns of paths it does not depend on are empty."""
-        points, parts = self._experiment.points, []
+    def of_sweep(self, methods: Sequence[str]) -> list[Series]:
+        """Series of some methods at all points, each once: the values of paths it does not depend on are empty."""
+        points, found = self._experiment.points, list[Series]()
         for name in methods:
             rows = [(point.coordinates, point.methods[name].series_key) for point in points]
             paths = relevant_paths(rows, self._experiment.axes)
@@ -250,52 +237,35 @@ class SeriesReader:
                 where = {path: point.coordinates[path] if path in paths else "" for path in self._experiment.paths}
                 if tuple(where.values()) not in seen:
                     seen.add(tuple(where.values()))
-                    parts.append(with_point(self.at_point(number, [name]), where))
-        return stacked_rows(parts)
+                    found += [each._replace(point=where) for each in self.at_point(number, [name])]
+        return found
 
-    def _of_design(self, point: StoredPoint, method: str) -> list[pd.DataFrame]:
+    def _of_design(self, point: StoredPoint, method: str) -> list[Series]:
         """Gains, covariances, multipliers of a design over k."""
         series = point.methods[method].series
-        return [_long(method, quantity, self._store.array(name)) for quantity, name in series.items()]
+        return [Series(method, quantity, self._store.array(name)) for quantity, name in series.items()]
 
-    def _of_ensemble(self, point: StoredPoint, method: str, runs: Array | None) -> list[pd.DataFrame]:
+    def _of_ensemble(self, point: StoredPoint, method: str, runs: Array | None) -> list[Series]:
         """Mean and covariance of state, estimate and error over the runs: exact where they can be, and from groups."""
         parts, exact = [], point.methods[method].moments
         if exact is not None:
             moments = Moments(*(self._store.array(name) for name in exact))
             # The error of an unstable estimator may grow until it overflows.
             with np.errstate(over="ignore", invalid="ignore"):
-                parts += [_long(method, name, values) for name, values in signals(moments, point.nx).items()]
+                parts += [Series(method, name, values) for name, values in signals(moments, point.nx).items()]
         groups = []
         if point.has_ensemble:
             groups = groups_within(self._store.ensemble(point.methods[method].key, self._experiment.n_runs), runs)
         if groups:
             n, mean, cov = joined(groups)
             sampled = signals(Moments(mean, cov), point.nx) if n > 1 else {}
-            parts += [_long(method, name, values, n) for name, values in sampled.items()]
+            parts += [Series(method, name, values, n) for name, values in sampled.items()]
         return parts
 
 
 def groups_within(groups: Sequence[Group], runs: Array | None) -> list[Group]:
     """Return the groups of which all runs are among some; None for all runs."""
     return [each for each in groups if runs is None or np.isin(np.arange(each.first, each.stop), runs).all()]
-
-
-def _long(method: str, quantity: str, values: Array, n: int = 0) -> pd.DataFrame:
-    """Spread an array with axis 0 = k over rows, one per k and component; n = 0 means exact."""
-    n_samples, inner = len(values), values.shape[1:]
-    components = [",".join(map(str, index)) for index in np.ndindex(*inner)]
-    flat = values.reshape(n_samples, -1)
-    return pd.DataFrame(
-        {
-            "method": method,
-            "quantity": quantity,
-            "component": np.repeat(np.array(components, dtype=object), n_samples),
-            "k": np.tile(np.arange(n_samples), len(components)),
-            "n": n,
-            "value": flat.T.ravel(),
-        }
-    )
 
 
 def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
@@ -350,16 +320,16 @@ def with_step_times(
     return {name: replace(each, seconds_per_step=_step_time(medians[name])) for name, each in notes.items()}
 
 
-def with_timings(trials: Trials, timings: pd.DataFrame) -> Trials:
+def with_timings(trials: Trials, timings: Columns) -> Trials:
     """Return trials with the times per step that follow from a table of `timings`, such as that of an archive."""
     if trials.points:
         return replace(trials, points=tuple(with_timings(table, timings) for table in trials.points))
-    for path, value in trials.point.items():
-        timings = timings[timings[path].astype(str) == value]
     medians: dict[str, dict[str, float]] = {name: {} for name in trials.notes}
-    for row in timings.to_dict("records"):
+    for cells in zip(*timings.values(), strict=True):
+        row = dict(zip(timings, cells, strict=True))
         phase = "" if row["phase"] == "step" else f", {row['phase']}"
-        medians.setdefault(row["method"], {})[f"{row['component']}{phase}"] = row["median_s"]
+        if all(str(row[path]) == value for path, value in trials.point.items()):
+            medians.setdefault(row["method"], {})[f"{row['component']}{phase}"] = row["median_s"]
     notes = {name: replace(each, seconds_per_step=_step_time(medians[name])) for name, each in trials.notes.items()}
     return replace(trials, notes=notes)
 
@@ -380,7 +350,7 @@ def _step_time(medians: Mapping[str, float]) -> float | None:
     return sum(known) if len(known) == len(found) else None
 
 
-def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+def timings(experiment: StoredExperiment, store: Store) -> Columns:
     """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
 
     The phase is ``step``, ``first step`` (which may compile) or ``start``; ``block`` is the time per run and step of a
@@ -400,4 +370,5 @@ def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
                 numbers = [_printed(value) for value in (*seconds, share)]
                 rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
     names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
-    return pd.DataFrame(rows if has_own or experiment.ranks else [], columns=[*experiment.paths, *names])
+    cells = [*zip(*rows, strict=True)] if rows and (has_own or experiment.ranks) else ()
+    return {name: cells[place] if cells else () for place, name in enumerate((*experiment.paths, *names))}

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import n_rows
 from rmpc_bench.analysis.drivers import FAILED, REST, per_cent
 from rmpc_bench.analysis.drivers import gist as drivers_gist
 from rmpc_bench.analysis.pairs import distance_from_best
@@ -22,7 +22,7 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.labels import quantity, short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
 from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
-from rmpc_bench.report.point_tables import columns_from
+from rmpc_bench.report.point_tables import columns_from, texts_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
 from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_rows, requirement_columns, tail_columns, worst_of
@@ -42,15 +42,12 @@ def _settings(source: PageSource) -> Fold:
     parts += [Part(items=[f"{name}: {text}" for name, text in source.shared.items()])] if source.shared else []
     if trials.points:
         parts.append(Part(text=f"Sweep of {len(trials.points)} points over {', '.join(trials.paths)}."))
-    if len(source.timings):
-        texts = source.timings.map(
-            lambda each: "" if pd.isna(each) else f"{each:.3g}" if isinstance(each, float) else str(each)
-        )
-        columns = {str(name): [*texts[name]] for name in texts.columns}
-        parts += [Part(text="Durations of the calls of components [s]:"), Part(table=Table(columns))]
+    if n_rows(source.timings):
+        table = Table(texts_of(source.timings, 3))
+        parts += [Part(text="Durations of the calls of components [s]:"), Part(table=table)]
     parts.append(Part(note="config.resolved.yaml has every key with its default."))
     n = len(trials.methods)
-    uncertain = len(trials.each[0].uncertainty.columns) - 1
+    uncertain = len(trials.each[0].quantities) - 1
     gist = counted(n, "method")
     gist += f", {uncertain} uncertain quantit{'y' if uncertain == 1 else 'ies'}" if uncertain > 0 else ""
     return Fold("Settings", gist, parts)
@@ -89,7 +86,7 @@ def _limits(source: PageSource) -> Iterator[str]:
     for verdict in source.verdicts:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
             yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
-    if trials.with_verdicts and len(trials.frame):
+    if trials.with_verdicts and len(trials.runs):
         yield "All numbers hold for this plant and these distributions of its uncertain quantities and noises only."
 
 
@@ -111,7 +108,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     limits = [*_limits(source)]
     gist = "".join(text.rstrip(".").partition(". ")[0] for text in limits[:1])
     gist += f" (and {len(limits) - 1} more)" if len(limits) > 1 else ""
-    stand_above = not len(source.trials.frame) and len(source.trials.each) == 1
+    stand_above = not len(source.trials.runs) and len(source.trials.each) == 1
     moments = None if stand_above else moments_of(source.trials)
     in_short = "bias, variance and reported covariance by state"
     found = [
@@ -166,8 +163,8 @@ def _drivers(source: PageSource) -> Fold | None:
     baseline = source.trials.baseline
     found: list[Mapping[str, str]] = []
     every: list[Mapping[Any, Any]] = []
-    for trials, frame in source.drivers.points:
-        rows = frame[(frame["quantity"] != REST) & (frame["response"] != FAILED)].to_dict("records")
+    for trials, every_row in source.drivers.points:
+        rows = [row for row in every_row if row["quantity"] != REST and row["response"] != FAILED]
         gist = drivers_gist(rows, baseline)
         rows = [row for row in rows if row["method"] != baseline] or rows
         every += rows if gist else []
@@ -265,10 +262,10 @@ def _requirements(source: PageSource) -> Fold | None:
     if source.requirements is None or not source.trials.with_verdicts:
         return None
     parts = list[Part]()
-    points = [(trials, frame) for trials, frame in source.requirements.points if len(frame)]
-    for trials, frame in points[:MOST_POINTS]:
+    points = [(trials, rows) for trials, rows in source.requirements.points if rows]
+    for trials, rows in points[:MOST_POINTS]:
         parts += [Part(text=f"{short_title(trials)}:")] if trials.title else []
-        parts.append(Part(table=Table(requirement_columns(trials, frame, plain=True))))
+        parts.append(Part(table=Table(requirement_columns(trials, rows, plain=True))))
     left = len(points) - MOST_POINTS
     parts += [Part(note=f"{left} more points are in requirements.csv.")] if left > 0 else []
     parts += [Part(note=REQUIREMENTS_NOTE)] if parts else []

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import pandas as pd
-
+from rmpc_bench.analysis.columns import Columns
 from rmpc_bench.analysis.ranks import Ranking
 from rmpc_bench.analysis.result_rows import ResultTable, in_one_form, result_table
 from rmpc_bench.analysis.runs import Extent
@@ -55,7 +54,7 @@ class PageSource:
     requirements: RequirementsTable | None = None
     ranks: RanksTable | None = None
     tuning: TuningTable | None = None
-    timings: pd.DataFrame = field(default_factory=pd.DataFrame)  # durations of the calls of own components
+    timings: Columns = field(default_factory=dict)  # durations of the calls of own components
     files: Sequence[str] = ()  # files of the directory, relative to the page
     index: str = ""  # index of several experiments, relative to the page
 
@@ -80,7 +79,7 @@ def tables_of(summary: Summary, info: MetricInfo | None) -> list[ResultTable]:
     """Return the rows of a metric at every point with runs."""
     if info is None:
         return []
-    return in_one_form([result_table(*each, info) for each in summary.points if len(each.trials.frame)])
+    return in_one_form([result_table(*each, info) for each in summary.points if len(each.trials.runs)])
 
 
 class Table(NamedTuple):
