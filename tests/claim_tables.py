@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import LONG, arrays
+from data_frames import series as series_of
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
@@ -31,8 +33,8 @@ def make_trials():
             methods=methods,
             labels={method: method for method in methods},
             metrics=tuple(MetricInfo(name, "", directions.get(name, "lower")) for name in metrics),
-            frame=pd.DataFrame(rows),
-            series=pd.DataFrame(list(series), columns=["method", "quantity", "component", "k", "n", "value"]),
+            columns=arrays(pd.DataFrame(rows)),
+            over_time=series_of(pd.DataFrame(list(series), columns=LONG)),
             baseline=methods[-1],
             confidence=0.95,
             relevant=relevant,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+from data_frames import arrays
 
 from rmpc_bench.analysis.runs import Extent, PointExtent
 from rmpc_bench.analysis.trials import Trials
@@ -33,8 +34,8 @@ def table(values, *, name="a", seed=7, first=0, metric="m", unit="", direction="
         methods=methods,
         labels={},
         metrics=(MetricInfo(metric, unit, direction, may_not_occur=may_not_occur),),
-        frame=frame,
-        series=pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"]),
+        columns=arrays(frame),
+        over_time=(),
         baseline=methods[0],
         confidence=0.95,
         relevant=0.01,

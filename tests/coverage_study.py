@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from data_frames import arrays
 from populations import Population, populations
 
 from rmpc_bench.analysis import comparison
@@ -91,8 +92,8 @@ def table_of(population: Population, runs: np.ndarray, confidence: float) -> Tri
         methods=methods,
         labels={},
         metrics=(info,),
-        frame=frame,
-        series=pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"]),
+        columns=arrays(frame),
+        over_time=(),
         baseline=methods[0],
         confidence=confidence,
         relevant=RELEVANT,
@@ -235,13 +236,12 @@ def study_of_claims(n: int, experiments: int, kinds: Iterable[str] = tuple(CLAIM
     names, values = ("A", "B"), np.exp(0.6 * common + 0.8 * own)
     info = MetricInfo("m", "", "lower")
     links = {kind: parse(CLAIMED[kind]).links[0] for kind in kinds}
-    series = pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"])
 
     def evaluator(rows: np.ndarray, link: Link) -> Evaluator:
         flat = values[rows].T.ravel()
         columns = {"method": np.repeat(names, len(rows)), "run": np.tile(np.arange(len(rows)), 2), "status": "ok"}
         frame = pd.DataFrame({**columns, "m": flat})
-        trials = Trials("claims", names, {}, (info,), frame, series, "B", LEVEL, RELEVANT, SEED)
+        trials = Trials("claims", names, {}, (info,), arrays(frame), (), "B", LEVEL, RELEVANT, SEED)
         return Evaluator(trials, link)
 
     missed: dict[str, list[tuple[bool, bool]]] = {kind: [] for kind in kinds}

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays
+from data_frames import series as series_of
 
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
@@ -39,8 +41,8 @@ def make_trials():
             methods=methods,
             labels={method: method for method in methods} | (labels or {}),
             metrics=tuple(infos),
-            frame=pd.DataFrame(rows),
-            series=pd.DataFrame([], columns=["method", "quantity", "component", "k", "n", "value"]),
+            columns=arrays(pd.DataFrame(rows)),
+            over_time=(),
             baseline=methods[0],
             confidence=0.95,
             relevant=0.01,
@@ -87,7 +89,7 @@ def with_series():
             pd.DataFrame({**dict(zip(names, head, strict=True)), "k": np.arange(len(values)), "value": values, "n": n})
             for *head, values, n in series
         ]
-        return replace(trials, series=pd.concat([trials.series, *parts] if len(trials.series) else parts))
+        return replace(trials, over_time=[*trials.over_time, *series_of(pd.concat(parts))])
 
     names = ("method", "quantity", "component")
     return add

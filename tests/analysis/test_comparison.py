@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 from comparison_tables import table
 from conftest import ROUND
+from data_frames import comparison_frame
 from scipy import stats
 
-from rmpc_bench.analysis.comparison import COLUMNS, Comparison, comparisons, levels
+from rmpc_bench.analysis.comparison import COLUMNS, Comparison, levels
 from rmpc_bench.analysis.intervals import FEW
 from rmpc_bench.analysis.pairs import pairs_of, worst_finished
 from rmpc_bench.analysis.superiority import POWER, runs_for_count
@@ -38,7 +39,7 @@ def compared(make_trials, ratios, **changes):
     """Return the row of a method whose runs have these ratios to the baseline."""
     base = np.resize([1.0, 1.7, 0.6], len(ratios))
     trials = make_trials({"mse": {"A": base * ratios, "B": base}})
-    return only(comparisons(replace(trials, **changes)))
+    return only(comparison_frame(replace(trials, **changes)))
 
 
 def test_columns_of_the_file():
@@ -54,7 +55,7 @@ def test_geometric_mean_of_the_ratios(make_trials):
     rng = np.random.default_rng(0)
     b = rng.uniform(1, 3, 40)
     a = b * np.exp(rng.normal(-0.1, 0.05, 40))
-    row, logs = only(comparisons(make_trials({"mse": {"A": a, "B": b}}))), np.log(a / b)
+    row, logs = only(comparison_frame(make_trials({"mse": {"A": a, "B": b}}))), np.log(a / b)
     interval = stats.ttest_1samp(logs, 0).confidence_interval(0.95)
     expected = 100 * np.expm1([logs.mean(), interval.low, interval.high])
     assert [row.change_pct, row.ci_low, row.ci_high] == pytest.approx(list(expected), rel=1e-9)
@@ -72,7 +73,7 @@ def test_ratio_of_the_means_has_the_interval_of_the_jackknife(make_trials):
     rng = np.random.default_rng(1)
     b = rng.gamma(4.0, size=60)
     a = 0.8 * b + rng.gamma(2.0, 0.1, 60)
-    row = only(comparisons(replace(make_trials({"mse": {"A": a, "B": b}}), headline="mean")))
+    row = only(comparison_frame(replace(make_trials({"mse": {"A": a, "B": b}}), headline="mean")))
     cov, (mean_a, mean_b) = np.cov(a, b), (a.mean(), b.mean())
     variance = (cov[0, 0] / mean_a**2 + cov[1, 1] / mean_b**2 - 2 * cov[0, 1] / mean_a / mean_b) / 60
     left_out = [math.log(np.delete(a, i).mean() / np.delete(b, i).mean()) for i in range(60)]
@@ -84,7 +85,7 @@ def test_ratio_of_the_means_has_the_interval_of_the_jackknife(make_trials):
     assert jackknife == pytest.approx(variance, rel=1 / 60)
     assert row.average == "mean" and row.mean_pct == row.change_pct
     assert row.geometric_pct == pytest.approx(100 * math.expm1(np.log(a / b).mean()), rel=1e-9)
-    alone = only(comparisons(replace(make_trials({"mse": {"A": a, "B": b}}), average="geometric")))
+    alone = only(comparison_frame(replace(make_trials({"mse": {"A": a, "B": b}}), average="geometric")))
     assert math.isnan(alone.mean_pct) and alone.average == "geometric"
 
 
@@ -117,7 +118,7 @@ def test_direction_decides_which_side_is_better(make_trials, direction):
     """A higher score is better, with the same size."""
     base = np.linspace(1, 2, 30)
     values = {"A": base * np.exp(0.1 + 0.01 * np.resize([1, -1], 30)), "B": base}
-    row = only(comparisons(make_trials({"m": values}, directions={"m": direction})))
+    row = only(comparison_frame(make_trials({"m": values}, directions={"m": direction})))
     better = direction == "higher"
     assert (row.verdict, row.won, row.lost) == (("better", 30, 0) if better else ("worse", 0, 30))
     assert row.change_pct == pytest.approx(100 * math.expm1(0.1), rel=1e-9)
@@ -128,10 +129,10 @@ def test_averages_that_contradict_each_other(make_trials):
     base = np.where(np.arange(200) % 10 == 0, 20.0, 1.0)
     ratios = np.where(np.arange(200) % 10 == 0, 2.0, 0.8)
     trials = make_trials({"mse": {"A": base * ratios, "B": base}})
-    row = only(comparisons(trials))
+    row = only(comparison_frame(trials))
     assert row.geometric_high < 0 < row.mean_low and row.verdict == "depends-on-average"
-    assert only(comparisons(replace(trials, average="geometric"))).verdict == "better"
-    assert only(comparisons(replace(trials, average="mean"))).verdict == "worse"
+    assert only(comparison_frame(replace(trials, average="geometric"))).verdict == "better"
+    assert only(comparison_frame(replace(trials, average="mean"))).verdict == "worse"
 
 
 def test_signed_metric_has_differences_in_its_unit(make_trials):
@@ -139,20 +140,20 @@ def test_signed_metric_has_differences_in_its_unit(make_trials):
     base = np.resize([1.0, -1.0], 40)
     spread = np.resize([0.01, -0.01, -0.01, 0.01], 40)
     trials = make_trials({"e": {"A": base * 0.95 + spread, "B": base}}, directions={"e": "zero"})
-    row = only(comparisons(trials))
+    row = only(comparison_frame(trials))
     gap = np.abs(base * 0.95 + spread) - 1
     low, high = stats.ttest_1samp(gap, 0).confidence_interval(0.95)
     np.testing.assert_allclose([row.difference, row.difference_low, row.difference_high], [gap.mean(), low, high], 1e-8)
     assert np.isnan([row.change_pct, row.ci_low, row.mean_pct]).all()
     assert (row.average, row.won, row.verdict) == ("difference", 40, "better")
-    row = only(comparisons(replace(trials, margins={"e": 0.1})))
+    row = only(comparison_frame(replace(trials, margins={"e": 0.1})))
     assert (row.won, row.tied, row.verdict) == (0, 40, "equivalent")
 
 
 def test_metric_with_negative_values_is_signed(make_trials):
     """Differences in its unit, not in per cent of the baseline's mean, which may be 0."""
     a, b = np.array([0.0, 1.0, -2.0, 3.0]), np.array([-1.0, -2.0, -2.0, -3.0])
-    row = only(comparisons(make_trials({"m": {"A": a, "B": b}})))
+    row = only(comparison_frame(make_trials({"m": {"A": a, "B": b}})))
     interval = stats.ttest_rel(a, b).confidence_interval(0.95)
     np.testing.assert_allclose([row.difference, row.difference_low], [2.5, interval.low], 1e-8)
     assert (row.won, row.lost, row.tied) == (0, 3, 1)
@@ -161,7 +162,7 @@ def test_metric_with_negative_values_is_signed(make_trials):
 def test_best_at_one_compares_factors(make_trials):
     """0.5 is as far from 1 as 2, and 4 is twice as far."""
     trials = make_trials({"nees": {"A": [0.5, 2.0, 1.0], "B": [2.0, 4.0, 0.5]}}, directions={"nees": "one"})
-    row = only(comparisons(trials))
+    row = only(comparison_frame(trials))
     assert (row.won, row.lost, row.tied) == (2, 0, 1)
     assert row.change_pct == pytest.approx(100 * (0.25 ** (1 / 3) - 1))
 
@@ -169,10 +170,10 @@ def test_best_at_one_compares_factors(make_trials):
 def test_zeros_leave_the_ratio_of_the_means(make_trials):
     """A count that is 0 in some runs has no geometric mean; one that is 0 in all does not differ."""
     b = np.resize([0.0, 1.0, 2.0, 3.0], 40)
-    row = only(comparisons(make_trials({"m": {"A": 2 * b, "B": b}})))
+    row = only(comparison_frame(make_trials({"m": {"A": 2 * b, "B": b}})))
     assert (row.average, row.verdict) == ("mean", "worse") and math.isnan(row.geometric_pct)
     assert row.change_pct == pytest.approx(100, rel=1e-9)
-    row = only(comparisons(make_trials({"m": {"A": [0.0] * 40, "B": [0.0] * 40}})))
+    row = only(comparison_frame(make_trials({"m": {"A": [0.0] * 40, "B": [0.0] * 40}})))
     assert (row.change_pct, row.tied, row.verdict) == (0.0, 40, "equivalent")
 
 
@@ -180,20 +181,20 @@ def test_an_event_that_does_not_occur(make_trials):
     """A finite value beats inf, inf ties with inf, and counts decide."""
     a = [1.0] * 22 + [INF, INF, 5.0]
     b = [INF] * 22 + [INF, 3.0, 5.001]
-    row = only(comparisons(make_trials({"t": {"A": a, "B": b}})))
+    row = only(comparison_frame(make_trials({"t": {"A": a, "B": b}})))
     assert np.isnan([row.change_pct, row.ci_low, row.ci_high]).all()
     assert (row.won, row.lost, row.tied, row.verdict, row.average) == (22, 1, 2, "better", "")
     assert row.superiority == pytest.approx(23 / 25)
-    swapped = only(comparisons(make_trials({"t": {"A": b, "B": a}})))
+    swapped = only(comparison_frame(make_trials({"t": {"A": b, "B": a}})))
     assert (swapped.won, swapped.lost, swapped.verdict) == (1, 22, "worse")
     finite = make_trials({"t": {"A": [1.0] * 40, "B": [2.0] * 40}})
-    row = only(comparisons(replace(finite, metrics=(MetricInfo("t", "s", "lower", True),))))
+    row = only(comparison_frame(replace(finite, metrics=(MetricInfo("t", "s", "lower", True),))))
     assert math.isnan(row.change_pct) and row.verdict == "better"
 
 
 def test_two_methods_that_do_not_settle(make_trials):
     """Ties alone say nothing."""
-    row = only(comparisons(make_trials({"t": {"A": [INF] * 50, "B": [INF] * 50}})))
+    row = only(comparison_frame(make_trials({"t": {"A": [INF] * 50, "B": [INF] * 50}})))
     assert (row.tied, row.superiority, row.verdict, row.p_wilcoxon_holm) == (50, 0.5, "inconclusive", "1.000")
 
 
@@ -222,12 +223,12 @@ def test_failures_are_no_advantage(make_trials):
     """A method that fails in the hardest tenth of the runs and is better in the others fails more."""
     base = np.linspace(1.0, 10.0, 100)
     a = [*(0.95 * base[:90] * np.resize([1.01, 0.99], 90)), *[None] * 10]
-    row = only(comparisons(make_trials({"mse": {"A": a, "B": base}})))
+    row = only(comparison_frame(make_trials({"mse": {"A": a, "B": base}})))
     assert row.ci_high < 0 and row.verdict == "fails-more"
     assert (row.won, row.lost, row.tied, row.n_pairs) == (90, 10, 0, 90)
     assert (row.failed_only, row.baseline_failed_only) == (10, 0) and row.failed_low > 0
     # Exchanged, the method that never fails is not called worse for the runs that the other one finished.
-    assert only(comparisons(make_trials({"mse": {"B": base, "A": a}}))).verdict == "inconclusive"
+    assert only(comparison_frame(make_trials({"mse": {"B": base, "A": a}}))).verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("direction", ["lower", "higher", "zero", "one"])
@@ -240,7 +241,7 @@ def test_a_failed_run_is_never_a_tie(direction):
         b = 0.97 * a * np.exp(0.03 * rng.normal(size=100))
         b[np.argsort(a)[-2:]] = np.nan
         values = {"A": 1 / a, "B": 1 / b} if direction == "higher" else {"A": a, "B": b}
-        words.append(only(comparisons(table(values, direction=direction))).verdict)
+        words.append(only(comparison_frame(table(values, direction=direction))).verdict)
     assert words == ["inconclusive"] * 10
 
 
@@ -280,9 +281,9 @@ def test_one_failure_that_changes_nothing(make_trials):
     """A single failed run of 200 does not decide against a method that is better by half."""
     base = np.resize([1.0, 1.7, 0.6], 200)
     a = [None, *(0.5 * base * np.exp(0.1 * NORMAL_SCORES))[1:]]
-    assert only(comparisons(make_trials({"mse": {"A": a, "B": base}}))).verdict == "better"
+    assert only(comparison_frame(make_trials({"mse": {"A": a, "B": base}}))).verdict == "better"
     both = [None, *base[1:]]
-    row = only(comparisons(make_trials({"mse": {"A": a, "B": both}})))
+    row = only(comparison_frame(make_trials({"mse": {"A": a, "B": both}})))
     assert (row.verdict, row.tied, row.failed_only) == ("better", 1, 0)
 
 
@@ -291,12 +292,12 @@ def test_verdict_of_the_primary_metric_only(make_trials):
     rng = np.random.default_rng(3)
     noise = {name: np.exp(rng.normal(0, 0.1, 60)) for name in "ABCD"}
     trials = make_trials({"mse": noise, "power": noise})
-    table, of = comparisons(trials), levels(trials)
+    table, of = comparison_frame(trials), levels(trials)
     assert 0.975 < of.held <= 1 - 0.05 / 3 and of.plain == 0.95
     assert set(table["ci_level"][table["metric"] == "mse"]) == {of.held}
     assert set(table["ci_level"][table["metric"] == "power"]) == {0.95}
     assert (table["verdict"][table["metric"] == "power"] == "").all()
-    other = comparisons(replace(trials, primary="power"))
+    other = comparison_frame(replace(trials, primary="power"))
     assert (other["verdict"][other["metric"] == "mse"] == "").all() and (other["verdict"] != "").sum() == 3
 
 
@@ -367,7 +368,7 @@ def test_holm_runs_across_methods_of_one_metric(make_trials):
     s = rng.uniform(1, 2, 12)
     a, b = s * np.exp(rng.normal(-0.05, 0.1, 12)), s * np.exp(rng.normal(-0.02, 0.1, 12))
     broken = [*a[:-1], None]
-    table = comparisons(make_trials({"mse": {"A": broken, "B": b, "S": s}}))
+    table = comparison_frame(make_trials({"mse": {"A": broken, "B": b, "S": s}}))
     p = [stats.wilcoxon(np.log(x / y)).pvalue for x, y in ((a[:-1], s[:-1]), (b, s))]
     small, large = min(p), max(p)
     adjusted = {small: min(1, 2 * small), large: min(1, max(2 * small, large))}
@@ -378,24 +379,24 @@ def test_holm_runs_across_methods_of_one_metric(make_trials):
 def test_one_run_no_run_and_huge_values(make_trials):
     """No crash, no warning, no verdict."""
     for other in ([4.0], [None]):
-        row = only(comparisons(make_trials({"mse": {"A": [2.0], "B": other}})))
+        row = only(comparison_frame(make_trials({"mse": {"A": [2.0], "B": other}})))
         assert (row.verdict, row.n_pairs) == ("inconclusive", int(other != [None]))
         assert np.isnan([row.ci_low, row.ci_high]).all()
     assert row.p_wilcoxon_holm == ""
     huge = make_trials({"mse": {"A": [1e300, 1e308, 1.7e308], "B": [1.0, 2.0, 1e-300]}})
-    assert only(comparisons(huge)).lost == 3
-    table = comparisons(make_trials({"mse": {"A": [1.0, 2.0]}}))
+    assert only(comparison_frame(huge)).lost == 3
+    table = comparison_frame(make_trials({"mse": {"A": [1.0, 2.0]}}))
     assert table.empty and table.columns[0] == "method"
 
 
 def test_pairs_that_rarely_differ_have_no_interval(make_trials):
     """One pair of fifty differs: a third of such experiments see none, with an interval of width 0."""
     b = np.linspace(1.0, 2.0, 50)
-    row = only(comparisons(make_trials({"m": {"A": [*b[:-1], 6.0], "B": b}})))
+    row = only(comparison_frame(make_trials({"m": {"A": [*b[:-1], 6.0], "B": b}})))
     assert row.change_pct > 0 and np.isnan([row.ci_low, row.ci_high, row.mean_low, row.mean_high]).all()
-    row = only(comparisons(make_trials({"m": {"A": [*b[:25], *(1.1 * b[25:])], "B": b}})))
+    row = only(comparison_frame(make_trials({"m": {"A": [*b[:25], *(1.1 * b[25:])], "B": b}})))
     assert row.ci_low < row.change_pct < row.ci_high
-    few = only(comparisons(make_trials({"m": {"A": [1.1, 2.3, 3.1], "B": [1.0, 2.0, 3.0]}})))
+    few = only(comparison_frame(make_trials({"m": {"A": [1.1, 2.3, 3.1], "B": [1.0, 2.0, 3.0]}})))
     assert few.ci_low < few.change_pct < few.ci_high
 
 
@@ -404,6 +405,6 @@ def test_no_number_of_runs_where_the_average_is_rounding(make_trials):
     noise = np.random.default_rng(8).lognormal(0.0, 0.05, 40)
     noise /= np.exp(np.log(noise).mean())
     base = np.random.default_rng(9).lognormal(0.0, 0.3, 40)
-    (row,) = comparisons(make_trials({"mse": {"A": base * noise, "B": base}})).to_dict("records")
+    (row,) = comparison_frame(make_trials({"mse": {"A": base * noise, "B": base}})).to_dict("records")
     assert row["verdict"] == "inconclusive" and abs(row["change_pct"]) < 1e-12
     assert pd.isna(row["runs_for_direction"])

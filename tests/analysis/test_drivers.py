@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays, driver_frame
 
-from rmpc_bench.analysis.drivers import REST, drivers, gist, inputs, share_text
+from rmpc_bench.analysis.drivers import REST, gist, inputs, share_text
 from rmpc_bench.analysis.intervals import student, wilson
 from rmpc_bench.analysis.responses import SHARE, Response, most_failures, regions, worst_means
 
@@ -31,7 +32,7 @@ def made(make_trials):
         values = base * np.exp(of(table["a"].to_numpy(), table["b"].to_numpy()))
         values = [None if run in failed else np.inf if run in inf else value for run, value in enumerate(values)]
         trials = make_trials({"cost": {"new": values, "old": list(base)}}, directions=directions)
-        return replace(trials, uncertainty=table)
+        return replace(trials, quantities=arrays(table))
 
     return make
 
@@ -44,7 +45,7 @@ def rows(frame, method):
 
 def test_a_log_ratio_that_one_quantity_determines(made):
     """A explains all, b nothing; the baseline's own spread is explained by neither."""
-    frame = drivers(made())
+    frame = driver_frame(made())
     new, old = rows(frame, "new"), rows(frame, "old")
     assert new["a"]["response"] == "log ratio"
     assert new["a"]["share"] == pytest.approx(1, abs=CHANCE)
@@ -56,7 +57,7 @@ def test_a_log_ratio_that_one_quantity_determines(made):
 
 def test_the_worst_fifth_is_that_of_the_largest_ratio(made):
     """With the log ratio -0.5 + 0.1 a the highest fifth of a is worst, by the mean of its 20 runs."""
-    row = rows(drivers(made()), "new")["a"]
+    row = rows(driver_frame(made()), "new")["a"]
     a = np.sort(quantities()["a"].to_numpy())[-20:]
     low, high = student(-0.5 + 0.1 * a, 1 - 0.05 / 10)
     assert (row["worst_part"], row["worst_n"], row["worst_from"], row["worst_to"]) == ("highest", 20, a[0], a[-1])
@@ -67,13 +68,13 @@ def test_the_worst_fifth_is_that_of_the_largest_ratio(made):
 
 def test_where_higher_is_better_the_lowest_fifth_is_worst(made):
     """The same numbers with the other direction."""
-    row = rows(drivers(made(directions={"cost": "higher"})), "new")["a"]
+    row = rows(driver_frame(made(directions={"cost": "higher"})), "new")["a"]
     assert row["worst_part"] == "lowest"
 
 
 def test_below_fifty_runs_nothing_is_resolved(made):
     """There is no share, and the row says how many runs there are."""
-    row = rows(drivers(made(n=49, table=quantities(49))), "new")["a"]
+    row = rows(driver_frame(made(n=49, table=quantities(49))), "new")["a"]
     assert (np.isnan(row["share"]), row["resolved"], row["n"], row["worst_n"]) == (True, False, 49, 0)
 
 
@@ -94,7 +95,7 @@ def test_failed_runs_are_left_out_and_counted(made):
     """The share rests on the runs that both finished; the region of the failures is the one where they are."""
     a = quantities()["a"].to_numpy()
     failed = set(np.flatnonzero(a > 0.8))
-    frame = drivers(made(failed=failed))
+    frame = driver_frame(made(failed=failed))
     row = rows(frame, "new")["a"]
     assert (row["n"], row["n_failed"]) == (N - len(failed), len(failed))
     assert row["share"] == pytest.approx(1, abs=CHANCE)
@@ -107,7 +108,7 @@ def test_failed_runs_are_left_out_and_counted(made):
 def test_an_event_that_does_not_occur_is_an_indicator(made):
     """Without a mean the share of the runs without the event is explained."""
     a = quantities()["a"].to_numpy()
-    row = rows(drivers(made(inf=set(np.flatnonzero(a > 0.5)))), "new")["a"]
+    row = rows(driver_frame(made(inf=set(np.flatnonzero(a > 0.5)))), "new")["a"]
     assert (row["response"], row["unit"]) == ("difference in not occurring", "percentage points")
     assert row["share"] > 0.5
     assert row["worst"] == pytest.approx(100)
@@ -115,7 +116,7 @@ def test_an_event_that_does_not_occur_is_an_indicator(made):
 
 def test_a_signed_metric_has_differences(made):
     """Where 0 is best there is no ratio."""
-    row = rows(drivers(made(directions={"cost": "zero"})), "new")["a"]
+    row = rows(driver_frame(made(directions={"cost": "zero"})), "new")["a"]
     assert row["response"] == "difference"
 
 
@@ -123,27 +124,27 @@ def test_constant_and_missing_quantities_do_not_count(made):
     """One that is constant is named, one that has no values at this point is not."""
     trials = made(table=quantities(fixed=0.3, absent=np.nan))
     assert inputs(trials).constant == ("fixed",)
-    assert set(rows(drivers(trials), "new")) == {"a", "b", REST}
+    assert set(rows(driver_frame(trials), "new")) == {"a", "b", REST}
 
 
 def test_a_choice_of_two_values(made):
     """Each value is a region of its own."""
     table = quantities()
     table["a"] = np.where(table["a"] > 0, 1.0, -1.0)
-    row = rows(drivers(made(table=table)), "new")["a"]
+    row = rows(driver_frame(made(table=table)), "new")["a"]
     assert row["share"] == pytest.approx(1, abs=CHANCE)
     assert (row["worst_part"], row["worst_from"], row["worst_to"]) == ("", 1.0, 1.0)
 
 
 def test_methods_that_are_equal_have_nothing_to_explain(made):
     """The log ratio has no spread."""
-    row = rows(drivers(made(of=lambda a, b: 0 * a)), "new")["a"]
+    row = rows(driver_frame(made(of=lambda a, b: 0 * a)), "new")["a"]
     assert np.isnan(row["share"])
 
 
 def test_no_uncertain_quantity_no_row(make_trials):
     """A table without uncertainty.csv has no drivers."""
-    assert drivers(make_trials({"cost": {"new": [1.0] * N, "old": [2.0] * N}})).empty
+    assert driver_frame(make_trials({"cost": {"new": [1.0] * N, "old": [2.0] * N}})).empty
 
 
 def test_correlated_quantities_are_named():
@@ -162,7 +163,7 @@ def test_correlated_quantities_are_not_said_to_explain_nothing(made):
     """Either explains what the other one would: the shares are 0, and one of the two decides all."""
     table = quantities()
     table["b"] = 2 * table["a"]
-    found = rows(drivers(made(table=table)), "new")
+    found = rows(driver_frame(made(table=table)), "new")
     for name in "ab":
         assert found[name]["share_high"] < 0.05
         assert not found[name]["resolved"]
@@ -180,7 +181,7 @@ def test_the_larger_half_is_not_called_worst_for_a_few_worse_runs():
 def test_shares_of_events_have_intervals_of_shares(made):
     """All 20 runs of a fifth without the event: Student's interval would have the width 0."""
     a = quantities()["a"].to_numpy()
-    frame = drivers(made(inf=set(np.flatnonzero(a > 0.3))))
+    frame = driver_frame(made(inf=set(np.flatnonzero(a > 0.3))))
     row = rows(frame, "new")["a"]
     assert row["unit"] == "percentage points"
     assert row["worst_low"] < row["worst"] == pytest.approx(100)
@@ -191,7 +192,7 @@ def test_shares_of_events_have_intervals_of_shares(made):
 def test_shares_alone(made):
     """Without regions the shares are the same, and the columns of the regions are empty; failed runs have no row."""
     trials = made(failed=range(0, 30, 3))
-    whole, alone = drivers(trials), drivers(trials, with_regions=False)
+    whole, alone = driver_frame(trials), driver_frame(trials, with_regions=False)
     chosen = whole[whole["response"] != "failed"].reset_index(drop=True)
     assert len(chosen) < len(whole)
     names = ["method", "quantity", "share", "share_low", "share_high", "resolved", "n", "n_failed"]

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from comparison_tables import table
 from conftest import ROUND
+from data_frames import arrays, comparison_frame, lost_frame, pass_frame
 from scipy import stats
 
-from rmpc_bench.analysis.comparison import comparisons
-from rmpc_bench.analysis.lost_runs import lost_runs
-from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.verdict import largest_share
 from rmpc_bench.types.metric import Limit, Requirement
 
@@ -19,7 +17,7 @@ NAN, INF = np.nan, np.inf
 
 
 def counts(made):
-    return lost_runs(made).set_index("method")[["n", "n_failed", "n_lost"]].to_numpy().tolist()
+    return lost_frame(made).set_index("method")[["n", "n_failed", "n_lost"]].to_numpy().tolist()
 
 
 def test_a_run_is_lost_where_it_failed_or_exceeds_the_factor():
@@ -27,7 +25,7 @@ def test_a_run_is_lost_where_it_failed_or_exceeds_the_factor():
     made = table({"KF": [1.0, 2.0, 1.0, 1.0], "X": [10.0, 20.1, NAN, 9.0]}, lost=10.0)
     assert counts(made) == [[4, 0, 0], [4, 1, 2]]
     assert counts(replace(made, lost=9.5)) == [[4, 0, 0], [4, 1, 3]]
-    assert lost_runs(replace(made, lost=None)).empty
+    assert lost_frame(replace(made, lost=None)).empty
 
 
 def test_where_the_baseline_failed_only_the_own_failure_counts():
@@ -64,13 +62,13 @@ def test_far_worse_runs_of_both_methods_stand_beside_the_verdict(direction):
     a = np.array([1.0, 1, 1, 1, np.nan, np.nan, 11, 1])
     b = np.array([1.0, 10, 11, np.nan, 1, np.nan, 1, np.inf])
     made = table({"A": a, "B": b} if direction == "lower" else {"A": 1 / a, "B": 1 / b}, direction=direction)
-    row = comparisons(made).iloc[0]
+    row = comparison_frame(made).iloc[0]
     assert (row.far_worse_runs, row.baseline_far_worse_runs) == (4, 3)
     assert (row.far_worse_upper, row.baseline_far_worse_upper) == (largest_share(4, 8), largest_share(3, 8))
-    assert comparisons(replace(made, lost=20.0)).iloc[0].far_worse_runs == 3
-    assert math.isnan(comparisons(replace(made, with_verdicts=False)).iloc[0].far_worse_upper)
+    assert comparison_frame(replace(made, lost=20.0)).iloc[0].far_worse_runs == 3
+    assert math.isnan(comparison_frame(replace(made, with_verdicts=False)).iloc[0].far_worse_upper)
     # Of a signed metric a factor says nothing.
-    assert comparisons(table({"A": -a, "B": b})).iloc[0].far_worse_runs == 2
+    assert comparison_frame(table({"A": -a, "B": b})).iloc[0].far_worse_runs == 2
 
 
 def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
@@ -80,7 +78,7 @@ def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
         rng = np.random.default_rng(seed)
         logs = rng.normal(-0.0005, 0.002, 100) + np.log(20) * (rng.random(100) < 0.01)
         base = np.exp(0.3 * rng.normal(size=100))
-        row = comparisons(table({"A": base, "B": base * np.exp(logs)})).iloc[0]
+        row = comparison_frame(table({"A": base, "B": base * np.exp(logs)})).iloc[0]
         assert row.far_worse_runs == (logs > 2).sum() and row.far_worse_upper > 0.01
         n_missed += row.verdict == "equivalent" and not row.far_worse_runs
     assert n_missed > 3
@@ -88,7 +86,7 @@ def test_a_rare_disaster_that_was_not_seen_is_named_as_possible():
 
 def test_absent_runs_are_not_counted():
     made = table({"KF": [1.0, 1.0, 1.0], "X": [20.0, 1.0, 1.0]}, lost=10.0)
-    fewer = replace(made, frame=made.frame.drop(index=4))
+    fewer = replace(made, columns=arrays(made.frame.drop(index=4)))
     assert counts(fewer) == [[3, 0, 0], [2, 0, 1]]
 
 
@@ -101,7 +99,7 @@ def test_the_baseline_need_not_be_shown():
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (3, 10), (10, 10), (37, 200)])
 def test_the_share_has_the_interval_of_wilson(k, n):
     made = table({"KF": [1.0] * n, "X": [11.0] * k + [1.0] * (n - k)}, lost=10.0)
-    row = lost_runs(made).iloc[1]
+    row = lost_frame(made).iloc[1]
     expected = stats.binomtest(k, n).proportion_ci(0.95, method="wilson")
     np.testing.assert_allclose([row["lost_low"], row["lost_high"]], 100 * np.array(expected), **ROUND)
     assert row["lost_pct"] == 100 * k / n
@@ -113,6 +111,6 @@ def test_with_a_baseline_of_one_value_it_is_the_opposite_of_a_requirement(rng):
     values[::17] = NAN
     limit = Requirement("m <= 10", "m", (Limit("<=", 10.0),))
     made = replace(table({"KF": np.ones(300), "X": values}, lost=10.0), requirements=(limit,))
-    lost, passed = lost_runs(made).iloc[1], pass_rates(made).iloc[1]
+    lost, passed = lost_frame(made).iloc[1], pass_frame(made).iloc[1]
     assert 0 < lost["n_failed"] < lost["n_lost"] == passed["n"] - passed["passed"] < 300
     np.testing.assert_allclose(lost["lost_pct"], 100 - passed["pass_pct"], **ROUND)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROUND
+from data_frames import pass_frame
 from scipy import optimize, stats
 
-from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.types.metric import Limit, Requirement
 
@@ -21,7 +21,7 @@ def rates(make_trials):
 
     def make(requirement, **values):
         trials = replace(make_trials({"t": values}), requirements=(requirement,))
-        return pass_rates(trials).set_index("method").to_dict("index")
+        return pass_frame(trials).set_index("method").to_dict("index")
 
     return make
 

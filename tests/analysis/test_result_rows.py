@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from comparison_tables import table as trials_of
+from data_frames import arrays
 
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.result_rows import in_one_form, result_table
@@ -124,7 +125,7 @@ def test_one_method_alone():
 def test_a_method_without_rows_is_not_computed():
     trials = trials_of({"KF": BASE, "A": BASE})
     frame = trials.frame[trials.frame["method"] == "KF"]
-    trials = replace(trials, frame=frame)
+    trials = replace(trials, columns=arrays(frame))
     table = result_table(trials, summary(trials), comparisons(trials, levels(trials)), trials.metrics[0])
     assert [row.word for row in table.rows] == ["baseline", "not computed"]
     assert table.mean_text(table.rows[1]) == ""

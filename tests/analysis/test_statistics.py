@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-
-from rmpc_bench.analysis.statistics import summary
+from data_frames import summary_frame
 
 INF = math.inf
 
@@ -18,7 +17,7 @@ def only(table):
 
 def test_summary_by_hand(make_trials):
     """1..5 and one failed run."""
-    table = summary(make_trials({"mse": {"A": [5.0, 1.0, None, 3.0, 2.0, 4.0]}}))
+    table = summary_frame(make_trials({"mse": {"A": [5.0, 1.0, None, 3.0, 2.0, 4.0]}}))
     columns = "method,metric,n,n_failed,mean,se,ci_low,ci_high,median,q25,q75,min,max,did_not_occur"
     assert ",".join(table.columns) == columns
     row = only(table)
@@ -31,14 +30,14 @@ def test_summary_by_hand(make_trials):
 
 def test_summary_of_an_event_that_may_not_occur_has_no_mean(make_trials):
     """Share and median remain."""
-    row = only(summary(make_trials({"settling": {"A": [1.0, INF, 2.0, INF, INF]}})))
+    row = only(summary_frame(make_trials({"settling": {"A": [1.0, INF, 2.0, INF, INF]}})))
     assert np.isnan([row["mean"], row.se, row.ci_low, row.ci_high]).all()
     assert (row["median"], row.q25, row["max"], row.did_not_occur, row.n) == (INF, 2, INF, 3, 5)
 
 
 def test_one_run_and_no_run(make_trials):
     """No crash, no warning, no interval."""
-    table = summary(make_trials({"mse": {"A": [2.0], "B": [None]}}))
+    table = summary_frame(make_trials({"mse": {"A": [2.0], "B": [None]}}))
     assert (table["n"].tolist(), table["n_failed"].tolist()) == ([1, 0], [0, 1])
     assert table["mean"][0] == 2
     assert table[["se", "ci_low", "ci_high"]].isna().all(axis=None)
@@ -48,4 +47,4 @@ def test_one_run_and_no_run(make_trials):
 def test_huge_values_do_not_warn(make_trials):
     """Runs on the way to divergence."""
     trials = make_trials({"mse": {"A": [1e300, 1e308, 1.7e308], "B": [1.0, 2.0, 1e-300]}})
-    assert summary(trials)["median"][0] == 1e308
+    assert summary_frame(trials)["median"][0] == 1e308

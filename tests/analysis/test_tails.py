@@ -6,17 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data_frames import tail_frame
 from scipy import stats
 
 from rmpc_bench.analysis.intervals import _binomial_quantile
-from rmpc_bench.analysis.tails import cvar_interval, quantile_interval, tails
+from rmpc_bench.analysis.tails import cvar_interval, quantile_interval
 
 INF = math.inf
 
 
 def row_of(trials, method="A"):
     """Return the row of a method."""
-    table = tails(trials)
+    table = tail_frame(trials)
     return table[table["method"] == method].iloc[0]
 
 
@@ -82,7 +83,7 @@ def test_an_event_that_does_not_occur(make_trials):
 def test_same_seed_same_interval(make_trials):
     """And another one gives another; equal runs leave no doubt."""
     trials = make_trials({"mse": {"A": np.random.default_rng(2).gamma(2.0, size=100)}})
-    assert tails(trials).equals(tails(trials))
+    assert tail_frame(trials).equals(tail_frame(trials))
     assert row_of(trials).cvar_low != row_of(replace(trials, seed=8)).cvar_low
     assert cvar_interval(np.full(100, 3.0), 0.95, seed=1) == (3.0, (3.0, 3.0))
 

@@ -4,20 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data_frames import arrays
 
 
 def test_failed_and_absent_runs_are_nan(make_trials):
     """Columns cover all runs of the table, whatever a method has."""
     trials = make_trials({"mse": {"A": [1.0, None, 3.0], "B": [4.0, 5.0, 6.0]}})
     np.testing.assert_array_equal(trials.column("mse", "A"), [1, np.nan, 3])
-    trials = replace(trials, frame=trials.frame.iloc[:-1])
+    trials = replace(trials, columns=arrays(trials.frame.iloc[:-1]))
     np.testing.assert_array_equal(trials.column("mse", "B"), [4, 5, np.nan])
 
 
 def test_a_status_counts_even_where_a_number_was_left(make_trials):
     """A value of a failed run is never used."""
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [4.0, 5.0]}})
-    trials.frame.loc[0, "status"] = "out-of-range"
+    trials.columns["status"][0] = "out-of-range"
     np.testing.assert_array_equal(trials.column("mse", "A"), [np.nan, 2])
     assert (trials.n_failed("A"), trials.n_failed("B")) == (1, 0)
 
@@ -64,7 +65,7 @@ def test_the_number_of_runs_behind_a_series(make_trials):
 def test_points_without_runs_are_no_population(make_trials):
     """Oracle: a population has one run at every point; exact moments alone have none."""
     one = make_trials({"mse": {"A": [1.0]}})
-    none = replace(one, frame=one.frame.iloc[:0])
+    none = replace(one, columns=arrays(one.frame.iloc[:0]))
     sweep = replace(one, alike=True, points=(replace(one, keys={"A": "1"}), replace(one, keys={"A": "2"})))
     assert sweep.is_population
     assert not replace(sweep, points=(replace(none, keys={"A": "1"}), replace(none, keys={"A": "2"}))).is_population
@@ -74,7 +75,7 @@ def test_points_without_runs_are_no_population(make_trials):
 def test_columns_of_shuffled_rows(make_trials, gap):
     """Rows in any order give the same columns, also where every run of a method is there."""
     trials = make_trials({"mse": {"A": [1.0, gap, 3.0], "B": [4.0, 5.0, 6.0]}})
-    mixed = replace(trials, frame=trials.frame.iloc[[4, 2, 0, 5, 1, 3]].reset_index(drop=True))
+    mixed = replace(trials, columns=arrays(trials.frame.iloc[[4, 2, 0, 5, 1, 3]]))
     for method in trials.methods:
         np.testing.assert_array_equal(mixed.column("mse", method), trials.column("mse", method))
 
@@ -90,7 +91,7 @@ def test_other_numbers_of_the_same_runs(make_trials):
     """Failed runs stay failed, and the first table stays as it was."""
     trials = make_trials({"mse": {"A": [1.0, None, 3.0], "B": [4.0, 5.0, 6.0]}})
     assert trials.column("mse", "B").tolist() == [4, 5, 6]
-    doubled = trials.with_numbers(trials.frame.assign(mse=2 * trials.frame["mse"]), confidence=0.9)
+    doubled = trials.with_numbers(columns={**trials.columns, "mse": 2 * trials.columns["mse"]}, confidence=0.9)
     np.testing.assert_array_equal(doubled.column("mse", "A"), [2, np.nan, 6])
     assert (doubled.column("mse", "B").tolist(), doubled.confidence) == ([8, 10, 12], 0.9)
     assert trials.column("mse", "B").tolist() == [4, 5, 6]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays
 from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_trials, run, summarise
@@ -26,7 +27,13 @@ def sweep(make_trials):
         frame = pd.concat([table.frame.assign(c=table.point["c"]) for table in tables], ignore_index=True)
         columns_first = ["c", *tables[0].frame.columns]
         return replace(
-            tables[0], frame=frame[columns_first], paths=("c",), points=tuple(tables), point={}, title="", alike=alike
+            tables[0],
+            columns=arrays(frame[columns_first]),
+            paths=("c",),
+            points=tuple(tables),
+            point={},
+            title="",
+            alike=alike,
         )
 
     return make

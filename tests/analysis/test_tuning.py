@@ -4,11 +4,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom, rankdata
 from tuned_searches import PROTOCOL, constant, search, tuning
 
-from rmpc_bench.analysis.tuning import COLUMNS, objectives, outcome, tuning_frame
+from rmpc_bench.analysis.tuning import COLUMNS, objectives, outcome, tuning_rows
 from rmpc_bench.analysis.tuning_ranks import SETS, budgets_of, ranked, tuning_ranks
 from rmpc_bench.types.tuning import TuningProtocol
 
@@ -54,7 +55,7 @@ def test_a_search_without_a_finite_objective_has_no_value_no_end_of_range_and_no
     assert nothing.chosen is None and nothing.values == {} and nothing.at_end == (False,)
     assert (found.objective, found.failed, found.test_default) == (math.inf, 1.0, 5.0)
     assert math.isnan(found.test_tuned) and math.isnan(found.test_best) and math.isnan(found.regret)
-    frame = tuning_frame(tuning(nothing))
+    frame = pd.DataFrame(tuning_rows(tuning(nothing)))
     assert math.isnan(frame["tuned"][0]) and frame["default"][0] == 0.1 and not frame["end_of_range"][0]
     assert tuning_ranks(PROTOCOL, [nothing], {"B": np.ones(3)}) is None
 
@@ -100,7 +101,7 @@ def test_quick_objectives_are_those_of_the_protocol(statistic, rng):
 def test_the_table_has_a_row_per_parameter_and_marks_the_end_of_a_range():
     at_end = search("A", constant([3, 2, 1]), constant([3, 2, 1, 4]), values=[0.1, 1.0, 10.0])
     inside = search("B", constant([3, 1, 2]), None, default=None)
-    frame = tuning_frame(tuning(at_end, inside))
+    frame = pd.DataFrame(tuning_rows(tuning(at_end, inside)))
     assert tuple(frame.columns) == COLUMNS and frame["method"].tolist() == ["A", "B"]
     assert frame["end_of_range"].tolist() == [True, False] and frame["tuned"].tolist()[0] == 10.0
     assert frame["test_default"][0] == 4.0 and math.isnan(frame["default"][1]) and math.isnan(frame["regret_pct"][1])

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import ROUND
+from data_frames import series as series_of
 from scipy import stats
 
 from rmpc_bench.analysis.traces import RunGroups, Traces
@@ -190,7 +190,7 @@ def test_exact_moments_have_no_error(ensemble):
     rng = np.random.default_rng(8)
     trials = ensemble({"A": paths(rng), "B": paths(rng)})
     exact = trials.series.assign(n=0, value=trials.series["value"] * (trials.series["method"] == "B"))
-    trials = replace(trials, series=pd.concat([trials.series, exact], ignore_index=True))
+    trials = replace(trials, over_time=[*trials.over_time, *series_of(exact)])
     found = comparison(trials, "all(cov(x[A]) ~ cov(x[B]) +- 0)")
     assert (found.holds, found.interval) == (False, None)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data_frames import arrays
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Claim
@@ -170,7 +171,9 @@ def test_moments_at_points(sweep):
 
 def test_a_series_of_several_points_together_is_none(sweep):
     """The first one would stand for all of them."""
-    points = tuple(replace(table, series=table.series.assign(quantity="P")) for table in sweep.points)
+    points = tuple(
+        replace(table, over_time=[each._replace(quantity="P") for each in table.over_time]) for table in sweep.points
+    )
     verdict = judge(Claim("", "", ("all(P[A] > 0)",), pooled=True), replace(sweep, points=points))
     assert "P[A] is a series, of one of 2 points" in verdict.reason
 
@@ -250,7 +253,7 @@ def test_series_are_read_once(trials, monkeypatch):
     """Not in each of the 1000 resamples of an interval: the table may have 100 000 rows."""
     calls, read = [], Trials.matrix_series
     monkeypatch.setattr(Trials, "matrix_series", lambda *given: calls.append(given[1:]) or read(*given))
-    many = replace(trials, frame=trials.frame.loc[trials.frame.index.repeat(5)].assign(run=[*range(20)] * 2))
+    many = replace(trials, columns=arrays(trials.frame.loc[trials.frame.index.repeat(5)].assign(run=[*range(20)] * 2)))
     check = "2 * mean(mse[A]) < last(trace(P[A])) + last(trace(P[A]))"
     [number] = judge(Claim("", "", (check,)), many).comparisons
     assert number.interval is not None and np.isfinite(number.interval).all()

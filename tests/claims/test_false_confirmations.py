@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays
 from scipy import stats
 
 from rmpc_bench.analysis.intervals import exact_share, order_ranks, wilson
@@ -44,8 +45,8 @@ def of_columns(columns):
         methods=tuple(columns),
         labels={},
         metrics=tuple(MetricInfo(name, "", "lower") for name in names),
-        frame=pd.concat(parts, ignore_index=True)[["method", "run", "status", *names]],
-        series=pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"]),
+        columns=arrays(pd.concat(parts)[["method", "run", "status", *names]]),
+        over_time=(),
         baseline=list(columns)[-1],
         confidence=0.95,
         relevant=0.01,
@@ -213,7 +214,7 @@ def test_all_looks_together(first, last):
     """At the border every decision is wrong in one of two directions: in 5 % of 1,000 experiments at most."""
     looks = schedule(first, last)
     whole = replace(experiments(last, 1000), confidence=planned_level(0.95, len(looks)))
-    tables = [replace(whole, frame=whole.frame[whole.frame.run < n].reset_index(drop=True)) for n in looks]
+    tables = [replace(whole, columns=arrays(whole.frame[whole.frame.run < n])) for n in looks]
     for check in LOOKED_AT:
         wrong = [
             any(judge(claim, table).finding is not Finding.INCONCLUSIVE for table in tables)

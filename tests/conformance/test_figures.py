@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays
 from tuned_searches import search, tuning
 
 from rmpc_bench import registry
@@ -60,7 +61,7 @@ def results(make_trials, with_series):
     }
     quantities = pd.DataFrame({"run": np.arange(RUNS), "eps": rng.uniform(-1.0, 1.0, RUNS)})
     searched = [search(method, rng.uniform(size=(5, 4)), rng.uniform(size=(6, RUNS))) for method in "AB"]
-    table = replace(with_series(table, *entries), traces=traces, Ts=0.5, uncertainty=quantities)
+    table = replace(with_series(table, *entries), traces=traces, Ts=0.5, quantities=arrays(quantities))
     return FigureExample(table.with_tuning(tuning(*searched)))
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from data_frames import arrays
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
@@ -186,8 +187,8 @@ def trials_of(case: Case) -> Trials:
         methods=("A", "B"),
         labels={"A": "A", "B": "B"},
         metrics=(case.info,),
-        frame=pd.DataFrame(rows),
-        series=pd.DataFrame([], columns=["method", "quantity", "component", "k", "n", "value"]),
+        columns=arrays(pd.DataFrame(rows)),
+        over_time=(),
         baseline="A",
         confidence=0.95,
         relevant=0.01,

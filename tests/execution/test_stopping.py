@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 from comparison_tables import table
+from data_frames import comparison_frame
 from small_experiment import cli, spied, write
 
 from rmpc_bench import load_config, load_results, run
-from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.resolution import half_widths
 from rmpc_bench.execution import progress_file
@@ -60,7 +60,7 @@ def test_the_half_widths_are_those_of_the_printed_intervals(tmp_path):
     path = write(tmp_path, noise=NOISE, methods=THREE, runs=40)
     computed(path, tmp_path / "a")
     trials = load_results(tmp_path / "a").trials
-    level = comparisons(trials)["ci_level"].iloc[0]
+    level = comparison_frame(trials)["ci_level"].iloc[0]
     assert level >= 0.95
     found = half_widths(trials)
     assert [each.method for each in found] == ["R-MPC", "R2-MPC"]

@@ -4,12 +4,13 @@ Oracle: the numbers of a finished experiment with as many runs.
 """
 
 import numpy as np
+import pandas as pd
 import pytest
+from data_frames import tail_frame
 from small_experiment import cli, write
 
 import rmpc_bench
 from rmpc_bench.analysis.result_rows import result_table
-from rmpc_bench.analysis.tails import tails
 from rmpc_bench.claims.record import claims_table
 from rmpc_bench.received.store import MissingError
 from rmpc_bench.report.csv_file import trials_csv
@@ -71,7 +72,7 @@ def numbers(results):
     """Return what tables and claims say, as text."""
     tables = rmpc_bench.summarise(results)
     frames = [tables.described, tables.compared, drivers(results).frame, requirements(results).frame]
-    frames += [lost_table(results.trials), tails(results.trials)]
+    frames += [pd.DataFrame(lost_table(results.trials)), tail_frame(results.trials)]
     texts = [frame.to_csv() for frame in frames]
     return [*texts, tables.to_markdown(), claims_table(rmpc_bench.judge(results)), tail_columns(results.trials)]
 

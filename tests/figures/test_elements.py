@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROUND
+from data_frames import arrays
 from figure_tables import legend
 from matplotlib.patches import Rectangle
 
@@ -121,7 +122,9 @@ def test_a_method_that_failed_does_not_shrink_the_others(trials):
     frame.loc[(frame["method"] == "constant") & (frame["run"] == 0), "status"] = "diverged"
     wild = trials.traces["constant"]
     signals = {**wild.signals, "Q_yw": np.full((RUNS, N, 9), 1e99)}
-    figure = elements(replace(trials, frame=frame, traces=trials.traces | {"constant": wild._replace(signals=signals)}))
+    figure = elements(
+        replace(trials, columns=arrays(frame), traces=trials.traces | {"constant": wild._replace(signals=signals)})
+    )
     assert figure.legends[0].get_title().get_text() == "run 0, constant diverged"
     alone = elements(trials, order=["tuned"])
     assert [axes.get_ylim() for axes in figure.axes] == [axes.get_ylim() for axes in alone.axes]

@@ -6,6 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import ROUND
+from data_frames import arrays
+from data_frames import series as series_of
 from figure_tables import legend
 
 from rmpc_bench.figures.ellipses import Ellipse, Ellipses, outline
@@ -121,14 +123,14 @@ def test_values_that_depend_on_the_method(trials, runs):
     frame.loc[robust, "x0_end"] += 1
     frame.loc[robust & (frame["run"] < 2), "status"] = "diverged"
     frame.loc[robust & (frame["run"] == 2), "x1_end"] = np.inf
-    figure = ellipses(replace(trials, frame=frame))
+    figure = ellipses(replace(trials, columns=arrays(frame)))
     assert set(dots(figure)) == {paler(color, 0.35) for color in METHODS[:2]}
     assert np.array_equal(dots(figure)[paler(METHODS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(METHODS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
     assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 did not occur" and "27 to 30 runs" in legend(figure)
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
-    figure = ellipses(replace(trials, frame=frame))
+    figure = ellipses(replace(trials, columns=arrays(frame)))
     assert np.array_equal(dots(figure)[DIM], np.delete(runs, 4, axis=1))
     assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
 
@@ -172,7 +174,7 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends
     for i, j in product((0, 1), repeat=2):
         its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
         series.loc[its, "value"] = P[i][j]
-    figure = ellipses(replace(trials, series=series))
+    figure = ellipses(replace(trials, over_time=series_of(series)))
     mine = [line for line in figure.axes[0].lines if line.get_color() == METHODS[1]]
     broad = [line for line in mine if line.get_linewidth() > 2.0 and line.get_linestyle() != "None"]
     crosses = [line for line in mine if line.get_marker() == "x" and line.get_markersize() >= 8]
@@ -185,7 +187,7 @@ def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape, ends
 
 def test_centres_from_runs_and_points_of_a_sweep(trials, make_sweep):
     """The mean over the runs where there are no exact ones; a point is named above the sample."""
-    sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
+    sampled = replace(trials, over_time=[each for each in trials.over_time if each.n or each.quantity == "P"])
     assert np.array_equal(centre(ellipses(sampled), METHODS[0]), x_hat("classic", N) + 9)
     sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
     assert ellipses(sweep, at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
@@ -195,7 +197,7 @@ def test_a_method_without_P(trials):
     """It has no ellipse, and is not shown unless asked for.  Errors have the way out."""
     P, method = trials.series["quantity"] == "P", trials.series["method"]
     lacking = trials.series[~(P & (method == "classic"))]
-    assert "classic" not in legend(ellipses(replace(trials, series=lacking)))
+    assert "classic" not in legend(ellipses(replace(trials, over_time=series_of(lacking))))
     for series, keys, message in (
         (lacking, {"order": ["classic"]}, "'classic' has no P (those that have: robust)"),
         (trials.series[P], {}, NO_MOMENTS),
@@ -205,5 +207,5 @@ def test_a_method_without_P(trials):
         (trials.series, {"sigmas": (1, -1)}, "must be 1 to 4 positive numbers"),
     ):
         with pytest.raises(DesignError) as error:
-            ellipses(replace(trials, series=series), **keys)
+            ellipses(replace(trials, over_time=series_of(series)), **keys)
         assert str(error.value) == message and error.value.parameter == next(iter(keys), "")

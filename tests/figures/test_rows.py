@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 import pytest
+from data_frames import comparison_frame, summary_frame
 from matplotlib.patches import Rectangle
 
-from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.ranks import ranking
-from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.figures.boxplot import MOST_DOTS, Boxplot
 from rmpc_bench.figures.palette import INK, PRINT
 from rmpc_bench.figures.rows import Rows
@@ -64,7 +63,7 @@ def test_boxes_and_changes_are_the_records(trials_of, n):
     figure = Rows().draw(trials)
     for method in methods:
         np.testing.assert_allclose(box(figure.axes[0], method), np.quantile(trials.column("length", method), LEVELS))
-    rows = comparisons(trials).set_index("method")
+    rows = comparison_frame(trials).set_index("method")
     wanted = methods
     if n > 6:
         change = rows["change_pct"].to_dict() | {"M0": 0.0}
@@ -131,7 +130,7 @@ def test_events_that_never_occur_and_metrics_that_are_best_at_0(make_trials):
     boxes, changes, shares = figure.axes
     assert [line.get_marker() for line in of(boxes.lines, "B")][-1] == ">"
     assert [line.get_marker() for line in of(boxes.lines, "C")][-1] == "None"
-    rows = comparisons(trials).set_index("method")
+    rows = comparison_frame(trials).set_index("method")
     assert of(changes.lines, "C")[1].get_xdata() == [rows.loc["C", "superiority"]]
     assert [text.get_text() for text in shares.texts] == ["0 of 20", "15 of 20", "20 of 20"]
     all_lost = make_trials({"time": {"A": [math.inf] * 5, "B": [math.inf] * 5}}, (TIME,))
@@ -140,7 +139,7 @@ def test_events_that_never_occur_and_metrics_that_are_best_at_0(make_trials):
     trials = make_trials({"gap": {"A": list(rng.normal(size=50)), "B": list(rng.normal(1.0, 1.0, 50))}}, (GAP,))
     axes = Rows().draw(trials).axes[1]
     assert axes.get_xlabel() == "difference from A [m]" and axes.get_xscale() == "linear"
-    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparisons(trials)["difference"])
+    np.testing.assert_allclose(of(axes.lines, "B")[1].get_xdata(), comparison_frame(trials)["difference"])
 
 
 def test_shares_have_wilson_intervals_and_means_those_of_the_summary(make_trials, trials_of):
@@ -157,7 +156,7 @@ def test_shares_have_wilson_intervals_and_means_those_of_the_summary(make_trials
     assert axes.get_xlabel() == "runs with length above 2 m [%]"
     trials = trials_of(["A", "B", "C"])
     (axes,) = Rows(show="mean").draw(trials).axes
-    rows = summary(trials).set_index("method")
+    rows = summary_frame(trials).set_index("method")
     for method in "ABC":
         interval, middle = of(axes.lines, method)
         np.testing.assert_allclose(interval.get_xdata(), [rows.loc[method, "ci_low"], rows.loc[method, "ci_high"]])

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import ROUND
+from data_frames import arrays
 from figure_tables import legend
 from matplotlib.colors import to_hex
 
@@ -173,9 +174,11 @@ def sweep(trials, make_sweep):
         frame.loc[mine, "effort"] *= 1.0 + number
         value = str(number)
         keys = {"A": value, "B": "b"}
-        tables.append(({"kp": value}, replace(trials, methods=("A", "B"), frame=frame, keys=keys, title=f"kp={value}")))
+        tables.append(
+            ({"kp": value}, replace(trials, methods=("A", "B"), columns=arrays(frame), keys=keys, title=f"kp={value}"))
+        )
     table = make_sweep(*tables)
-    return replace(table, frame=pd.concat([each.frame for _, each in tables]))
+    return replace(table, columns=arrays(pd.concat([each.frame for _, each in tables])))
 
 
 def test_the_points_of_a_sweep(sweep):

@@ -5,6 +5,8 @@ from itertools import product
 
 import numpy as np
 import pytest
+from data_frames import arrays
+from data_frames import series as series_of
 from matplotlib.colors import to_hex
 from scipy import stats
 
@@ -166,7 +168,9 @@ def test_runs_that_failed(trials):
     signals = {name: values.copy() for name, values in trials.traces["C"].signals.items()}
     for name in ("x", "y", "x_hat"):
         signals[name][:, 10:] = 1e9
-    table = replace(trials, frame=frame, traces=trials.traces | {"C": trials.traces["C"]._replace(signals=signals)})
+    table = replace(
+        trials, columns=arrays(frame), traces=trials.traces | {"C": trials.traces["C"]._replace(signals=signals)}
+    )
     figure = Signals(signals=["y"]).draw(table)
     (main,) = lines(figure.axes[2], "main", METHODS[2])
     assert np.isnan(main[12:, 1]).all() and figure.axes[2].get_ylim()[1] < 100
@@ -248,7 +252,7 @@ def test_nis_and_an_error_outside_of_a_singular_covariance(trials):
     x_hat[:, :, 1] = x[:, :, 1]
     x_hat[0, 7, 1] += 1.0
     traces = {"B": trials.traces["B"]._replace(signals={"x": x, "x_hat": x_hat})}
-    axes = Signals(signals=["nees"]).draw(replace(trials, series=series, traces=traces)).axes[0]
+    axes = Signals(signals=["nees"]).draw(replace(trials, over_time=series_of(series), traces=traces)).axes[0]
     values = lines(axes, "main", METHODS[1])[0][:, 1]
     assert list(np.flatnonzero(np.isnan(values))) == [7]
     wanted = ((x_hat - x)[:, :, 0] ** 2 / VARIANCE[0]).mean(axis=0)

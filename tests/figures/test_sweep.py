@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data_frames import comparison_frame, summary_frame
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Rectangle
 
-from rmpc_bench.analysis.comparison import comparisons, levels
-from rmpc_bench.analysis.statistics import summary
+from rmpc_bench.analysis.comparison import levels
 from rmpc_bench.figures.palette import DIM, METHODS, line_styles
 from rmpc_bench.figures.points import tables_of
 from rmpc_bench.figures.style import style
@@ -81,7 +81,7 @@ def test_lines_are_the_records_and_all_points_lie_within_the_axes(sweep_of, n_me
     assert set(drawn) == set(names[1:] or names)
     for x, point in zip(NUMBERS[n_points], trials.each, strict=True):
         assert low < x < high
-        rows = comparisons(point, levels(trials)).set_index("method")
+        rows = comparison_frame(point, levels(trials)).set_index("method")
         for name in names[1:]:
             ((_, y),) = drawn[name][np.isclose(drawn[name][:, 0], x)]
             assert y == pytest.approx(1 + rows.loc[name, "change_pct"] / 100)
@@ -152,7 +152,7 @@ def test_differences_have_a_linear_axis_and_events_are_shares_of_the_runs(make_t
     values = {"A": list(rng.normal(size=30)), "B": list(rng.normal(0.5, 1.0, size=30))}
     trials = make_sweep(*[(point, make_trials({"gap": values}, (GAP,))) for point in over([1, 2, 3])])
     (axes,) = Sweep().draw(trials).axes
-    rows = comparisons(trials.each[0], levels(trials))
+    rows = comparison_frame(trials.each[0], levels(trials))
     assert axes.get_yscale() == "linear" and axes.get_title(loc="left").startswith("difference of")
     assert lines(axes)["B"][0, 1] == pytest.approx(rows["difference"][0])
     rng = np.random.default_rng(0)
@@ -180,7 +180,7 @@ def test_a_method_without_finished_runs_has_no_line_and_a_single_one_its_values(
 def test_values_are_those_of_the_summary(sweep_of):
     """Means with intervals, medians with quartiles, on the axis that is asked for."""
     trials = sweep_of(["A", "B"], over([1, 2, 3]))
-    tables = [summary(point).set_index("method") for point in trials.each]
+    tables = [summary_frame(point).set_index("method") for point in trials.each]
     for spread, columns in (("interval", ("mean", "ci_low", "ci_high")), ("quartiles", ("median", "q25", "q75"))):
         (axes,) = Sweep(show="value", spread=spread, log=True).draw(trials).axes
         assert axes.get_yscale() == "log"

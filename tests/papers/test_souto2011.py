@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from data_frames import comparison_frame
 
-from rmpc_bench.analysis.comparison import comparisons, levels
+from rmpc_bench.analysis.comparison import levels
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +60,7 @@ def test_averages_contradict_each_other_for_a_frozen_uncertainty(trials_of):
     """The classic predictor is better in most runs, and worse in the mean, which few runs with a large error decide."""
     _, trials = trials_of("souto2011/comparison")
     (table,) = [point for point in trials.points if point.point["name"] == "frozen"]
-    rows = comparisons(table, levels(trials)).query("metric == 'estimation_mse'").set_index("method")
+    rows = comparison_frame(table, levels(trials)).query("metric == 'estimation_mse'").set_index("method")
     row = rows.loc["classic-RV"]
     assert row["geometric_high"] < 0 < row["mean_low"] and row["verdict"] == "depends-on-average"
     log_ratio = np.log(table.column("estimation_mse", "classic-RV") / table.column("estimation_mse", "ERP"))

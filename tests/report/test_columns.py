@@ -3,7 +3,9 @@
 import math
 from typing import get_args
 
+import pandas as pd
 import pytest
+from data_frames import arrays, summary_frame
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.analysis.result_rows import result_table
@@ -37,18 +39,18 @@ def test_the_keys_of_a_configuration_are_the_columns_with_a_head_in_latex():
 
 
 def test_a_row_has_every_number_of_the_summary(trials, table):
-    for row, expected in zip(table.rows, summary(trials).to_dict("records"), strict=True):
+    for row, expected in zip(table.rows, summary(trials), strict=True):
         assert {name: row.described[name] for name in SUMMARY} == expected
     # The methods that are not computed have the same names, so that no cell fails for want of one.
-    unknown = result_table(trials, summary(trials).iloc[:1], comparisons(trials), trials.metrics[0]).rows[1].described
+    unknown = result_table(trials, summary(trials)[:1], comparisons(trials), trials.metrics[0]).rows[1].described
     assert {*SUMMARY} - {"method", "metric"} <= {*unknown} and math.isnan(unknown["se"]) and unknown["n"] == 0
 
 
 def test_every_number_of_the_summary_is_rounded(trials):
     """A column with a number that is not would differ from machine to machine."""
-    values = summary(trials)
+    values = summary_frame(trials)
     numbers = values.select_dtypes("float").columns
-    found = summary_table(values.assign(**{name: 1 / 3 + 1e-15 for name in numbers}))
+    found = pd.DataFrame(summary_table(arrays(values.assign(**{name: 1 / 3 + 1e-15 for name in numbers}))))
     assert (found[numbers] == found["mean"].iloc[0]).all(axis=None) and found["mean"].iloc[0] != 1 / 3 + 1e-15
 
 

@@ -8,6 +8,7 @@ from comparison_tables import table
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
+from rmpc_bench.analysis.columns import n_rows
 from rmpc_bench.report.notes import latex_tables
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.summary import summarise
@@ -27,7 +28,7 @@ def test_the_markdown_has_the_share_in_the_table_of_the_primary_metric(trials, m
     page = summarise(trials).to_markdown()
     assert "| lost |" in page and f"| {SHARE} |" in page
     without = replace(trials, lost=None)
-    assert "| lost |" not in summarise(without).to_markdown() and lost_table(without).empty
+    assert "| lost |" not in summarise(without).to_markdown() and not n_rows(lost_table(without))
     assert not any("Lost" in text for text in latex_tables(summarise(without))["m"])
     values = {"KF": [1.0, 1.0], "X": [1.0, 50.0]}
     infos = (MetricInfo("mse", "", "lower"), MetricInfo("cost", "", "lower"))
@@ -44,7 +45,7 @@ def test_tables_for_a_paper_and_points_of_a_sweep(trials, make_sweep):
     assert r"Lost: share of the runs that failed or whose m exceeds 10 times that of KF in the same run" in note
     assert r"$25\ [5, 70]$" in latex_tables(made.shown(["X"]), columns=["lost"])["m"].body
     points = [({"s": text}, replace(trials, title=f"s={text}", lost=lost)) for text, lost in (("1", 10.0), ("2", 60.0))]
-    found = lost_table(make_sweep(*points))[["s", "method", "n_lost"]].to_numpy().tolist()
+    found = pd.DataFrame(lost_table(make_sweep(*points)))[["s", "method", "n_lost"]].to_numpy().tolist()
     assert found == [["1", "KF", 0], ["1", "X", 1], ["2", "KF", 0], ["2", "X", 0]]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from claim_tables import make_trials as make_trials
+from data_frames import arrays
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
@@ -41,7 +42,9 @@ def sweep(make_trials):
             table = replace(make_trials({"mse": values}), point=point, title=f"{system}, {world}", baseline="KF")
             tables.append(replace(table, ranks=ranks, axes=(("name",), ("noise",))))
         frame = pd.concat([table.frame for table in tables], ignore_index=True)
-        return replace(tables[0], frame=frame, paths=("name", "noise"), points=tuple(tables), point={}, title="")
+        return replace(
+            tables[0], columns=arrays(frame), paths=("name", "noise"), points=tuple(tables), point={}, title=""
+        )
 
     return make
 

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
+from data_frames import arrays, comparison_frame, summary_frame
 
 from rmpc_bench import summarise
-from rmpc_bench.analysis import statistics
-from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.report.csv_file import trials_csv
 from rmpc_bench.report.summary import summary_markdown
 
@@ -25,7 +24,7 @@ def sweep(make_trials, make_sweep):
         there = make_sweep(*tables)
         parts = [point.frame.assign(c=point.point["c"], d="x") for point in there.points]
         frame = pd.concat(parts, ignore_index=True)[["c", "d", *there.points[0].frame.columns]]
-        return replace(there, frame=frame, title="", alike=True)
+        return replace(there, columns=arrays(frame), title="", alike=True)
 
     return make
 
@@ -38,7 +37,7 @@ def own_keys(c):
 def test_sweep_columns_come_first(sweep):
     there = sweep(3)
     summary = summarise(there)
-    for stacked, single in ((summary.described, statistics.summary), (summary.compared, comparisons)):
+    for stacked, single in ((summary.described, summary_frame), (summary.compared, comparison_frame)):
         expected = [single(point) for point in there.points]
         assert [*stacked.columns] == ["c", "d", *expected[0].columns]
         assert stacked["c"].tolist() == [c for c, part in zip("123", expected, strict=True) for _ in range(len(part))]
@@ -52,10 +51,10 @@ def test_sweep_columns_come_first(sweep):
 
 def test_without_a_sweep_nothing_is_added(make_trials):
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}})
-    summary, described, compared = summarise(trials), statistics.summary(trials), comparisons(trials)
+    summary, described, compared = summarise(trials), summary_frame(trials), comparison_frame(trials)
     pd.testing.assert_frame_equal(summary.described, described)
     pd.testing.assert_frame_equal(summary.compared, compared)
-    assert summary.to_markdown() == summary_markdown(trials, described, compared) and summary.pooled is None
+    assert summary.to_markdown() == summary_markdown(trials, *summary.points[0][1:]) and summary.pooled is None
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def made(trials):
 
 
 def test_numbers_of_the_file_and_sentences_on_the_ranks(made):
-    frame = pd.read_csv(io.StringIO("".join(csv_lines(made.frame))))
+    frame = pd.read_csv(io.StringIO("".join(csv_lines(made.content))))
     assert "point" not in frame and frame["method"].tolist() == ["A", "B"]
     assert frame["tuned"].tolist() == [10.0, 0.02] and frame["end_of_range"].tolist() == [True, False]
     assert frame["regret_pct"].tolist() == [0.0, 25.0] and frame["best_on_test"].tolist() == [10.0, 5.0]

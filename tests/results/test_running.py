@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from data_frames import arrays
 from small_experiment import cli, ran, write
 
 from rmpc_bench import compare, load_config, run
@@ -58,8 +59,7 @@ def table(values, status, info):
         for name in METHODS
     )
     frame.loc[frame["status"] != "ok", "m"] = np.nan
-    series = pd.DataFrame(columns=["method", "quantity", "component", "k", "n", "value"])
-    return Trials("t", METHODS, {}, (info,), frame, series, "A", 0.95, 0.0, 1)
+    return Trials("t", METHODS, {}, (info,), arrays(frame), (), "A", 0.95, 0.0, 1)
 
 
 @pytest.mark.parametrize("direction", ["lower", "higher", "zero", "one"])

@@ -9,6 +9,7 @@ import html5lib
 import numpy as np
 import pytest
 from comparison_tables import extent_of
+from data_frames import arrays
 from page_reader import Page, faults
 from tuned_searches import constant, search, tuning
 
@@ -174,7 +175,11 @@ def test_a_smoke_run_and_moments_without_runs(with_trials, make_trials):
     assert faults(page, ["A", "B"]) == [] and page.of_class("banner")[0].text.startswith("Smoke run.")
     assert page.rows(page.tables[0])[1:] == [["A", "ran 2 runs"], ["B", "failed 1 of 2 runs failed"]]
     trials = make_trials({"mse": {"A": [], "B": []}})
-    page = page_of(with_trials(replace(trials, frame=trials.frame.reindex(columns=["method", "run", "status", "mse"]))))
+    page = page_of(
+        with_trials(
+            replace(trials, columns={name: trials.columns[name] for name in ("method", "run", "status", "mse")})
+        )
+    )
     assert page.of_class("answer")[0].text.startswith("Exact moments")
 
 
@@ -187,7 +192,7 @@ def test_an_unfinished_experiment(with_trials, make_trials, failed):
     """
     b = ["diverged" if failed and run == 5 else 0.8 * x for run, x in enumerate(values(48))]
     trials = make_trials({"mse": {"A": values(48), "B": b}})
-    trials = replace(trials, frame=trials.frame.iloc[:-1]).common
+    trials = replace(trials, columns=arrays(trials.frame.iloc[:-1])).common
     page = page_of(with_trials(trials, extent=extent_of(trials, 60), incomplete=("B",)))
     assert "Unfinished: 47 of 60 runs." in page.of_class("banner")[0].text
     found = "So far B is inconclusive with 47 runs." if failed else "So far B is better than A"
