@@ -153,7 +153,7 @@ def test_correlated_quantities_are_named():
     table = trials.assign(c=-trials["a"] + 0.1 * trials["b"])
 
     class Table:
-        uncertainty = table
+        quantities = arrays(table)
         runs = np.arange(N)
 
     assert inputs(Table()).correlated == (("a", "c"),)

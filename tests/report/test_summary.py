@@ -75,10 +75,10 @@ def test_points_that_are_not_taken_together_have_a_page_each(sweep, n, keys, siz
 def test_many_points_are_shown_together_and_trials_have_sweep_columns_first(sweep, tmp_path):
     """Oracle: the mean of seven single runs; the page has each point, too."""
     summary = summarise(sweep(7, own_keys, sizes=(2.0,)))
-    described = summary.pooled.described.set_index("method")
+    described = pd.DataFrame(summary.pooled.described).set_index("method")
     assert described["n"].tolist() == [7, 7]
     assert described["mean"].tolist() == pytest.approx([2.0, 8.0])
-    assert described["se"].isna().all() and summary.pooled.compared.empty  # they are all there are
+    assert described["se"].isna().all() and not summary.pooled.compared  # they are all there are
     headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
     assert headings == ["# tiny: all 7 points together", *[f"# tiny: c={c}" for c in range(1, 8)]]
     assert len(summary.described) == 14 and set(summary.described["c"]) == set("1234567")
