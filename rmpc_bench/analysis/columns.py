@@ -29,17 +29,20 @@ def rows_at(columns: Columns, chosen: Array) -> dict[str, Array]:
 
 
 def with_point(columns: Columns, point: Mapping[str, str]) -> dict[str, Any]:
-    """Put the columns of a sweep in front of a table of arrays."""
+    """Put columns of one text each, such as those of a point of a sweep, in front of a table of arrays."""
     n = n_rows(columns)
     return {path: np.full(n, value, dtype=object) for path, value in point.items()} | dict(columns)
 
 
 def stacked(tables: Sequence[Columns]) -> dict[str, Array]:
     """Put the tables that have rows below each other; a column that one of them lacks is NaN there."""
-    parts = [(table, np.full(n_rows(table), np.nan)) for table in tables if n_rows(table)]
-    parts = parts or [(table, np.empty(0)) for table in tables[:1]]
-    names = dict.fromkeys(name for table, _ in parts for name in table)
-    return {name: np.concatenate([table.get(name, missing) for table, missing in parts]) for name in names}
+    tables = [table for table in tables if n_rows(table)] or tables[:1]
+
+    def cells(table: Columns, name: str) -> Array:
+        return table[name] if name in table else np.full(n_rows(table), np.nan)
+
+    names = dict.fromkeys(name for table in tables for name in table)
+    return {name: np.concatenate([cells(table, name) for table in tables]) for name in names}
 
 
 def columns_of(rows: Rows, names: Sequence[str]) -> dict[str, list[Any]]:
@@ -72,19 +75,17 @@ class Series(NamedTuple):
 
     def columns(self) -> dict[str, Any]:
         """Return a row per component and k."""
-        components, k = self.components(), np.arange(len(self.values))
+        components, k = [*self.components()], np.arange(len(self.values))
         long = {
-            "method": np.full(self.values.size, self.method, dtype=object),
-            "quantity": np.full(self.values.size, self.quantity, dtype=object),
-            "component": np.repeat(np.array([*components], dtype=object), len(k)),
+            "component": np.repeat(np.array(components, dtype=object), len(k)),
             "k": np.tile(k, len(components)),
             "n": np.full(self.values.size, self.n),
             "value": self.values.reshape(len(k), -1).T.ravel(),
         }
-        return with_point(long, self.point)
+        return with_point(long, {**self.point, "method": self.method, "quantity": self.quantity})
 
 
 def series_columns(series: Sequence[Series], paths: Sequence[str] = ()) -> dict[str, Any]:
-    """Return series as one table, the columns of a sweep first; equal points share their texts."""
-    none = Series("", "", np.empty((0,)), point=dict.fromkeys(paths, ""))
-    return stacked([each.columns() for each in series] or [none.columns()])
+    """Return series as one table, the columns of a sweep first."""
+    none = Series("", "", np.empty(0), point=dict.fromkeys(paths, ""))
+    return stacked([each.columns() for each in series or (none,)])

@@ -389,6 +389,7 @@ class Trials(ComparisonKeys):
         KeyError
             when the method has no such series
         """
-        for each in self.series_of(quantity, method):
-            return each.values
-        raise KeyError(f"{method} has no series {quantity}")
+        found = self.series_of(quantity, method)
+        if not found:
+            raise KeyError(f"{method} has no series {quantity}")
+        return found[0].values

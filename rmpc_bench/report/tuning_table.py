@@ -100,6 +100,7 @@ class TuningTable(FrameTable):
 
     trials: Trials
     tuning: Tuning | None  # how the parameters were chosen; None where no method is tuned
+    whole = _RANKS
 
     @cached_property
     def _every(self) -> list[Outcome]:
@@ -141,8 +142,6 @@ class TuningTable(FrameTable):
         """Title of a point without ranks -> why it has none; nothing where there is one method only."""
         whys = {title: why for title, why in self._ranked.items() if isinstance(why, str)}
         return whys if len(self.trials.methods) > 1 else {}
-
-    whole = _RANKS
 
     @property
     def content(self) -> Columns:
