@@ -170,9 +170,17 @@ NONLINEAR: Mapping[str, frozenset[str]] = {
     "estimators": frozenset({"extended-kalman", "unscented-kalman"}),
     "controllers": frozenset({"pid"}),
 }
-"""Kinds that take a nonlinear design model; the others of these groups need a linear one."""
-OF_ONE_PAPER: Mapping[str, tuple[str, ...]] = {"estimators": ("lp-window", "mixed")}
-"""Kinds that reproduce one paper and hardly serve anything else; `list` shows them in one line."""
+"""Kinds that take a nonlinear design model, too; the others of these groups need a linear one."""
+BRIDGING = (
+    *("control-lqe", "correntropy-kalman", "directional-kalman", "enhanced-robust", "extended-kalman"),
+    *("fading-kalman", "gated-kalman", "h-infinity", "huber-kalman", "kalman", "kalman-disturbance"),
+    *("kalman-predictor", "lmmse", "lp-window", "mixed", "moving-horizon", "oracle", "risk-sensitive"),
+    *("robust-h-infinity", "robust-kalman", "sayed-bdu", "set-membership", "student-kalman", "unscented-kalman"),
+    "wasserstein-kalman",
+)
+"""Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
+TAGS = ("linear", "nonlinear", "both", "gaps")
+"""Tags of `list`: the design model that a kind takes, and whether an estimator predicts where outputs are missing."""
 
 _REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUILT_IN}
 
@@ -238,6 +246,14 @@ def short(group: str, name: str) -> str:
     if package := package_of(group, name):
         return package
     return (inspect.getdoc(get(group, name)) or "").partition("\n")[0]
+
+
+def tags(group: str, kind: str) -> tuple[str, ...]:
+    """Return the tags of a built-in estimator or controller; of own and installed ones only a design tells."""
+    if group not in NONLINEAR or kind not in BUILT_IN[group]:
+        return ()
+    gaps = ("gaps",) if group == "estimators" and kind in BRIDGING else ()
+    return ("both" if kind in NONLINEAR[group] else "linear", *gaps)
 
 
 def package_of(group: str, name: str) -> str:

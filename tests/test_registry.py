@@ -5,6 +5,7 @@ import inspect
 import numpy as np
 import pytest
 from small_experiment import write
+from uncertain_experiment import write_estimation
 
 from rmpc_bench import Estimator, load_config, registry, single_run
 from rmpc_bench.config_file import factories
@@ -31,7 +32,7 @@ LOOP = {"reference": "{kind: constant, value: 1}", "controller": None}
 WEIGHTS = ", Q_x: 1, R_u: 1"
 REQUIRED = {
     **{name: f"{WEIGHTS}, horizon: 5" for name in ("lqr", "game-gain", "minimax-lq")},
-    "tube-mpc": f"{WEIGHTS}, horizon: 5, limits: {{u: [-1, 1]}}",
+    "tube-mpc": f"{WEIGHTS}, horizon: 5, limits: {{u: [-9, 9]}}, W: 0.01",
     "control-lqr": WEIGHTS,
     "lqg": f"{WEIGHTS}, Q_i: 1",
     "mpc": ", Hp: 5, Hu: 2, Q: 1, R: 1",
@@ -41,7 +42,7 @@ REQUIRED = {
     "fading-kalman": ", alpha: 1.01",
     "wasserstein-kalman": ", radius: 0.1",
     "directional-kalman": ", q: 1",
-    "robust-h-infinity": ", alpha: 0.9",
+    "robust-h-infinity": ", alpha: 90",
     "risk-sensitive": ", theta: 0.01",
     "h-infinity": ", gamma: 10",
 }
@@ -88,12 +89,43 @@ def test_which_components_take_a_nonlinear_model(group, name, tmp_path):
     if group == "controllers":
         methods = f"{{M: {{estimator: {{kind: extended-kalman}}, controller: {component}}}}}"
     path = write(tmp_path, **NONLINEAR, methods=methods, **(LOOP if group == "controllers" else OPEN))
-    if name in registry.NONLINEAR[group]:
+    if "both" in registry.tags(group, name):
         assert load_config(path).methods
         return
+    assert "linear" in registry.tags(group, name)
     reasons = "needs a linear model|uncertain matrices|no uncertainty of A"
     with pytest.raises(ConfigError, match=reasons):
         load_config(path)
+
+
+SETS = {
+    "plant": "{kind: linear, A: [[0.9, 0.2], [0, 0.7]], B: [[0], [1]], C: [[1, 0]]}",
+    "model": "{kind: linear, A: [[0.9, 0.2], [0, 0.7]], B: [[0], [1]], C: [[1, 0]], P_w: 1, P_v: 1, M_w: 1, M_v: 1}",
+    "initial": "{x: [1, 0], x_hat: [1, 0], P: 1, M: 1}",
+    "input": "{kind: sine, amplitude: 1, period: 5}",
+}
+
+
+@pytest.mark.parametrize(("group", "name"), [part for part in PARTS if part[0] in registry.NONLINEAR])
+def test_every_method_takes_a_linear_model_and_bridges_as_its_tags_say(group, name, tmp_path):
+    """Oracle: whether a configuration with a linear model, and one with missing measurements, is valid."""
+    if missing_for(group, name):
+        pytest.skip("needs an extra")
+    component = f"{{kind: {name}{REQUIRED.get(name, '')}}}"
+    if group == "controllers":
+        law = f"{{M: {{estimator: {{kind: kalman}}, controller: {component}}}}}"
+        keys = SETS | {"input": None, "reference": "{kind: constant, value: 0}", "methods": law}
+        assert load_config(write_estimation(tmp_path, metrics="[input_power]", **keys)).methods
+        return
+    sets = SETS if name in ("mixed", "set-membership", "lp-window", "moving-horizon") else {}
+    keys = sets | {"methods": f"{{M: {{estimator: {component}}}}}", "metrics": "[estimation_mse]"}
+    assert load_config(write_estimation(tmp_path, **keys)).methods
+    lost = write_estimation(tmp_path, **keys, noise="{measurement: {missing: {probability: 0.1}}}")
+    if "gaps" in registry.tags(group, name):
+        assert load_config(lost).methods
+        return
+    with pytest.raises(ConfigError, match="cannot predict without one"):
+        load_config(lost)
 
 
 @pytest.mark.parametrize(("group", "name"), PARTS)

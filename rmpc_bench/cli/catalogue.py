@@ -20,21 +20,31 @@ if TYPE_CHECKING:
 
 WIDTH = 80
 """Columns of a line at most."""
-MOST_NAME = 24
+MOST_NAME = 26
 """Columns of a name, which an installed component with a longer one exceeds."""
 _LISTS = (*registry.BUILT_IN, "functions", "configs")
 
 
 @click.command(name="list")
 @click.argument("group", required=False, metavar=f"[{'|'.join(_LISTS)}|FILE.py]")
+@click.option("--tag", type=click.Choice(registry.TAGS), help="Only estimators and controllers with this tag.")
 @shared_options.import_first
 @exits.guarded
-def list_(group: str | None) -> int:
+def list_(group: str | None, tag: str | None) -> int:
     """List the names a configuration may use, with what each of them is.
 
     Without an argument the kinds and how many there are of each; `functions` are those of claims, `configs` lists the
     files under configs and the installed configurations.  FILE.py lists the components that a Python file defines.
+
+    Tags of estimators and controllers: the design model that they take (linear, nonlinear or both), and gaps of an
+    estimator that predicts where a measurement is missing.  `--tag nonlinear` lists those of both, too.
     """
+    if tag and group not in (None, *registry.NONLINEAR):
+        raise click.BadParameter(f"only {' and '.join(registry.NONLINEAR)} have tags", param_hint="'--tag'")
+    if tag:
+        groups = [group] if group else [*registry.NONLINEAR]
+        click.echo("\n\n".join("\n".join(_entries(each, tag)) for each in groups))
+        return 0
     if group and group.endswith(".py"):
         click.echo("\n".join(_components_of(group)))
         return 0
@@ -57,26 +67,34 @@ def _functions() -> list[str]:
     return [*FUNCTION_HELP.values()]
 
 
-def _entries(group: str) -> list[str]:
-    """Return a line per name; those that need a library that is missing, and those of one paper, are last."""
+def _entries(group: str, tag: str | None = None) -> list[str]:
+    """Return a line per name, or per name with a tag; those that need a library that is missing are last."""
     if group == "configs":
         return known_configs()
     if group == "functions":
         return [line for text in _functions() for line in _wrapped(f" {text}", 4)]
-    kinds = registry.names(group)
+    kinds = [kind for kind in registry.names(group) if tag is None or _has(tag, registry.tags(group, kind))]
     lacking = {kind: text for kind in kinds if (text := missing_for(group, kind))}
-    together = [kind for kind in registry.OF_ONE_PAPER.get(group, ()) if kind in kinds]
-    usual = [kind for kind in kinds if kind not in lacking and kind not in together]
-    nonlinear = registry.NONLINEAR.get(group, frozenset())
-    rows = [(kind, "*" if kind in nonlinear else "", _text(group, kind)) for kind in usual]
-    if together:
-        rows.append((", ".join(together), "", f"of one paper each: rmpc-bench describe {together[0]}"))
-    rows += [(kind, "", f"needs rmpc-bench[{NEEDED_BY[group, kind]}]") for kind in lacking]
-    width = min(max((len(name) for name, *_ in rows), default=0) + 2, MOST_NAME)
-    names = [f" {name:{width}}{f'{mark:2}' if nonlinear else ''}" for name, mark, _ in rows]
-    lines = [f"{name}{text}" for name, (_, _, text) in zip(names, rows, strict=True)]
-    head = f"{group}   (* takes a nonlinear design model, the others a linear one)" if nonlinear else group
+    rows = [(kind, _text(group, kind)) for kind in kinds if kind not in lacking]
+    rows += [(kind, f"needs rmpc-bench[{NEEDED_BY[group, kind]}]") for kind in lacking]
+    width = min(max((len(kind) for kind in kinds), default=0) + 2, MOST_NAME)
+    names = [f" {kind:{width}}{_tags(group, kind)}" for kind, _ in rows]
+    lines = [f"{name}{text}" for name, (_, text) in zip(names, rows, strict=True)]
+    head = f"{group}   (design model; gaps: predicts where a measurement is missing)"
+    head = head if group == "estimators" else f"{group}   (design model)" if group == "controllers" else group
     return [head, "", *(part for line in lines for part in _wrapped(line, len(names[0])))]
+
+
+def _has(tag: str, tags: tuple[str, ...]) -> bool:
+    """Whether a kind with these tags has a tag; one for both models has that of each."""
+    return tag in tags or (tag in ("linear", "nonlinear") and "both" in tags)
+
+
+def _tags(group: str, kind: str) -> str:
+    """Columns of the tags; empty where components have none."""
+    model, *gaps = registry.tags(group, kind) or ("",)
+    columns = {"estimators": f"{model:7}{gaps[0] if gaps else '':6}", "controllers": f"{model:8}"}
+    return columns.get(group, "")
 
 
 def _wrapped(line: str, indent: int) -> list[str]:

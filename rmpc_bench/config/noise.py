@@ -324,16 +324,6 @@ def _varies(model: Any, channel: str, n_steps: int) -> bool:
     return any(a is not b and not np.array_equal(a, b) for a, b in pairs)
 
 
-BRIDGING = (
-    *("control-lqe", "correntropy-kalman", "directional-kalman", "enhanced-robust", "extended-kalman"),
-    *("fading-kalman", "gated-kalman", "h-infinity", "huber-kalman", "kalman", "kalman-disturbance"),
-    *("kalman-predictor", "lmmse", "lp-window", "mixed", "moving-horizon", "oracle", "risk-sensitive"),
-    *("robust-h-infinity", "robust-kalman", "sayed-bdu", "set-membership", "student-kalman", "unscented-kalman"),
-    "wasserstein-kalman",
-)
-"""Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
-
-
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:
     """Report estimators that do not bridge the missing measurements of the noise."""
     if not any(law.omits_measurements for law in scenario.measurement):
@@ -341,4 +331,4 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
     without = [each.name for each in methods if not each.estimator.bridges_missing]
     if without:
         message = f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one"
-        draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(BRIDGING)}")
+        draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(registry.BRIDGING)}")

@@ -16,29 +16,50 @@ PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names
 
 @pytest.mark.parametrize("group", registry.BUILT_IN)
 def test_list_of_a_group(group):
-    """A line per name with its text, at most 80 columns; components of one paper share a line."""
+    """A line per name with its tags and its text, at most 80 columns."""
     head, empty, *lines = cli("list", group).stdout.splitlines()
     assert head.split()[0] == group and empty == "" and all(len(line) <= 80 for line in [head, *lines])
-    together = registry.OF_ONE_PAPER.get(group, ())
     lacking = [kind for kind in registry.names(group) if missing_for(group, kind)]
-    alone = [kind for kind in registry.names(group) if kind not in (*together, *lacking)]
-    names = [*alone, *[", ".join(together)][: bool(together)], *lacking]
-    assert [re.split(r"  +|\*", line.strip())[0] for line in lines] == names
+    alone = [kind for kind in registry.names(group) if kind not in lacking]
+    names = [*alone, *lacking]
+    assert [re.split(r"  +", line.strip())[0] for line in lines] == names
     texts = {name: line for name, line in zip(names, lines, strict=True)}
     assert all(texts[kind].endswith(f" {registry.short(group, kind)}") for kind in alone)
     assert all(texts[kind].endswith(f"needs rmpc-bench[{NEEDED_BY[group, kind]}]") for kind in lacking)
-    marked = {kind for kind in alone if re.search(rf" {re.escape(kind)} +\* ", texts[kind])}
-    assert marked == registry.NONLINEAR.get(group, set())
+    for kind in alone:
+        said = texts[kind].removesuffix(registry.short(group, kind)).split()
+        assert said == [kind, *registry.tags(group, kind)]
+    if group in registry.NONLINEAR:
+        text = cli("list", group, "--tag", "nonlinear").stdout
+        assert {line.split()[0] for line in text.splitlines()[2:]} == registry.NONLINEAR[group]
+
+
+@pytest.mark.parametrize("tag", registry.TAGS)
+def test_list_of_a_tag(tag):
+    """Both groups; a kind that takes both models has the tag of each."""
+    text = cli("list", "--tag", tag).stdout
+    having = {"nonlinear": {"both"}, "linear": {"both", "linear"}}.get(tag, {tag})
+    expected = {kind for group in registry.NONLINEAR for kind in registry.names(group)
+                if having & {*registry.tags(group, kind)}}  # fmt: skip
+    listed = [line.split()[0] for line in text.splitlines() if line.startswith(" ")]
+    assert {*listed} == expected and len(listed) == len(expected) and max(map(len, text.splitlines())) <= 80
+
+
+def test_tags_of_what_has_none():
+    """Exit 2, the tags that there are, and the groups."""
+    assert "only estimators and controllers have tags" in cli("list", "plants", "--tag", "gaps").stderr
+    result = cli("list", "--tag", "gap")
+    assert result.exit_code == 2 and "'linear', 'nonlinear', 'both', 'gaps'" in result.stderr
 
 
 def test_list_of_the_mock():
     """Some lines of estimators, character by character."""
     lines = cli("list", "estimators").stdout.splitlines()
-    assert lines[0] == "estimators   (* takes a nonlinear design model, the others a linear one)"
+    assert lines[0] == "estimators   (design model; gaps: predicts where a measurement is missing)"
     for line in (
-        " extended-kalman     * linearises at every estimate",
-        " kalman                Kalman filter of the nominal model",
-        " lp-window, mixed      of one paper each: rmpc-bench describe lp-window",
+        " extended-kalman     both   gaps  linearises at every estimate",
+        " kalman              linear gaps  Kalman filter of the nominal model",
+        " lp-window           linear gaps  linear program over a window",
     ):
         assert line in lines
 

@@ -7,7 +7,6 @@ from small_experiment import cli, ran, write
 from uncertain_experiment import write_estimation
 
 from rmpc_bench import estimator, load_config, registry
-from rmpc_bench.config.noise import BRIDGING
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.models.linear import LinearModel
@@ -124,7 +123,7 @@ def test_estimators_that_do_not_bridge_are_named(load):
 
 def test_kinds_that_the_message_names_bridge():
     """Oracle: the designs of these kinds, as far as a linear model has no further keys."""
-    assert set(BRIDGING) <= set(registry.names("estimators"))
+    assert set(registry.BRIDGING) <= set(registry.names("estimators"))
     model = LinearModel(np.array([[0.9]]), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)))
     keys = {
         "directional-kalman": {"q": 1.0, "direction": 1.0},
@@ -138,7 +137,7 @@ def test_kinds_that_the_message_names_bridge():
         "wasserstein-kalman": {"radius": 0.1},
     }
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
-    for kind in set(BRIDGING) - {"oracle", "lmmse", "lp-window", "control-lqe"}:
+    for kind in set(registry.BRIDGING) - {"oracle", "lmmse", "lp-window", "control-lqe"}:
         assert estimator(kind, model, n_steps=3, **start, **keys.get(kind, {})).bridges_missing, kind
 
 
