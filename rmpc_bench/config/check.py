@@ -153,7 +153,9 @@ def _angles(experiment: Experiment) -> Iterator[Finding]:
 
 
 def _factors(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
-    medians = {name: law.quantile(0.5) for name, law in draft.uncertainty.items()}
+    medians: dict[str, float] = {}
+    for name, law in draft.uncertainty.items():
+        medians |= zip(law.names(name), law.draw([0.5] * len(law.streams(name))), strict=True)
     for name, change in draft.parameter_changes.items():
         if not change.relative:
             continue

@@ -184,7 +184,7 @@ class DraftConfig:
     inherited: Inherited | None = None
     """What is inherited; nothing where it is None."""
     values: dict[str, Any] = field(default_factory=dict)
-    laws: dict[str, distributions.Distribution] = field(default_factory=dict)
+    laws: dict[str, distributions.UncertainLaw] = field(default_factory=dict)
     """Laws of the uncertain quantities as given."""
     scale: float = 1.0
     """Factor on the spread of all of them."""
@@ -223,7 +223,7 @@ class DraftConfig:
     """The keys of every claim (ClaimKeys); None where it has an error."""
 
     @property
-    def uncertainty(self) -> dict[str, distributions.Distribution]:
+    def uncertainty(self) -> dict[str, distributions.UncertainLaw]:
         """Laws of the uncertain quantities with the scale applied."""
         return {name: law.scaled(self.scale) for name, law in self.laws.items()}
 

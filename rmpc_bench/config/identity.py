@@ -238,7 +238,10 @@ def _without_later(component: Component, keys: Mapping[str, Any]) -> dict[str, A
 def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:
     """Return the distributions of the uncertain quantities; where `canonical`, their scale is applied to them."""
     laws = draft.uncertainty if canonical else draft.laws
-    data = {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in laws.items()}
+    data = {
+        name: {"dist": type(law).__name__.lower().removesuffix("group"), **plain_data(law)}
+        for name, law in laws.items()
+    }
     return data if canonical or draft.scale == 1 else {**data, "scale": draft.scale}
 
 

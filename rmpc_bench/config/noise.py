@@ -27,20 +27,31 @@ DISTRIBUTIONS: dict[str, type] = {
     "normal": distributions.Normal,
     "choice": distributions.Choice,
     "fixed": distributions.Fixed,
+    "lognormal": distributions.Lognormal,
+    "triangular": distributions.Triangular,
 }
 """Laws of an uncertain quantity by their `dist`."""
+GROUPS: dict[str, type] = {"normal": distributions.NormalGroup, "choice": distributions.ChoiceGroup}
+"""Laws of several quantities with the key `of`, by their `dist`."""
 
 
 _CROSS: Any = float | list[list[float]]
 
-_TAKEN = ("run", "pi", "sqrt", "sin", "cos")
+_TAKEN = ("run", *quantity.RESERVED)
 SCALE = "scale"
 """Key of `uncertainty` that is no quantity: the factor on the spread of all of them."""
 
 
 def uncertain_names(draft: DraftConfig) -> list[str]:
     """Return the names of the uncertain quantities of a configuration."""
-    return [name for name in draft.values["uncertainty"] or {} if name != SCALE]
+    section = draft.values["uncertainty"] or {}
+    return [each for name in section if name != SCALE for each in _names_of(section[name]) or [name]]
+
+
+def _names_of(value: Any) -> list[str]:
+    """Return the names of the quantities of a group; none for the law of one quantity."""
+    of = value.get("of") if isinstance(value, Map) else None
+    return [each for each in of if isinstance(each, str)] if isinstance(of, Items) else []
 
 
 def read_uncertainty(draft: DraftConfig) -> None:
@@ -48,16 +59,29 @@ def read_uncertainty(draft: DraftConfig) -> None:
     section = draft.values["uncertainty"] or {}
     if SCALE in section:
         _read_scale(draft, section[SCALE])
-    for name in uncertain_names(draft):
-        value = section[name]
+    taken: set[str] = set()
+    for name in section:
+        if name == SCALE:
+            continue
         path: list[str | int] = ["uncertainty", name]
-        if not re.fullmatch(r"[A-Za-z_]\w*", name):
-            draft.note(path, "a name consists of letters, digits and _, and begins with a letter or _", key=True)
-        elif name in _TAKEN:
-            draft.note(path, f"{name!r} is reserved; choose another name", key=True)
-        law = _distribution(draft, value, path)
+        _check_name(draft, name, path, taken)
+        for number, each in enumerate(_names_of(section[name])):
+            _check_name(draft, each, [*path, "of", number], taken)
+        law = _distribution(draft, section[name], path)
         if law is not None:
             draft.laws[name] = law
+
+
+def _check_name(draft: DraftConfig, name: str, path: list[str | int], taken: set[str]) -> None:
+    """Report a name that a quantity or a group cannot have."""
+    key = "of" not in path[2:]
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        draft.note(path, "a name consists of letters, digits and _, and begins with a letter or _", key=key)
+    elif name in _TAKEN or (name == SCALE and not key):
+        draft.note(path, f"{name!r} is reserved; choose another name", key=key)
+    elif name in taken:
+        draft.note(path, f"{name!r} is the name of another quantity or group; choose another name", key=key)
+    taken.add(name)
 
 
 def _read_scale(draft: DraftConfig, value: Any) -> None:
@@ -78,15 +102,19 @@ def _read_scale(draft: DraftConfig, value: Any) -> None:
         draft.scale = factor
 
 
-def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.Distribution | None:
+def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.UncertainLaw | None:
     if isinstance(value, Map):
-        kind = value.get("dist")
-        if not isinstance(kind, str) or kind not in DISTRIBUTIONS:
-            draft.note([*path, "dist"], registry.unknown(str(kind), DISTRIBUTIONS, "distribution"))
+        kind, known = value.get("dist"), GROUPS if "of" in value else DISTRIBUTIONS
+        if not isinstance(kind, str) or kind not in known:
+            noun = "distribution" if known is DISTRIBUTIONS else "distribution of several quantities"
+            draft.note([*path, "dist"], registry.unknown(str(kind), known, noun))
+            return None
+        if known is GROUPS and not _names_of(value):
+            draft.note([*path, "of"], "must be a list of names")
             return None
         own = value.copy()
         del own["dist"]
-        law: distributions.Distribution | None = validate(DISTRIBUTIONS[kind], own, path, draft.problems)
+        law: distributions.UncertainLaw | None = validate(known[kind], own, path, draft.problems)
         return law
     try:
         spread = quantity.spread(value) if isinstance(value, str) else None
@@ -266,7 +294,7 @@ class NoiseLaws:
 
     def refuse_names(self, scenario: Scenario) -> None:
         """Refuse uncertain quantities with the name of a quantity of random bursts: both are columns of one table."""
-        for name in sorted({*scenario.burst_names} & {*scenario.uncertainty}):
+        for name in sorted({*scenario.burst_names} & {*scenario.quantities}):
             message = f"{name!r} is the name of a quantity of the random bursts; choose another name"
             self.draft.note(["uncertainty", name], message, key=True)
 

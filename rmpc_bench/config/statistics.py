@@ -12,7 +12,7 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import SweepPoint
 from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
-from rmpc_bench.expressions.quantity import QuantityError, number
+from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import NonNegative
@@ -192,7 +192,7 @@ class _Parser(ArithmeticParser):
             return Name(f"|{inner.name}|", column=token.column)
         if token.text in self.metrics:
             return Name(token.text, column=token.column)
-        if token.text in ("pi", "sqrt", "sin", "cos"):
+        if token.text in RESERVED:
             return Call(token.text, (self.group(),) if self.token.text == "(" else (), column=token.column)
         raise unknown_name(token, "metric", sorted(self.metrics))
 

@@ -3,7 +3,8 @@
 The numbers replace the name of the file when a configuration is read, so that they count for its identity and the
 resolved configuration needs no file.  File names are relative to the file in which they stand.
 
-.mat   a MATLAB file up to version 7.2; .npz  a NumPy archive; .csv  one matrix, a row per line, without a heading.
+.mat   a MATLAB file up to version 7.2; .npz  a NumPy archive; .csv  one matrix, a row per line, or
+columns below a heading.
 """
 
 from __future__ import annotations
@@ -61,16 +62,23 @@ class _Reader:
                 return self._matrix(node, path)
             result = node.copy()
             for key, value in node.items():
-                result[key] = self.replaced(value, [*path, key])
+                of = node.get("of") if key == "values" and isinstance(value, Map) and _is_matrix(value) else None
+                result[key] = self._matrix(value, [*path, key], of) if of else self.replaced(value, [*path, key])
             return self._system(result, path) if _is_system(result) else result
         if isinstance(node, Items):
             return node.like(self.replaced(value, [*path, number]) for number, value in enumerate(node))
         return node
 
-    def _matrix(self, node: Map, path: list[str | int]) -> Any:
+    def _matrix(self, node: Map, path: list[str | int], of: Any = ()) -> Any:
+        """Return a matrix; that of the columns `of`, where the file has arrays of these names."""
         mark, name = locate(node, ["file"]), node.get("name")
         try:
             content = self._content(node["file"], mark)
+            if of and all(isinstance(each, str) and each in content for each in of):
+                columns = [content[each].reshape(-1) for each in of]
+                if len({*map(len, columns)}) > 1:
+                    raise _FileError(f"{node['file']} has columns of different lengths")
+                return _numbers(np.column_stack(columns), mark)
             if name is None and len(content) != 1:
                 raise _FileError(f"{node['file']} has {', '.join(content)}; add `name`")
             return _numbers(_named(content, next(iter(content)) if name is None else str(name), node["file"]), mark)

@@ -109,7 +109,7 @@ class _Layout:
             has_ensemble=recording.ensemble,
             reference=self._keep(experiment.scenario.reference.sample(experiment.n_steps + 1)) if is_recorded else None,
             uncertainty_key=point.uncertainty_key,
-            uncertainty=tuple(experiment.scenario.uncertainty),
+            uncertainty=experiment.scenario.quantities,
             names={**names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
             random_besides=random_besides(experiment),
             limitations=tuple(plant.limitations),

@@ -213,7 +213,7 @@ def _megabytes() -> float:
 
 def _megabytes_of_rows(config: ExperimentConfig, n_runs: int) -> float:
     """Return the memory of further rows, at their largest when the report is made [MB]."""
-    numbers = len(config.experiment.metrics) + len(config.experiment.scenario.uncertainty) + 4
+    numbers = len(config.experiment.metrics) + len(config.experiment.scenario.quantities) + 4
     return 8e-6 * 3 * numbers * n_runs * _n_methods(config)
 
 

@@ -1,6 +1,6 @@
 """Quantities in configurations: ``2*pi``, ``10%``, ``1 + eps_min``, ``+-10%``; read by `arithmetic`, never by ``eval``.
 
-named = "pi" | free name | ("sqrt" | "sin" | "cos") "(" sum ")"
+named = "pi" | free name | ("sqrt" | "sin" | "cos" | "exp" | "log") "(" sum ")"
 """
 
 from __future__ import annotations
@@ -31,7 +31,15 @@ MAX_LENGTH = 1000
 Column: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 """Numbers of many rows, (n,)."""
 _CONSTANTS = {"pi": math.pi}
-_FUNCTIONS: dict[str, Callable[[float], float]] = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos}
+_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+    "exp": math.exp,
+    "log": math.log,
+}
+RESERVED = (*_CONSTANTS, *_FUNCTIONS)
+"""Names that have a meaning in every quantity."""
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add,
     "-": operator.sub,
@@ -131,7 +139,12 @@ def _value(node: Node, values: Mapping[str, float]) -> float:
             argument = _value(node.arguments[0], values)
             if node.function == "sqrt" and argument < 0:
                 raise ExpressionError(node.column, f"sqrt of a negative number ({argument!r})")
-            return _finite(_FUNCTIONS[node.function](argument), node.column)
+            if node.function == "log" and argument <= 0:
+                raise ExpressionError(node.column, f"log of a number that is not positive ({argument!r})")
+            try:
+                return _finite(_FUNCTIONS[node.function](argument), node.column)
+            except OverflowError:
+                raise ExpressionError(node.column, f"{node.function}({argument!r}) is too large") from None
         case Operation():
             result = _value(node.first, values)
             for operand in node.rest:
@@ -201,7 +214,7 @@ class _QuantityParser(ArithmeticParser):
 
     def is_known(self, name: str) -> bool:
         """Whether a name may begin an operand."""
-        return name in _CONSTANTS or name in _FUNCTIONS or name in self.free
+        return name in RESERVED or name in self.free
 
 
 def parse(text: str | float | int, names: Collection[str] = ()) -> Expression:
@@ -215,7 +228,7 @@ def parse(text: str | float | int, names: Collection[str] = ()) -> Expression:
 def _parse(text: str | float | int, names: Collection[str], start: int) -> Expression:
     if isinstance(text, bool) or not isinstance(text, str | float | int):
         raise QuantityError(f"expected a number or arithmetic such as '2*pi' (got {text!r})")
-    taken = [name for name in names if name in _CONSTANTS or name in _FUNCTIONS]
+    taken = [name for name in names if name in RESERVED]
     if taken:
         raise QuantityError(f"{taken[0]!r} already has a meaning in quantities; it cannot be a free name")
     if not isinstance(text, str):

@@ -40,9 +40,9 @@ class ArrayFileError(ValueError):
 
 
 def matrices(content: bytes, suffix: str, stem: str) -> dict[str, Array]:
-    """Return the arrays of a file by their names; the only one of a .csv file has the name of the file."""
+    """Return the arrays of a file by their names; a .csv file without a heading has one, with its own name."""
     if suffix == ".csv":
-        return {stem: _csv_matrix(content)}
+        return _csv_matrix(content, stem)
     return _mat(content) if suffix == ".mat" else _npz(BytesIO(content), len(content))
 
 
@@ -196,17 +196,19 @@ def _version_4(content: bytes) -> dict[str, Array]:
     return found
 
 
-def _csv_matrix(content: bytes) -> Array:
-    """Read rows of numbers without a heading."""
+def _csv_matrix(content: bytes, stem: str) -> dict[str, Array]:
+    """Read rows of numbers, or columns below a heading."""
     entries = content.count(b",") + content.count(b"\n")
     if entries > 2 * MAX_ENTRIES:
         raise ArrayFileError(f"has more than {MAX_ENTRIES} entries; a matrix of a configuration has at most as many")
     try:
         lines = StringIO(content.decode("utf-8-sig"), newline="")
         rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
-        return np.array([[float(cell) for cell in row] for row in rows])
+        heading = [cell.strip() for cell in rows[0]] if rows and not any(map(_is_number, rows[0])) else []
+        numbers = np.array([[float(cell) for cell in row] for row in rows[bool(heading) :]])
+        return dict(zip(heading, numbers.T, strict=True)) if heading else {stem: numbers}
     except (ValueError, csv.Error):
-        text = "must have rows of equally many numbers, with commas between them and no heading"
+        text = "must have rows of equally many numbers, with commas between them, below a heading or none"
         raise ArrayFileError(text) from None
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from rmpc_bench.analysis.columns import Columns, Rows
 from rmpc_bench.analysis.comparison_text import per_cent
 from rmpc_bench.analysis.drivers import COLUMNS as OF_DRIVERS
-from rmpc_bench.analysis.drivers import FEWEST, REST, drivers
+from rmpc_bench.analysis.drivers import FEWEST, REST, drivers, inputs
 from rmpc_bench.analysis.drivers import share_text as driver_share
 from rmpc_bench.analysis.lost_runs import COLUMNS as OF_LOST_RUNS
 from rmpc_bench.analysis.lost_runs import lost_runs
@@ -192,9 +192,16 @@ class DriversTable(FrameTable):
         parts = _parts(self.points[:MOST_POINTS], _columns)
         left = sum(len(rows) > 0 for _, rows in self.points[MOST_POINTS:])
         parts += [f"{counted(left, 'more point')} of the sweep: drivers.csv"] if left else []
-        return markdown_page([*parts, DRIVERS_NOTE] if parts else [])
+        correlated = correlated_text([trials for trials, _ in self.points])
+        return markdown_page([*parts, *([correlated] if correlated else []), DRIVERS_NOTE] if parts else [])
 
     __str__ = to_markdown
+
+
+def correlated_text(points: Sequence[Trials]) -> str:
+    """Say which quantities are correlated at a point, so that their shares cannot be told apart; empty for none."""
+    pairs = dict.fromkeys(f"{a} with {b}" for trials in points for a, b in inputs(trials).correlated)
+    return f"Correlated, |r| > 1/2: {', '.join(pairs)}. What one explains, the other may explain." if pairs else ""
 
 
 def drivers_table(trials: Trials) -> DriversTable:

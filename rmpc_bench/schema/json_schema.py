@@ -22,7 +22,7 @@ from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import SameLaw
 from rmpc_bench.config.methods import Source
-from rmpc_bench.config.noise import DISTRIBUTIONS, SCALE
+from rmpc_bench.config.noise import DISTRIBUTIONS, GROUPS, SCALE
 from rmpc_bench.config.sections import SECTIONS
 from rmpc_bench.config.tune import Range
 from rmpc_bench.config_file.keys import hints, keys_of, model_of, own_first
@@ -244,9 +244,12 @@ MODEL_KEYS: dict[str, Schema] = {
 def _uncertainty() -> Schema:
     """Return the schema of the laws of the uncertain quantities."""
     laws: list[Schema] = []
-    for name, record in DISTRIBUTIONS.items():
+    for name, record in (*DISTRIBUTIONS.items(), *GROUPS.items()):
         law = record_schema(record)
         first = (record.__doc__ or "").partition("\n")[0].rstrip(".").replace("``", "`")
+        # A matrix may lie in a file.
+        of = [key for key in ("cov", "values") if key in law["properties"]] if record in GROUPS.values() else []
+        law["properties"] |= {key: {**law["properties"][key], "type": ["array", "object"]} for key in of}
         law["properties"] = {"dist": {"const": name, "description": first}, **law["properties"]}
         laws.append({**law, "required": ["dist", *law.get("required", ())]})
     spread: Schema = {"type": "string", "description": "a range about 0, such as +-10%: uniform"}

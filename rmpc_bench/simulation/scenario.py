@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.noise.distributions import Distribution
+from rmpc_bench.noise.distributions import UncertainLaw
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.simulation.random_streams import Streams, first_uniforms, generators, stream
@@ -78,7 +78,7 @@ class Scenario:
     Parameters
     ----------
     seed : seed of all streams
-    uncertainty : law of every named quantity
+    uncertainty : law of every named quantity, or group of quantities
     parameters : plant parameters that depend on them, each a function of the named values of a run
     x0 : the true initial state (nx,) but for its deviation
     x0_noise : the terms of its deviation from that; their sum acts
@@ -88,7 +88,7 @@ class Scenario:
     """
 
     seed: int
-    uncertainty: Mapping[str, Distribution]
+    uncertainty: Mapping[str, UncertainLaw]
     parameters: Mapping[str, Callable[[Mapping[str, float]], float]]
     x0: Float[Array, " nx"]
     x0_noise: tuple[Noise, ...]
@@ -97,12 +97,18 @@ class Scenario:
     reference: Reference
     cross: Float[Array, "nv nw"] | None = None
 
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the uncertain quantities."""
+        return tuple(name for key, law in self.uncertainty.items() for name in law.names(key))
+
     def named_values(self, run: int) -> dict[str, float]:
         """Draw the named uncertain quantities of one run."""
-        return {
-            name: law.quantile(stream(self.seed, run, f"uncertainty/{name}").random())
-            for name, law in self.uncertainty.items()
-        }
+        found: dict[str, float] = {}
+        for key, law in self.uncertainty.items():
+            p = [stream(self.seed, run, f"uncertainty/{name}").random() for name in law.streams(key)]
+            found |= zip(law.names(key), law.draw(p), strict=True)
+        return found
 
     def named_columns(self, runs: range) -> dict[str, Float[Array, " runs"]]:
         """Draw the named uncertain quantities of many runs, those of `named_values`.
@@ -111,10 +117,12 @@ class Scenario:
         ----------
         runs : indices of the runs
         """
-        return {
-            name: np.array([law.quantile(p) for p in first_uniforms(self.seed, runs, f"uncertainty/{name}").tolist()])
-            for name, law in self.uncertainty.items()
-        }
+        found: dict[str, Array] = {}
+        for key, law in self.uncertainty.items():
+            p = [first_uniforms(self.seed, runs, f"uncertainty/{name}").tolist() for name in law.streams(key)]
+            rows = np.array([law.draw(each) for each in zip(*p, strict=True)])
+            found |= zip(law.names(key), np.ascontiguousarray(rows.T), strict=True)
+        return found
 
     def draw(self, plant: Plant, runs: range, n_steps: int) -> Draws:
         """Draw a block of runs.

@@ -10,6 +10,7 @@ from data_frames import arrays, driver_frame
 from rmpc_bench.analysis.drivers import REST, gist, inputs, share_text
 from rmpc_bench.analysis.intervals import student, wilson
 from rmpc_bench.analysis.responses import SHARE, Response, most_failures, regions, worst_means
+from rmpc_bench.report.run_tables import drivers_table
 
 N = 100
 CHANCE = 0.06
@@ -238,3 +239,12 @@ def test_the_gist_is_of_changes_where_there_are_others():
     assert gist([base], "A") == gist([base, other], "A") == "mostly eps"
     assert gist([base, other | {"resolved": False}], "A") == ""
     assert gist([base, other | {"n": 0, "share": float("nan"), "resolved": False}], "A") == ""
+
+
+def test_the_table_of_drivers_says_which_quantities_are_correlated(made):
+    """Oracle: c is a but for a tenth of b; two independent quantities are not named."""
+    table = quantities()
+    table["c"] = -table["a"] + 0.1 * table["b"]
+    for given, said in ((table, True), (quantities(), False)):
+        text = drivers_table(made(table=given)).to_markdown()
+        assert ("a with c" in text) == said == ("Correlated" in text)

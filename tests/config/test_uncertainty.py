@@ -395,3 +395,127 @@ def test_the_scale_is_no_name_in_expressions(tmp_path):
     """It is not a quantity that a parameter may depend on."""
     with pytest.raises(ConfigError, match="unknown name 'scale'"):
         loaded(tmp_path, "{eps: +-20%, scale: 2}", plant="{kind: servo-linear, perturb: {J_l: 1 + scale}}")
+
+
+TWO = "{kind: servo-linear, perturb: {J_l: exp(a), R: b}}"
+COV = "[[0.04, 0.018], [0.018, 0.01]]"
+NORMAL_GROUP = f"{{dist: normal, of: [a, b], mean: [0.1, 1], cov: {COV}}}"
+
+
+def columns(config, n=20_000):
+    """The quantities of many runs."""
+    return config.experiment.scenario.named_columns(range(n))
+
+
+@pytest.mark.parametrize(
+    ("law", "mean", "variance"),
+    [
+        ("{dist: lognormal, median: 2, factor: 1.5}", 2.171347967, 2.171347967**2 * np.expm1(np.log(1.5) ** 2)),
+        ("{dist: normal, std: 1, low: -0.5}", 0.509160434, 0.486175436),
+        ("{dist: triangular, low: -1, mode: 0, high: 2}", 1 / 3, 7 / 18),
+        (
+            "{dist: choice, values: [1, 2, 4], probabilities: [0.5, 30%, 1/5]}",
+            1.9,
+            0.5 * 0.81 + 0.3 * 0.01 + 0.2 * 4.41,
+        ),
+    ],
+)
+def test_moments_of_the_draws_of_a_law(tmp_path, law, mean, variance):
+    """Oracle: closed forms, within 5 standard errors; every draw depends on the run only, and the file loads again."""
+    config = loaded(tmp_path, f"{{eps: {law}}}")
+    eps = columns(config)["eps"]
+    assert abs(eps.mean() - mean) < 5 * np.sqrt(variance / len(eps))
+    spread = (eps - mean) ** 2
+    assert abs(spread.mean() - variance) < 5 * spread.std() / np.sqrt(len(eps))
+    assert [config.experiment.scenario.named_values(run)["eps"] for run in (3, 7)] == eps[[3, 7]].tolist()
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(dump(plain(config.resolved)), encoding="utf-8")
+    assert load_config(copy).hash == config.hash
+
+
+def test_a_group_of_correlated_quantities(tmp_path):
+    """Oracle: mean and covariance within 5 standard errors; J_l depends on the draw; diagonal: single laws."""
+    config = loaded(tmp_path, f"{{kinetics: {NORMAL_GROUP}}}", plant=TWO)
+    found = columns(config)
+    assert [*found] == ["a", "b"]
+    mean, cov, n = np.array([0.1, 1.0]), np.array([[0.04, 0.018], [0.018, 0.01]]), 20_000
+    e = np.array([found["a"], found["b"]]) - mean[:, None]
+    assert (np.abs(e.mean(axis=1)) < 5 * np.sqrt(cov.diagonal() / n)).all()
+    products = e[:, None] * e[None]
+    assert (np.abs(products.mean(axis=-1) - cov) < 5 * products.std(axis=-1) / np.sqrt(n)).all()
+    J_l = config.experiment.scenario.draw_delta(config.experiment.plant, range(3), 1)[-1]["J_l"]
+    np.testing.assert_allclose(J_l / config.experiment.plant.nominal["J_l"], np.exp(found["a"][:3]), **ROUND)
+    apart = loaded(
+        tmp_path, "{a: {dist: normal, std: 0.2, mean: 0.1}, b: {dist: normal, std: 0.1, mean: 1}}", plant=TWO
+    )
+    together = NORMAL_GROUP.replace(COV, "[[0.04, 0], [0, 0.01]]")
+    together = loaded(tmp_path, f"{{kinetics: {together}}}", plant=TWO)
+    for name in ("a", "b"):
+        np.testing.assert_allclose(columns(together, 9)[name], columns(apart, 9)[name], **ROUND)
+    wider = loaded(tmp_path, f"{{kinetics: {NORMAL_GROUP}, scale: 2}}", plant=TWO)
+    np.testing.assert_allclose(columns(wider, 9)["a"] - 0.1, 2 * (found["a"][:9] - 0.1), **ROUND)
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(dump(plain(wider.resolved)), encoding="utf-8")
+    assert load_config(copy).hash == wider.hash != config.hash
+
+
+@pytest.mark.parametrize("heading", ["", "b,c,a\n"])
+def test_a_group_of_rows_of_a_file(tmp_path, heading):
+    """Oracle: every run has one of the rows; columns are found by their names; numbers count for the identity."""
+    rows = [(0.1, 9.0, 1.0), (0.2, 9.0, 2.0), (0.4, 9.0, 3.0)] if heading else [(1.0, 0.1), (2.0, 0.2), (3.0, 0.4)]
+    text = heading + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    (tmp_path / "posterior.csv").write_text(text, encoding="utf-8")
+    group = "{dist: choice, of: [a, b], values: {file: posterior.csv}}"
+    config = loaded(tmp_path, f"{{kinetics: {group}}}", plant=TWO)
+    found = columns(config, 3000)
+    pairs, counts = np.unique(np.transpose([found["a"], found["b"]]), axis=0, return_counts=True)
+    assert pairs.tolist() == [[1.0, 0.1], [2.0, 0.2], [3.0, 0.4]]
+    assert (np.abs(counts - 1000) < 5 * np.sqrt(3000 * 2 / 9)).all()
+    inline = group.replace("{file: posterior.csv}", "[[1, 0.1], [2, 0.2], [3, 0.4]]")
+    assert loaded(tmp_path, f"{{kinetics: {inline}}}", plant=TWO).hash == config.hash
+
+
+def test_a_group_is_stored_by_the_names_of_its_quantities(tmp_path):
+    """Oracle: uncertainty.csv of a run has a column for every name, with the values of the scenario."""
+    path = write(tmp_path, uncertainty=f"{{kinetics: {NORMAL_GROUP}}}", plant=TWO)
+    ran(path, tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "uncertainty.csv")
+    assert [*table] == ["run", "a", "b"]
+    np.testing.assert_allclose(table["b"], columns(load_config(path), 6)["b"], rtol=1e-9)  # digits of the file
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "path", "words"),
+    [
+        ("{a: +-1%, g: {dist: normal, of: [a, b], mean: [0, 0], cov: [[1, 0], [0, 1]]}}", "g.of.0", "another quantity"),
+        ("{g: {dist: normal, of: [b, a, b], mean: [0, 0, 0], cov: []}}", "g.of.2", "another quantity or group"),
+        ("{a: {dist: normal, of: [a, b], mean: [0, 0], cov: [[1, 0], [0, 1]]}}", "a.of.0", "another quantity or group"),
+        ("{g: {dist: normal, of: [a, b], mean: [0, 0], cov: [[1, 2], [2, 1]]}}", "g", "cov: must be positive semidef"),
+        ("{g: {dist: normal, of: [a, exp], mean: [0, 0], cov: [[1, 0], [0, 1]]}}", "g.of.1", "'exp' is reserved"),
+        (
+            "{g: {dist: uniform, of: [a, b], low: 0, high: 1}}",
+            "g.dist",
+            "of several quantities; did you mean",
+        ),
+        ("{g: {dist: normal, of: a, mean: [0], cov: [[1]]}}", "g.of", "must be a list of names"),
+        ("{a: {dist: choice, values: [1, 2], probabilities: [0.3, 0.3]}, b: 1%}", "a", "add to 0.6, not to 1"),
+        ("{a: {dist: normal, std: 1, low: 2, high: 1}}", "a", "no value lies between low and high"),
+        ("{a: {dist: lognormal, median: 2, factor: 0.5}}", "a.factor", "must be >= 1"),
+        ("{log: +-1%}", "log", "'log' is reserved"),
+    ],
+)
+def test_what_is_refused_of_further_laws(tmp_path, uncertainty, path, words):
+    """With the place of the key."""
+    with pytest.raises(ConfigError) as caught:
+        loaded(tmp_path, uncertainty, plant="{kind: servo-linear}")
+    found = {problem.path: problem.message for problem in caught.value.problems}
+    assert words in found[f"uncertainty.{path}"]
+
+
+def test_earlier_laws_are_written_as_before(tmp_path):
+    """Neither `low`, `high` nor `probabilities` stand where they are not given."""
+    config = loaded(tmp_path, "{eps: {dist: normal, std: 0.1}, b: {dist: choice, values: [1, 2]}}")
+    assert plain(config.resolved)["uncertainty"] == {
+        "eps": {"dist": "normal", "std": 0.1, "mean": 0.0},
+        "b": {"dist": "choice", "values": [1.0, 2.0]},
+    }

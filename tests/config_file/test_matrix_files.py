@@ -95,7 +95,8 @@ def test_a_name_in_an_override_is_relative_to_the_configuration(directory, tmp_p
         ("{file: n.mat, name: A}", "n.mat: there is no such file; did you mean 'm.mat'?"),
         ("{file: m.mat, name: a}", "m.mat has no matrix 'a'; there are A, B, C, Q, R, D, Ts"),
         ("{file: m.npz}", "m.npz has A, B, C, Q, R; add `name`"),
-        ("{file: words.csv}", "words.csv: must have rows of equally many numbers"),
+        ("{file: words.csv}", "words.csv has a, b; add `name`"),
+        ("{file: letters.csv}", "letters.csv: must have rows of equally many numbers"),
         ("{file: text.mat, name: A}", "text.mat: "),
         ("{file: text.npz, name: A}", "text.npz: "),
         ("{file: complex.npz}", "must be a matrix of finite real numbers (got shape (1,) of type complex128)"),
@@ -105,6 +106,7 @@ def test_a_name_in_an_override_is_relative_to_the_configuration(directory, tmp_p
 )
 def test_a_file_without_the_matrix_is_an_error_at_its_name(directory, value, text):
     (directory / "words.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    (directory / "letters.csv").write_text("a,b\nc,2\n", encoding="utf-8")
     for name in ("text.mat", "text.npz"):
         (directory / name).write_text("no matrix", encoding="utf-8")
     np.savez(directory / "complex.npz", A=np.array([1j]))

@@ -13,6 +13,7 @@ from rmpc_bench.expressions.quantity import QuantityError, number, parse, spread
 
 NAMES = {"k": 3.0, "eps_min": -0.25}
 SCOPE = {"__builtins__": {}, "pi": math.pi, "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, **NAMES}
+SCOPE |= {"exp": math.exp, "log": math.log}
 
 
 def _literals():
@@ -102,6 +103,8 @@ def test_floats_come_back_exactly(value):
         ("- -2*+3", 6),
         ("2*-3", -6),
         ("sqrt(16)*cos(0) + sin(0)", 4),
+        ("exp(log(3) + log(2)) - exp(log(6))", 0),
+        ("log(exp(2))", 2),
         (3, 3),
         (-2.5, -2.5),
         ("\t1\n", 1),
@@ -136,12 +139,14 @@ def test_by_hand(text, value):
         ("-.inf", 2, "'.inf' is not a number"),
         (".NaN", 1, "'.NaN' is not a number"),
         ("1e999", 1, "too large"),
-        ("sqr(4)", 1, "unknown name 'sqr' (known: pi, sqrt, sin, cos); did you mean 'sqrt'?"),
+        ("sqr(4)", 1, "unknown name 'sqr' (known: pi, sqrt, sin, cos, exp, log); did you mean 'sqrt'?"),
         ("sqrt 4", 1, "'sqrt' needs parentheses"),
         ("1 $ 2", 3, "unexpected '$'"),
         ("1/(2-2)", 2, "division by zero"),
         ("0/0", 2, "division by zero"),
         ("sqrt(1-2)", 1, "sqrt of a negative number (-1.0)"),
+        ("1 + log(0)", 5, "log of a number that is not positive (0.0)"),
+        ("exp(1000)", 1, "exp(1000.0) is too large"),
         ("1e308*10", 6, "not finite"),
         ("1/(1e308*10)", 9, "not finite"),
         ("(" * 51 + "1" + ")" * 51, 51, "nested deeper than 50"),

@@ -25,7 +25,14 @@ from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Ta
 from rmpc_bench.report.point_tables import columns_from, texts_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
-from rmpc_bench.report.run_tables import REQUIREMENTS_NOTE, ensemble_rows, requirement_columns, tail_columns, worst_of
+from rmpc_bench.report.run_tables import (
+    REQUIREMENTS_NOTE,
+    correlated_text,
+    ensemble_rows,
+    requirement_columns,
+    tail_columns,
+    worst_of,
+)
 from rmpc_bench.report.tuning_table import EXPLANATION
 
 
@@ -177,6 +184,8 @@ def _drivers(source: PageSource) -> Fold | None:
         return None
     left = [Part(note=f"{len(found) - MOST_ROWS} more rows are in drivers.csv.")] if len(found) > MOST_ROWS else []
     by_method = Table(columns_from(found[:MOST_ROWS]), by_method=True)
+    correlated = correlated_text([trials for trials, _ in source.drivers.points])
+    left += [Part(note=correlated)] if correlated else []
     return Fold(
         "What drives the change", drivers_gist(every, baseline), [Part(table=by_method), *left, Part(note=SHARES)]
     )
