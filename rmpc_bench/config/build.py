@@ -362,7 +362,7 @@ class _ExperimentBuilder:
         draft = self.draft
         x = draft.initial["x"]
         x0 = None if x is None else self.methods.sized("x", initial_state, x, plant.nx)
-        laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model))
+        laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model), plant)
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
         measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement", plant.ny)

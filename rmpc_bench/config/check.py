@@ -28,12 +28,14 @@ from rmpc_bench.config.sweep import METHOD_COMPONENTS, NAME, Sweep
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.inherit import PATH
 from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
+from rmpc_bench.models.dynamics import OdeDynamics, neglected
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.noise_sets import Density, DesignNoise
 from rmpc_bench.noise.heavy_tailed import StudentT
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
-from rmpc_bench.simulation.scenario import Experiment, Scenario
+from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, Controller, Estimate, Estimator, Method, Model, Noise, Plant, Problem
 
 if TYPE_CHECKING:
@@ -75,11 +77,41 @@ def warnings_of(
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
     found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
+    found += _densities(draft, model, experiment.plant)
     for path, component in _models(draft).items():
         made = model(component)
         for message in _of_model(component, made, start(made), draft, experiment):
             found.append(([*path], message))
     return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
+
+
+def _densities(draft: DraftConfig, model: Callable[[Component | None], Any], plant: Plant) -> Iterator[Finding]:
+    """Say how far Ts Q_c is from the covariance over a sample, where no operating point gives that."""
+    given: list[tuple[list[str | int], Any, Any]] = []
+    for path, component in _models(draft).items():
+        noise, made = component.parameters.get("noise"), model(component)
+        if isinstance(noise, DesignNoise) and isinstance(noise.process, Density) and made.operating_point is None:
+            given.append(([*path, "noise", "process"], getattr(made, "dynamics", None), noise.process.density))
+    if plant.ode is not None and (draft.model is None or model(draft.model).operating_point is None):
+        laws = [term.law for term in draft.noise.get("process", ()) if term.law is not None]
+        given += [(["noise", "process"], OdeDynamics(plant.ode), law.parameters.get("density")) for law in laws]
+    for where, dynamics, density in given:
+        if density is None or not isinstance(dynamics, OdeDynamics):
+            continue
+        nx = dynamics.ode.nx
+        S, x = initial_covariance(density, nx), initial_state(draft.initial["x_hat"], nx)
+        largest = 100 * neglected(dynamics, S, x, draft.values["time"].step)
+        way = "its covariance over a sample there; an operating point `at` of the model gives that covariance"
+        yield where, f"without an operating point Q_w = Ts Q_c: at `initial.x_hat` up to {largest:.3g} % off {way}"
+
+
+def _swept_noise(axes: Sequence[Sequence[str]], draft: DraftConfig) -> Iterator[Problem]:
+    """Find covariances per sample beside a sweep over the sampling time, of models that take a density."""
+    for path, component in _models(draft).items() if any("time.step" in axis for axis in axes) else ():
+        noise = component.parameters.get("noise")
+        if isinstance(noise, DesignNoise) and not isinstance(noise.process, Density):
+            where = [*path, "noise", "process"]
+            yield Problem(*locate(draft.tree, where), join(where), "P_w stays at every step; `density` follows it")
 
 
 def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> Iterator[Finding]:
@@ -371,7 +403,8 @@ def check(
             check_evaluation(draft, point.experiment)
     first.labels = labels_of(drafts)
     # Points of a sweep repeat most warnings.
-    first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
+    warnings = {warning for draft in drafts for warning in draft.warnings}
+    first.warnings = sorted(warnings.union(_swept_noise(sweep.axes, first)))
     check_recording(first, [None if point is None else point.experiment for point in points])
     _check_columns(first, sweep)
     built = [point for point in points if point is not None]

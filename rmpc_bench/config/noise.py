@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown, validate
 from rmpc_bench.config_file.tree import FILE, Items, Map, locate
 from rmpc_bench.expressions import quantity
+from rmpc_bench.models.dynamics import noise_of_plant
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
@@ -242,11 +244,12 @@ def read_initial(draft: DraftConfig) -> None:
 class NoiseLaws:
     """Builds the noise of a draft; errors are added to its problems.
 
-    `model` returns the default design model, whose noise is `same`; None where it cannot be built.
+    `model` returns the default design model, whose noise is `same`; None where it cannot be built.  A spectral density
+    is sampled with the equations of the plant, around the operating point of that model.
     """
 
-    def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
-        self.draft, self.model = draft, model
+    def __init__(self, draft: DraftConfig, model: Callable[[], Any], plant: Plant) -> None:
+        self.draft, self.model, self.plant = draft, model, plant
 
     def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str, ny: int | None = None) -> tuple[Noise, ...]:
         """Build the terms of a sum for a vector of length n.
@@ -263,11 +266,20 @@ class NoiseLaws:
         return tuple(found)
 
     def _built(self, law: Component, n: int, channel: str, ny: int) -> list[Noise]:
-        made = law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step)
+        sampled = partial(self._sampled, channel)
+        made = law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step, sampled=sampled)
         reason, key = ("", "") if made is None else _unfit(made, law.kind, channel)
         if reason:
             self.draft.problems.append(law.problem(reason, key))
         return [] if reason or made is None else [made]
+
+    def _sampled(self, channel: str, density: Array) -> Array:
+        """Return the covariance of a sample of white noise with a spectral density."""
+        if channel == "initial":
+            raise DesignError("an initial state is a single sample; give std or cov", "density")
+        point = self.model().operating_point if self.draft.model is not None else None
+        Ts = self.draft.values["time"].step
+        return noise_of_plant(self.plant, point, density, Ts, measured=channel == "measurement")
 
     def _same(self, same: SameLaw, n: int, channel: str) -> list[Noise]:
         """Build the noise of the design model: the stochastic part, and a set where the model has one."""

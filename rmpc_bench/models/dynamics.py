@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.noise_sets import DesignNoise, over_sample
 from rmpc_bench.models.ode_functions import alone, slopes
 from rmpc_bench.numerics.integration import Tolerance, apply_map, halve, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
-from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, Plant, SolverError
+from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, OperatingPoint, Plant, SolverError
 
 RTOL = 1e-6
 """Tolerance of error control of a design model, relative to the range of a state."""
@@ -49,6 +50,15 @@ class Dynamics:
     names: Names
     continuous: bool
     """Whether `rest` is x', in contrast to x(k+1) - x(k)."""
+
+    A_c: Float[Array, "nx nx"] | None = None
+    """A of x' = A x + B u, of which a period is a sample; None of any other plant."""
+
+    def noise(self, noise: DesignNoise, Ts: float, A: Float[Array, "nx nx"] | None = None) -> tuple[Array, Array]:
+        """Return Q_w and R_v of a noise; A is the Jacobian at an operating point."""
+        A = (A if self.continuous else None) if self.A_c is None else self.A_c
+        has_rates = self.continuous or self.A_c is not None
+        return noise.covariances(len(self.names.states), len(self.names.outputs), Ts if has_rates else None, A)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x', or x(k+1) - x(k); NaN where it is not defined."""
@@ -241,6 +251,7 @@ class LinearDynamics(Dynamics):
     C: Float[Array, "ny nx"]
     signals: NamedSignals | None = None
     """Names and bounds; None where the signals have no names."""
+    A_c: Float[Array, "nx nx"] | None = None
 
     continuous = False
 
@@ -280,14 +291,35 @@ def dynamics_of(plant: Plant) -> Dynamics:
         return OdeDynamics(plant.ode)
     if plant.system is not None and not plant.system.varies:
         now = plant.system.at(0)
-        return LinearDynamics(now.A, now.B, now.C, plant.signals)
+        return LinearDynamics(now.A, now.B, now.C, plant.signals, plant.A_c)
     linear: LinearPlant | None = plant.linear(dict(plant.nominal))
     if linear is not None:
-        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals)
+        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals, plant.A_c)
     raise DesignError(
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"
     )
+
+
+def noise_of_plant(plant: Plant, point: OperatingPoint | None, S: Array, Ts: float, *, measured: bool) -> Array:
+    """Return the covariance of a sample of white noise with density S; x' is linear around the operating point."""
+    dynamics = None if plant.A_c is None and plant.ode is None else dynamics_of(plant)
+    if dynamics is None or not (dynamics.continuous or plant.A_c is not None):
+        text = "density needs a continuous plant: a differential equation, or a continuous system of control or scipy"
+        raise DesignError(text, "density")
+    if measured:
+        return S / Ts
+    fits = point is not None and dynamics.continuous and len(point.x) == plant.nx
+    A = dynamics.slopes(point.x, point.u).A if fits and point is not None else plant.A_c
+    return over_sample(S, Ts, A)
+
+
+def neglected(dynamics: Dynamics, S: Array, x: Float[Array, " nx"], Ts: float) -> float:
+    """Return the largest difference of Ts S from the covariance over a sample at a state, relative to its variances."""
+    low, high = dynamics.limits(dynamics.names.inputs)
+    exact = over_sample(S, Ts, dynamics.slopes(x, np.clip(0.0, low, high)).A)
+    size = np.sqrt(exact.diagonal())
+    return float(np.max(np.abs(Ts * S - exact) / np.where(size > 0, size[:, None] * size, np.inf)))
 
 
 def sampled(

@@ -78,6 +78,12 @@ class ParametricSystem:
         refuse_other_step(own, Ts, self.key)
         return SampledSystem(*(discretise(A, B, Ts) if own == 0.0 else (A, B)), C)
 
+    @property
+    def A_c(self) -> Float[Array, "nx nx"] | None:
+        """A of x' at the nominal parameters; None of a discrete system."""
+        made = self.make(self.nominal)
+        return made.A if made.Ts == 0.0 else None
+
     def signals(self, bounds: Mapping[str, tuple[float, float]]) -> Signals:
         """Return the names of the nominal system, with bounds by these names."""
         made = self.make(self.nominal)
@@ -160,7 +166,8 @@ def refuse_unknown(parameters: Mapping[str, float], known: Mapping[str, float] |
 def design_model(system: ParametricSystem, Ts: float, noise: DesignNoise) -> LinearModel:
     """Return the nominal system as a linear design model."""
     A, B, C = system.sampled(system.nominal, Ts)
-    return LinearModel(A, B, C, *noise.covariances(len(A), len(C)))
+    A_c = system.A_c
+    return LinearModel(A, B, C, *noise.covariances(len(A), len(C), None if A_c is None else Ts, A_c))
 
 
 POINTS = 8

@@ -97,7 +97,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 
 def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: int | None = None) -> TrajectoryModel:
     """Make a model that is linearised at every estimate."""
-    Q_w, R_v = noise.covariances(len(dynamics.names.states), len(dynamics.names.outputs))
+    Q_w, R_v = dynamics.noise(noise, Ts)
     return TrajectoryModel(dynamics, Ts, substeps or steps_of(dynamics), Q_w, R_v)
 
 
@@ -152,9 +152,8 @@ class LinearisedModel(LinearModel):
 def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobian: Any = None) -> LinearisedModel:
     """Linearise a plant around an operating point and sample it."""
     found = find_point(dynamics, at)
-    names = dynamics.names
-    Q_w, R_v = noise.covariances(len(names.states), len(names.outputs))
     tangent, remarks = _tangent(dynamics, found.point, jacobian)
+    Q_w, R_v = dynamics.noise(noise, Ts, tangent.A)
     A, B, drift = sampled(dynamics, tangent, found.rest, Ts)
     known = tuple(_facts(dynamics, found, tangent, A))
     if isinstance(dynamics, OdeDynamics) and dynamics.ode.timed:

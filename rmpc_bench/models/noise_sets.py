@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
-from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, Matrix, Model, NonNegative
+from rmpc_bench.numerics.linalg import as_covariance, van_loan
+from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative
 
 LEVEL = 0.95
 """Probability of the confidence ellipsoid that represents a covariance where a method needs a set."""
@@ -110,24 +110,60 @@ def stochastic_sets(model: Model) -> NoiseSets:
 
 
 @dataclass(frozen=True)
+class Density:
+    """White noise in continuous time, sampled with the equations of a continuous model or plant.
+
+    Parameters
+    ----------
+    density : spectral density Q_c of the noise of x', or R_c of that of y: a number (times the identity), a diagonal or
+        a matrix; Q_w is the integral of e^(A s) Q_c e^(A' s) over a sample, R_v = R_c / Ts
+    """
+
+    density: Matrix
+
+
+@dataclass(frozen=True)
 class DesignNoise:
     """Noise of a design model, white and added to the sampled state and to the output.
 
     Parameters
     ----------
-    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix
-    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix
+    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix; or
+        {density: ..}
+    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix; or
+        {density: ..}
     """
 
-    process: Matrix
-    measurement: Matrix
+    process: Matrix | Density
+    measurement: Matrix | Density
 
-    def covariances(self, nx: int, ny: int) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
-        """Return Q_w and R_v."""
+    def covariances(
+        self, nx: int, ny: int, Ts: float | None = None, A: Float[Array, "nx nx"] | None = None
+    ) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
+        """Return Q_w and R_v.
+
+        Parameters
+        ----------
+        nx, ny : numbers of states and outputs
+        Ts : sampling time of a continuous model, for densities; None of a discrete one
+        A : Jacobian of x', where the model has one that does not change; without it Q_w = Ts Q_c
+        """
         found = []
         for name, n in (("process", nx), ("measurement", ny)):
-            found.append(as_covariance(getattr(self, name), n, f"noise.{name}"))
+            given, key = getattr(self, name), f"noise.{name}"
+            if not isinstance(given, Density):
+                found.append(as_covariance(given, n, key))
+                continue
+            if Ts is None:
+                raise DesignError("density needs a continuous model", f"{key}.density")
+            S = as_covariance(given.density, n, f"{key}.density")
+            found.append(S / Ts if name == "measurement" else over_sample(S, Ts, A))
         return found[0], found[1]
+
+
+def over_sample(S: Float[Array, "n n"], Ts: float, A: Float[Array, "n n"] | None) -> Float[Array, "n n"]:
+    """Return the covariance due to white noise of x' with density S over a sample; Ts S without a Jacobian A of x'."""
+    return Ts * S if A is None else van_loan(A, S, Ts)
 
 
 @dataclass(frozen=True)

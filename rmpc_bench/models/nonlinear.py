@@ -185,8 +185,8 @@ def nonlinear_model(
     numba: bool = False,
 ) -> NonlinearModel:
     """Make a nonlinear model of a plant."""
-    Q_w, R_v = noise.covariances(len(dynamics.names.states), len(dynamics.names.outputs))
     point = None if at is None else find_point(dynamics, at).point
+    Q_w, R_v = dynamics.noise(noise, Ts, None if point is None else dynamics.slopes(point.x, point.u).A)
     if numba and not isinstance(dynamics, OdeDynamics):
         raise DesignError("has no effect on a plant with matrices", "numba")
     if substeps is not None and not dynamics.continuous:

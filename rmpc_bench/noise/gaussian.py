@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,9 @@ from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
 from rmpc_bench.noise.parameters import spread_root
-from rmpc_bench.numerics.linalg import as_vector
+from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.numerics.sample_times import Burst
-from rmpc_bench.types import Array, Matrix, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,29 +45,39 @@ class Gaussian(CenteredNoise):
 def gaussian(
     n: int,
     Ts: Positive = 1.0,
+    sampled: Callable[[Array], Array] | None = None,
     *,
     mean: float | list[float] = 0.0,
     std: NonNegative | list[NonNegative] | None = None,
     cov: Matrix | Array | None = None,
+    density: Matrix | None = None,
     scale: NonNegative = 1.0,
     bursts: list[Burst] | RandomBursts | None = None,
 ) -> Gaussian | BurstyNoise:
-    """Normal noise; give either std or cov.
+    """Normal noise; give std, cov or density.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
+    sampled : spectral density -> covariance of a sample, of the plant's channel
     mean : a number (in every coordinate) or one per coordinate
     std : standard deviation, a number or one per coordinate
     cov : covariance: a number (times the identity), a diagonal or a matrix
+    density : spectral density of white noise of x' or of y of a continuous plant, as that of `noise` of design models
     scale : factor on the standard deviation
     bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
 
     Raises
     ------
     DesignError
-        If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
+        If not one of std, cov and density is given, a size does not fit, or a burst does not fit into its window.
     """
+    if density is not None:
+        if std is not None or cov is not None:
+            raise DesignError("give one of std, cov and density", "density")
+        if sampled is None:
+            raise DesignError("density needs a continuous plant", "density")
+        cov = sampled(as_covariance(density, n, "density"))
     root = scale * spread_root(n, std, cov)
     return with_bursts(Gaussian(as_vector(mean, n, "mean"), root), bursts, Ts)

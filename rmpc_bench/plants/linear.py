@@ -74,6 +74,7 @@ class FixedLinear(UncertainLinear):
     """A linear plant without uncertainty whose signals have names."""
 
     own_signals: Signals = field(default_factory=lambda: Signals((), (), ()))
+    A_c: Float[Array, "nx nx"] | None = None
 
     @property
     def signals(self) -> Signals:
@@ -114,6 +115,11 @@ class ParametricLinear(Plant):
     def nominal(self) -> Mapping[str, float]:
         """Parameters with their nominal values."""
         return self.family.nominal
+
+    @property
+    def A_c(self) -> Float[Array, "nx nx"] | None:
+        """A of x' at the nominal parameters."""
+        return self.family.A_c
 
     @property
     def names(self) -> Mapping[str, str]:
@@ -200,7 +206,7 @@ def linear_plant(
     if system.nominal or signals.limits_inputs:
         return ParametricLinear(Ts, system, signals)
     given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0}
-    return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals)
+    return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals, A_c=system.A_c)
 
 
 NONE = Uncertainty("fixed", value=0.0)

@@ -304,6 +304,11 @@ class Plant(Design):
         """Matrices of the period at k, for exact ensemble moments; None where the uncertainty is not white."""
         return None
 
+    @attribute
+    def A_c(self) -> Float[Array, "nx nx"] | None:
+        """A of x' = A x + B u at the nominal parameters, of which a period is a sample; None of any other plant."""
+        return None
+
     def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Sample the linear part of the plant for `check --deep`; None where there is none for these parameters."""
         return None
