@@ -196,6 +196,7 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
     """Yield remarks on plant, design models, noises, estimators, controllers and metrics."""
     from rmpc_bench.components.single_design import SingleDesign
     from rmpc_bench.diagnostics.run_warnings import unlimited_inputs
+    from rmpc_bench.simulation.closed_loop import metric_remarks
 
     experiment = config.experiment
     named = [("plant", experiment.plant.remarks), *((each.where, each.remarks) for each in config.model_facts)]
@@ -209,7 +210,7 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
             yield f"{name} noise: `same` as that of the design model, which has none"
     # A class for one run cannot say whether it has limits.
     laws = [method for method in experiment.methods if not isinstance(method.controller, SingleDesign)]
-    yield from (*_mixed_units(config), *unlimited_inputs(experiment.plant, laws))
+    yield from (*metric_remarks(experiment), *unlimited_inputs(experiment.plant, laws))
     for name, part in config.first_point["methods"].items():
         if part["estimator"].get("kind") == "moving-horizon" and "at" in part["model"]:
             yield f"{name}: moving-horizon is a linear filter, of the model at its operating point"
@@ -222,21 +223,6 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
             ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} methods" for names in forms.values()
         )
         yield f"x_hat(k) uses y(k) in {with_y}, and not in {without}"
-
-
-def _mixed_units(config: ExperimentConfig) -> Iterator[str]:
-    """Yield the metrics that add errors of components with different units."""
-    from rmpc_bench.metrics.estimation import EstimationMse
-    from rmpc_bench.metrics.tracking import ErrorMetric
-    from rmpc_bench.types.plant import PlantInfo
-
-    info = PlantInfo.of(config.experiment.plant)
-    for metric in config.experiment.metrics:
-        if isinstance(metric, EstimationMse | ErrorMetric):
-            names = info.outputs if getattr(metric, "of", "") == "output" else info.states
-            units = dict.fromkeys(info.units.get(name) or info.units.get(name[0]) or "1" for name in names)
-            if len(units) > 1:
-                yield f"{metric.name}: adds errors in {', '.join(units)}; the components with large numbers decide it"
 
 
 def _silent(term: Noise) -> bool:

@@ -131,6 +131,10 @@ ADDED_LATER: Mapping[tuple[str, str], Any] = {
 }
 """Keys of a group, or of one kind, that were added after trials had been stored.  Their defaults are left out of the
 hash, so earlier trials stay valid."""
+RENAMED: Mapping[str, Mapping[str, str]] = {
+    "metrics": {"only": "components"},
+}
+"""Group -> key -> its name in the hash, under which trials were stored before it was renamed."""
 
 
 def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:
@@ -196,6 +200,8 @@ def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[s
     table = {}
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
         keys = set_keys(component, without_path) if component is not None else {}
+        renamed = RENAMED["metrics"] if component is not None and component.is_built_in else {}
+        keys = {renamed.get(name, name): value for name, value in keys.items()}
         keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at", "label")}
         code = own.identity({"metric": component}, whole=False)
         keys |= {"code": code} if code else {}

@@ -5,7 +5,9 @@ Every section is validated on its own: an error is added to the problems of the 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -86,7 +88,7 @@ def _sections(
     read_initial(draft)
     read_method_section(draft)
     refuse_sections(draft)
-    draft.metrics = _named_components(draft, "metrics")
+    draft.metrics = [each and _named(each) for each in _named_components(draft, "metrics")]
     # The default figure needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:
         draft.figures = _named_components(draft, "figures")
@@ -147,6 +149,15 @@ def _input(draft: DraftConfig) -> None:
     if "controller" in draft.tree or draft.with_controller:
         where = "controller" if "controller" in draft.tree else f"methods.{draft.with_controller[0]}.controller"
         draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
+
+
+def _named(metric: Component) -> Component:
+    """Add the components that a metric is restricted to to its default name."""
+    only, keys = metric.parameters.get("only"), metric.parameters
+    if not only or "name" in metric.tree or not metric.is_built_in:
+        return metric
+    words = [re.sub(r"\W", "_", str(each)) for each in only]
+    return replace(metric, parameters={**keys, "name": "_".join([keys["name"], *words])})
 
 
 def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:

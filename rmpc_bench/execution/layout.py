@@ -22,6 +22,7 @@ from rmpc_bench.results.record import (
     stop_of,
     write_experiment,
 )
+from rmpc_bench.simulation.closed_loop import metric_remarks
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import design_series, kept
 from rmpc_bench.simulation.scenario import Experiment, random_besides
@@ -87,6 +88,10 @@ class _Layout:
 
     def _point(self, point: SweepPoint) -> StoredPoint:
         experiment, plant = point.experiment, point.experiment.plant
+        # The shares are those of the first run of the experiment.
+        remarks = (
+            metric_remarks(experiment) if point is self._config.points[0] and "runs" in self._config.evaluate else ()
+        )
         recording = experiment.recording
         is_recorded = bool(recording.n_runs and recording.signals)
         extra = {name: unit for name, unit in plant.extra_signals.items() if name in recording.signals}
@@ -112,7 +117,7 @@ class _Layout:
             uncertainty=experiment.scenario.quantities,
             names={**names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
             random_besides=random_besides(experiment),
-            limitations=tuple(plant.limitations),
+            limitations=(*plant.limitations, *remarks),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.metrics.burst_samples import burst_samples, check_bursts, prolonged
+from rmpc_bench.metrics.components import SumMetric, output_error, smoothed
 from rmpc_bench.metrics.norms import per_run, rms
-from rmpc_bench.metrics.output_choice import Index, check_components, control_error
 from rmpc_bench.numerics.sample_times import at_least
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record, WindowMetric
+from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class Departures(WindowMetric):
+class Departures(SumMetric):
     """Number of times that a component of the smoothed control error exceeds its usual size; lower is better.
 
     The usual size is the root of the mean square over quiet samples and components.  A run without a quiet sample has
@@ -31,7 +31,6 @@ class Departures(WindowMetric):
     ----------
     during : departures that count: `all`, or those of `bursts`, which start during a burst or up to `after` seconds
         after its end
-    components : indices of the outputs (counted from 0); all if not given
     smooth : length of the centred moving average [s]
     size : threshold of a departure, as a multiple of the usual size
     apart : a departure that starts less than this time [s] after the previous one is counted as part of it
@@ -49,7 +48,6 @@ class Departures(WindowMetric):
 
     name: str = "departures"
     during: Literal["all", "bursts"] = "all"
-    components: list[Index] | None = None
     smooth: NonNegative = 0.2
     size: Positive = 4.0
     apart: NonNegative = 0.8
@@ -58,17 +56,25 @@ class Departures(WindowMetric):
 
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    adds: ClassVar[str] = "squares"
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return none: it is a number of departures."""
+        return ""
+
+    def remark(self, record: Record | None, layout: MetricLayout) -> str:
+        """Return none: a number has no share of a component."""
+        return ""
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window, missing bursts and outputs that do not exist."""
         yield from super().check(layout)
         yield from check_bursts(layout, self.during)
-        yield from check_components(layout, self.components)
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Count the departures that begin in the window."""
         window = self.samples(record)
-        error = control_error(record, self.components, self.smooth)[:, window.slice]
+        error = smoothed(self.chosen(output_error(record), record.layout), self.smooth, record.Ts)[:, window.slice]
         usual = per_run(error, burst_samples(record, window, "quiet", self.memory), rms)
         large = np.asarray((np.abs(error) > self.size * usual[:, None, None]).any(axis=2))
         begins = first_of_each(large, at_least(self.apart, record.Ts))

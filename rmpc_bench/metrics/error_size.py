@@ -5,6 +5,8 @@ S may be singular: an error that leaves its range has the size inf.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -21,7 +23,10 @@ ROUNDING = 1e-9
 
 
 def squared_size(
-    record: Record, samples: slice, S: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"]
+    record: Record,
+    samples: slice,
+    S: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
+    states: Sequence[int] | None = None,
 ) -> Float[Array, "runs window"]:
     """Return e' S^+ e with e = x_hat - x, run by run and sample by sample.
 
@@ -30,13 +35,17 @@ def squared_size(
     record : the trajectories
     samples : the samples of the window
     S : symmetric matrices at these samples, shared by the runs or one for each
+    states : indices of the states that count, with their block of S; None for all
 
     Returns
     -------
     inf where e leaves the range of S, NaN where an entry is not a number
     """
     size = np.maximum(np.abs(record.x), np.abs(record.x_hat)).max(axis=1)
-    return _normalised_square(estimate_error(record)[:, samples], S, size[:, None, :])
+    e = estimate_error(record)[:, samples]
+    if states is not None:
+        e, S, size = e[..., states], S[..., states, :][..., states], size[:, states]
+    return _normalised_square(e, S, size[:, None, :])
 
 
 def _normalised_square(

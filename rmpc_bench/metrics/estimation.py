@@ -13,13 +13,14 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.metrics.components import SumMetric
 from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
 from rmpc_bench.metrics.means import mean_square
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record, WindowMetric
+from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimationMse(WindowMetric):
+class EstimationMse(SumMetric):
     """Mean square of x_hat - x over k = 0..N-1 and all coordinates; lower is better.
 
     It is the same as `{kind: mse, of: estimate}`.
@@ -32,6 +33,8 @@ class EstimationMse(WindowMetric):
 
     name: str = "estimation_mse"
 
+    letter: ClassVar[str] = "x"
+    adds: ClassVar[str] = "squares"
     reads: ClassVar[tuple[str, ...]] = ("y", "x", "x_hat")
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
@@ -43,4 +46,5 @@ class EstimationMse(WindowMetric):
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the squares."""
-        return mean_square(estimate_error(record)[:, self.samples(record).slice])
+        error = estimate_error(record)[:, self.samples(record).slice]
+        return mean_square(self.chosen(error, record.layout))

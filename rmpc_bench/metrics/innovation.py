@@ -12,14 +12,14 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.means import squared
-from rmpc_bench.types import Array, Count, Direction, Issue, MetricLayout, Record, WindowMetric
+from rmpc_bench.metrics.components import ComponentMetric, SumMetric
+from rmpc_bench.types import Array, Count, Direction, Issue, MetricLayout, Record
 
 INNOVATION, COVARIANCE = "e", "S"
 
 
 @dataclass(frozen=True, kw_only=True)
-class InnovationMetric(WindowMetric):
+class InnovationMetric(ComponentMetric):
     """A metric of the innovation over the samples k = 0..N unless `to` is given."""
 
     to_the_end: ClassVar[bool] = True
@@ -43,6 +43,11 @@ class InnovationMetric(WindowMetric):
             return np.full(len(record.y), np.nan)
         window = self.samples(record).slice
         given = [record.info[name][:, window] for name in self.needs_info]
+        indices, ny = self.indices(record.layout), given[0].shape[2]
+        if indices is not None:
+            # S is reported row by row.
+            given[1:] = [S[..., [i * ny + j for i in indices for j in indices]] for S in given[1:]]
+        given[0] = self.chosen(given[0], record.layout)
         # Failed runs overflow here; their values are not used.
         with np.errstate(all="ignore"):
             return np.array([self._of_run(*(each[row] for each in given)) for row in range(len(record.y))])
@@ -57,7 +62,7 @@ class InnovationMetric(WindowMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InnovationMse(InnovationMetric):
+class InnovationMse(InnovationMetric, SumMetric):
     """Mean square of the innovation over k = 0..N: mean of e(k)^2 over samples and outputs; lower is better.
 
     It needs no true state.  It contains the noise of the measurement, so that it does not go to 0.
@@ -71,11 +76,8 @@ class InnovationMse(InnovationMetric):
 
     name: str = "innovation_mse"
 
+    adds: ClassVar[str] = "squares"
     better: ClassVar[Direction] = "lower"
-
-    def unit(self, layout: MetricLayout) -> str:
-        """Square of the unit of the outputs."""
-        return squared(layout.y_unit)
 
     def value(self, *given: Float[Array, "measured ny"]) -> float:
         """Average the squares."""

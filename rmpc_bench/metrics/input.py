@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric, burst_samples
-from rmpc_bench.metrics.means import mean_square, squared, time_mean
+from rmpc_bench.metrics.components import SumMetric
+from rmpc_bench.metrics.means import mean_square, time_mean
 from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
-from rmpc_bench.types import Array, Direction, MetricLayout, Record, WindowMetric
+from rmpc_bench.types import Array, Direction, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputPower(WindowMetric):
+class InputPower(SumMetric):
     """Mean square of the applied input, 1/(N nu) sum_k |u(k)|^2 over k = 0..N-1; lower is better.
 
     Examples
@@ -30,21 +31,19 @@ class InputPower(WindowMetric):
     name: str = "input_power"
 
     reads: ClassVar[tuple[str, ...]] = ("y", "u")
+    letter: ClassVar[str] = "u"
+    adds: ClassVar[str] = "squares"
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the square of the unit of the input."""
-        return squared(layout.u_unit)
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the squares."""
-        return mean_square(record.u[:, self.samples(record).slice])
+        return mean_square(self.chosen(record.u[:, self.samples(record).slice], record.layout))
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputRoughness(WindowMetric):
+class InputRoughness(SumMetric):
     """Standard deviation over time of the increments u(k) - u(k-1) inside the window; lower is better.
 
     For several inputs the value is the root mean square of their standard deviations.  It is 0 for a ramp and for a
@@ -58,17 +57,16 @@ class InputRoughness(WindowMetric):
 
     name: str = "input_roughness"
 
+    letter: ClassVar[str] = "u"
+    adds: ClassVar[str] = "squares"
+    is_root: ClassVar[bool] = True
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the input."""
-        return layout.u_unit
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Compute the deviation of the increments."""
-        return deviation_of_increments(record.u[:, self.samples(record).slice])
+        return deviation_of_increments(self.chosen(record.u[:, self.samples(record).slice], record.layout))
 
 
 def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
@@ -81,7 +79,7 @@ def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " 
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputVariation(BurstMetric):
+class InputVariation(BurstMetric, SumMetric):
     """Mean over k = 1..N-1 of the sum over i of |u_i(k) - u_i(k-1)|; lower is better.
 
     An increment from k - 1 to k counts if sample k counts.
@@ -98,25 +96,22 @@ class InputVariation(BurstMetric):
 
     name: str = "input_variation"
 
+    letter: ClassVar[str] = "u"
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
-
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the input."""
-        return layout.u_unit
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the sizes of the increments that count."""
         window = self.samples(record)
         # There is no increment to k = 0.
         window = window._replace(first=max(window.first, 1))
-        increments = np.diff(record.u, axis=1)[:, window.first - 1 : window.last]
+        increments = np.diff(self.chosen(record.u, record.layout), axis=1)[:, window.first - 1 : window.last]
         return per_run(increments, burst_samples(record, window, self.during, self.memory), mean_sum)
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputRms(BurstMetric):
+class InputRms(BurstMetric, SumMetric):
     """Root of the mean square of the applied input over k = 0..N-1 and all inputs; lower is better.
 
     Examples
@@ -128,21 +123,21 @@ class InputRms(BurstMetric):
     name: str = "input_rms"
 
     reads: ClassVar[tuple[str, ...]] = ("y", "u")
+    letter: ClassVar[str] = "u"
+    adds: ClassVar[str] = "squares"
+    is_root: ClassVar[bool] = True
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the input."""
-        return layout.u_unit
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the inputs at the samples that count."""
-        return per_run(record.u[:, self.samples(record).slice], self.counted(record), rms)
+        u = self.chosen(record.u[:, self.samples(record).slice], record.layout)
+        return per_run(u, self.counted(record), rms)
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputPeak(BurstMetric):
+class InputPeak(BurstMetric, SumMetric):
     """Largest size of an applied input over k = 0..N-1; lower is better.
 
     Examples
@@ -153,14 +148,12 @@ class InputPeak(BurstMetric):
 
     name: str = "input_peak"
 
+    letter: ClassVar[str] = "u"
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the input."""
-        return layout.u_unit
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the inputs at the samples that count."""
-        return per_run(record.u[:, self.samples(record).slice], self.counted(record), peak)
+        u = self.chosen(record.u[:, self.samples(record).slice], record.layout)
+        return per_run(u, self.counted(record), peak)

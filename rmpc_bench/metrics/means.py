@@ -27,11 +27,6 @@ def mean_absolute(values: Float[Array, "runs window n"]) -> Float[Array, " runs"
     return time_mean(np.abs(values))
 
 
-def squared(unit: str) -> str:
-    """Unit of a square; no unit has none."""
-    return f"{unit}^2" if unit else ""
-
-
 def moving_mean(values: Float[Array, "runs samples n"], length: int) -> Float[Array, "runs samples n"]:
     """Centred moving average; at the ends it uses the samples that exist.
 

@@ -9,12 +9,12 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.output_choice import Index, check_components
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Positive, Record, WindowMetric
+from rmpc_bench.metrics.components import ComponentMetric
+from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Positive, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class Runaway(WindowMetric):
+class Runaway(ComponentMetric):
     """Whether the output of the true system goes far beyond the reference: 1 if it does, else 0; lower is better.
 
     The mean over the runs is the share of runaways.  A run is a runaway if for some output i the largest |y_i(k)| is
@@ -26,7 +26,6 @@ class Runaway(WindowMetric):
     ----------
     factor : multiple of the largest reference
     beyond : largest size of y, in its unit, in place of a multiple of the reference
-    components : indices of the outputs (counted from 0); all if not given
 
     Examples
     --------
@@ -38,7 +37,6 @@ class Runaway(WindowMetric):
     name: str = "runaway"
     factor: Positive = 2.0
     beyond: Positive | None = None
-    components: list[Index] | None = None
 
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
@@ -46,24 +44,21 @@ class Runaway(WindowMetric):
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window, outputs that do not exist, and a reference that gives no size."""
-        yield from super().check(layout)
-        issues = [*check_components(layout, self.components)]
+        issues = [*super().check(layout)]
         yield from issues
         if self.beyond is not None and self.factor != Runaway.factor:
             yield Issue("factor", "has no effect beside `beyond`")
         if issues or self.beyond is not None or layout.r is None:
             return
-        chosen = layout.r if self.components is None else layout.r[:, self.components]
-        if not chosen.any():
+        if not self.chosen(layout.r, layout).any():
             yield Issue("", "the reference is 0, so that no multiple of it is a size; give `beyond`")
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Compare the largest output with the largest reference."""
-        chosen = slice(None) if self.components is None else list(self.components)
-        y = np.abs(record.y[:, self.samples(record).slice, chosen]).max(axis=1)
+        y = np.abs(self.chosen(record.y[:, self.samples(record).slice], record.layout)).max(axis=1)
         if self.beyond is not None:
             return np.asarray((y > self.beyond).any(axis=1), dtype=float)
-        r = np.abs(record.r[:, chosen]).max(axis=0)
+        r = np.abs(self.chosen(record.r, record.layout)).max(axis=0)
         if not r.any():
             return np.full(len(y), np.nan)
         return np.asarray(((y > self.factor * r) & (r > 0.0)).any(axis=1), dtype=float)

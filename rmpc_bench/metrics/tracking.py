@@ -14,19 +14,19 @@ from annotated_types import Le
 from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric
+from rmpc_bench.metrics.components import ComponentMetric, SumMetric, output_error, smoothed
 from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
-from rmpc_bench.metrics.means import mean_absolute, mean_square, squared, time_mean
+from rmpc_bench.metrics.means import mean_absolute, mean_square, time_mean
 from rmpc_bench.metrics.norms import NORMS, Norm, per_run
-from rmpc_bench.metrics.output_choice import Index, check_components, control_error, unit_and_scale
 from rmpc_bench.types import (
     Array,
+    DesignError,
     Direction,
     Issue,
     MetricLayout,
     NonNegative,
     Positive,
     Record,
-    WindowMetric,
     issues_of,
 )
 
@@ -34,7 +34,7 @@ ErrorSignal: TypeAlias = Literal["output", "state", "estimate"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ErrorMetric(WindowMetric):
+class ErrorMetric(SumMetric):
     """Mean size of an error over the window and all coordinates; 0 is best.
 
     Parameters
@@ -48,6 +48,11 @@ class ErrorMetric(WindowMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     @property
+    def letter(self) -> str:  # type: ignore[override]
+        """The signal whose components count."""
+        return "y" if self.of == "output" else "x"
+
+    @property
     def reads(self) -> tuple[str, ...]:
         """The signals of the error."""
         return {"output": ("y",), "state": ("y", "x"), "estimate": ("y", "x", "x_hat")}[self.of]
@@ -58,18 +63,14 @@ class ErrorMetric(WindowMetric):
         if self.of == "estimate":
             yield from check_state_lengths(layout, "of")
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the output; states have none, as their coordinates differ in it."""
-        return layout.y_unit if self.of == "output" else ""
-
     def error(self, record: Record) -> Float[Array, "runs window n"]:
         """Return the error at the samples of the window."""
         window = self.samples(record).slice
         if self.of == "state":
-            return record.x[:, window]
-        if self.of == "estimate":
-            return estimate_error(record)[:, window]
-        return record.y[:, window] - record.r[window]
+            error: Array = record.x
+        else:
+            error = estimate_error(record) if self.of == "estimate" else output_error(record)
+        return self.chosen(error[:, window], record.layout)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,9 +88,7 @@ class Mse(ErrorMetric):
 
     name: str = "mse"
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the square of the unit of the error."""
-        return squared(super().unit(layout))
+    adds: ClassVar[str] = "squares"
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the squares."""
@@ -107,6 +106,9 @@ class Rmse(ErrorMetric):
     """
 
     name: str = "rmse"
+
+    adds: ClassVar[str] = "squares"
+    is_root: ClassVar[bool] = True
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Take the root of the mean of the squares."""
@@ -155,7 +157,7 @@ class Iae(ErrorMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SettlingTime(WindowMetric):
+class SettlingTime(ComponentMetric):
     """Time after which the output stays within a band around the reference until the end; lower is better.
 
     The time starts at the first sample of the window and ends at the first sample after which no output leaves its
@@ -194,8 +196,8 @@ class SettlingTime(WindowMetric):
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Find the first sample after which the output stays in the band."""
         window = self.samples(record)
-        y, r = record.y[:, window.slice], record.r[window.slice]
-        return settling_times(y, r, record.r[max(window.first - 1, 0)], self.band, record.Ts)
+        y, r = (self.chosen(each, record.layout) for each in (record.y, record.r))
+        return settling_times(y[:, window.slice], r[window.slice], r[max(window.first - 1, 0)], self.band, record.Ts)
 
 
 def settling_times(
@@ -224,7 +226,7 @@ def settling_times(
 
 
 @dataclass(frozen=True, kw_only=True)
-class SteadyStateError(WindowMetric):
+class SteadyStateError(SumMetric):
     """Mean of the signed error y - r over the last part of the window; the value closest to 0 is best.
 
     Parameters
@@ -245,19 +247,14 @@ class SteadyStateError(WindowMetric):
     better: ClassVar[Direction] = "zero"
     to_the_end: ClassVar[bool] = True
 
-    def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the output."""
-        return layout.y_unit
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the last errors."""
-        window = self.samples(record).slice
-        error = record.y[:, window] - record.r[window]
+        error = self.chosen(output_error(record)[:, self.samples(record).slice], record.layout)
         return time_mean(error[:, -max(1, round(self.share * error.shape[1])) :])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tracking(BurstMetric):
+class Tracking(BurstMetric, SumMetric):
     """Size of the true control error r - y over k = 0..N-1, inside or outside bursts of the noise; lower is better.
 
     Parameters
@@ -265,7 +262,6 @@ class Tracking(BurstMetric):
     norm : `rms` is the root of the mean square over samples and components, `peak` the largest absolute value of a
         component, `length` the largest Euclidean norm of the error vector, `bias` the largest absolute mean of a
         component over time
-    components : indices of the outputs (counted from 0); all if not given
     smooth : length of a centred moving average [s] that is applied to the error first; 0 for none
     unit_ : unit of the value: the common unit of the components, or a thousandth of it, such as mm
 
@@ -278,25 +274,46 @@ class Tracking(BurstMetric):
 
     name: str = "tracking"
     norm: Norm = "rms"
-    components: list[Index] | None = None
     smooth: NonNegative = 0.0
     unit_: str | None = None
 
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
+    @property
+    def adds(self) -> str:  # type: ignore[override]
+        """What is added, before the root is taken of squares."""
+        return "squares" if self.is_root else "sizes"
+
+    @property
+    def is_root(self) -> bool:  # type: ignore[override]
+        """Whether the value is the root of a sum of squares."""
+        return self.norm in ("rms", "length")
+
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window, missing bursts, outputs that do not exist and a unit that does not fit them."""
-        yield from super().check(layout)
-        issues = [*check_components(layout, self.components)]
-        yield from issues or issues_of(unit_and_scale, layout, self.components, self.unit_)
+        issues = [*super().check(layout)]
+        yield from issues or issues_of(self._unit_and_factor, layout)
 
     def unit(self, layout: MetricLayout) -> str:
         """Return the given unit or the one that the outputs have in common."""
-        return unit_and_scale(layout, self.components, self.unit_)[0]
+        return self._unit_and_factor(layout)[0]
+
+    def _unit_and_factor(self, layout: MetricLayout) -> tuple[str, float]:
+        """Return the unit of the value and the factor from the common unit of the outputs."""
+        common, unit = super().unit(layout), self.unit_
+        if unit is None or unit == common:
+            return common, 1.0
+        if self.scale is not None:
+            raise DesignError("a scaled error has no unit; leave `unit` or `scale` out", "unit")
+        if not common:
+            raise DesignError("the components have no unit in common; name those of one unit in `only`", "unit")
+        if unit != f"m{common}":
+            raise DesignError(f"must be {common} or m{common}, a thousandth of it (got {unit!r})", "unit")
+        return unit, 1e3
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the error at the samples that count."""
-        _, scale = unit_and_scale(record.layout, self.components, self.unit_)
-        error = control_error(record, self.components, self.smooth)[:, self.samples(record).slice]
-        return scale * per_run(error, self.counted(record), NORMS[self.norm])
+        error = smoothed(self.chosen(output_error(record), record.layout), self.smooth, record.Ts)
+        values = per_run(error[:, self.samples(record).slice], self.counted(record), NORMS[self.norm])
+        return self._unit_and_factor(record.layout)[1] * values

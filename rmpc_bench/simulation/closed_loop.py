@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -34,6 +35,9 @@ from rmpc_bench.types import (
     as_motion,
     without_disturbances,
 )
+
+_WITH_CODE = re.compile(r"(?!rmpc_bench\.)|rmpc_bench\.(components|adapters)\.")
+"""Modules of designs that run code of a user or of another library."""
 
 
 class Block(NamedTuple):
@@ -89,6 +93,28 @@ def simulate_block(
     }
     ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
     return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble, start.journal)
+
+
+def metric_remarks(experiment: Experiment) -> list[str]:
+    """Return what metrics remark on the first run of the first method without code of a user or another library."""
+    layout = experiment.metric_layout
+    metrics = [metric for metric in experiment.metrics if metric.remark(None, layout)]
+    if not metrics:
+        return []
+    plant, n_steps, info = experiment.plant, experiment.n_steps, {name for each in metrics for name in each.needs_info}
+    built_in = [
+        each
+        for each in experiment.methods
+        if not any(_WITH_CODE.match(type(design).__module__) for design in (plant, each.estimator, each.controller))
+    ]
+    record = None
+    for method in built_in[:1]:
+        draws = experiment.scenario.draw(plant, range(1), n_steps)
+        r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
+        start, limits = RunStart(experiment.scenario.seed, (0,), Journal()), experiment.state_range
+        run, status = simulate(plant, method, draws, r, n_steps, info=info, state_range=limits, start=start)
+        record = run._replace(experiment=layout) if status[0] == OK else None
+    return [metric.remark(record, layout) for metric in metrics]
 
 
 def simulate(

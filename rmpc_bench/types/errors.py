@@ -21,6 +21,7 @@ OTHER_NAMES: Mapping[str, str] = {
     "var": "cov",
     "variance": "cov",
     "kf": "kalman",
+    "components": "only",
 }
 """Names that other programs and papers use -> the name here."""
 

@@ -266,6 +266,10 @@ class Metric:
         """Find every reason for which the metric cannot be computed, before any run."""
         yield from issues_of(self.window, layout)
 
+    def remark(self, record: Record | None, layout: MetricLayout) -> str:
+        """Return a sentence on the value in one run (None: not known) for check and tables; empty where it is usual."""
+        return ""
+
     @abstractmethod
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Return one value per run: inf where the event does not occur, NaN where there is no value."""

@@ -136,9 +136,11 @@ def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
 def test_remarks_on_mixed_units():
     """Which metrics add errors of components with different units."""
     shown = " ".join(cli("check", "configs/examples/pendulum.yaml").stdout.split())
-    words = "adds errors in m, m/s, rad, rad/s; the components with large numbers decide it"
-    assert f"- estimation_mse: {words}" in shown and f"- state_mse: {words}" in shown
-    assert "adds errors" not in cli("check", "configs/quickstart.yaml").stdout
+    words = "adds squares of m, m/s, rad and rad/s"
+    assert f"- estimation_mse {words}" in shown and f"- state_mse {words}" in shown
+    assert re.search(r"m and rad; \S+ makes [\d.]+ % of it in the first run: use `only` or `scale`", shown) is None
+    assert re.search(r"rad/s; \S+ makes [\d.]+ % of it in the first run: use `only` or `scale`", shown)
+    assert "adds squares" not in cli("check", "configs/quickstart.yaml").stdout
 
 
 def test_columns_do_not_run_together(tmp_path):

@@ -131,7 +131,7 @@ def test_mistakes_of_bursts(load, bursts, message):
         ({"metrics": METRICS}, "metrics.1.during: 'bursts' needs bursts of the measurement noise"),
         ({"metrics": METRICS, "noise": noise(FIXED, "process")}, "metrics.1.during: 'bursts' needs bursts"),
         ({"metrics": "[{kind: tracking, unit: mm}]"}, "metrics.0.unit: must be rad or mrad, a thousandth of it"),
-        ({"metrics": "[{kind: tracking, components: [1]}]"}, "metrics.0.components: there is no y.1: the plant has 1"),
+        ({"metrics": "[{kind: tracking, only: [1]}]"}, "metrics.0.only: there is no y.1: the plant has 1"),
         ({"metrics": "[{kind: reported, of: Q_yw}]"}, "metrics.0.of: 'Q_yw' is not reported by 'S-MPC' (which reports"),
         ({"metrics": "[near_singular]"}, "metrics.0: needs a plant with singular poses"),
         ({"initial": "{x: {uniform: {radius: 1, bursts: [{from: 0, to: 1, factor: 2}]}}}"},

@@ -37,7 +37,7 @@ def test_tracking_against_plain_loops(norm, part, bounds, samples, rng):
     """Oracle: loops over runs, samples and components; a run in which no sample counts has no value."""
     block = trajectories(rng)
     for components in (None, [2, 0]):
-        values = Tracking(norm=norm, components=components, **part, **bounds).evaluate(block)
+        values = Tracking(norm=norm, only=components, **part, **bounds).evaluate(block)
         for i, value in enumerate(values):
             rows = [
                 [float(block.r[k, j] - block.y[i, k, j]) for j in components or range(3)]
@@ -130,9 +130,9 @@ def test_bursts_and_quiet_are_together_all(rng):
         (LAYOUT, {"unit_": "m"}, "m", 1.0),
         (LAYOUT, {"unit_": "mm"}, "mm", 1e3),
         (MIXED, {}, "", 1.0),
-        (MIXED, {"components": [0, 1]}, "m", 1.0),
-        (MIXED, {"components": [1], "unit_": "mm"}, "mm", 1e3),
-        (MIXED, {"components": [2], "unit_": "mrad"}, "mrad", 1e3),
+        (MIXED, {"only": [0, 1]}, "m", 1.0),
+        (MIXED, {"only": [1], "unit_": "mm"}, "mm", 1e3),
+        (MIXED, {"only": [2], "unit_": "mrad"}, "mrad", 1e3),
     ],
 )
 def test_units_of_the_error(layout, keys, unit, scale, rng):
@@ -146,11 +146,11 @@ def test_units_of_the_error(layout, keys, unit, scale, rng):
 @pytest.mark.parametrize(
     ("kind", "keys", "key", "message"),
     [
-        (Tracking, {"unit_": "mrad", "components": [0]}, "unit", r"must be m or mm, .* \(got 'mrad'\)"),
+        (Tracking, {"unit_": "mrad", "only": [0]}, "unit", r"must be m or mm, .* \(got 'mrad'\)"),
         (Tracking, {"unit_": "m"}, "unit", "no unit in common"),
-        (Tracking, {"components": [0, 3]}, "components", "no y.3: the plant has 3 outputs"),
-        (Tracking, {"components": []}, "components", "at least one"),
-        (Departures, {"components": [1, 1]}, "components", "no output twice"),
+        (Tracking, {"only": [0, 3]}, "only", "no y.3: the plant has 3 outputs"),
+        (Tracking, {"only": []}, "only", "each one once"),
+        (Departures, {"only": [1, 1]}, "only", "each one once"),
         (Tracking, {"memory": 0.1}, "memory", "can only be given with during"),
         (InputRms, {"memory": 0.1}, "memory", "can only be given with during"),
         *((kind, {"during": "bursts"}, "during", "'bursts' needs bursts") for kind in (Tracking, Departures, *INPUTS)),

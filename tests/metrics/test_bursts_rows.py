@@ -15,7 +15,7 @@ from rmpc_bench.types import MetricLayout
 
 METRICS = [
     *(Tracking(norm=norm, smooth=1.5, during="quiet", memory=1.0) for norm in NORMS),
-    Tracking(during="bursts", components=[1], unit_="mm"),
+    Tracking(during="bursts", only=[1], unit_="mm"),
     *(kind(**part) for kind in INPUTS for part in PARTS[::3]),
     Departures(size=0.8, smooth=1.0),
     Departures(size=0.8, smooth=1.0, during="bursts"),

@@ -56,7 +56,7 @@ def test_departures_against_a_plain_loop(rng):
     """Oracle: a walk through the samples that remembers when the error was large last."""
     block = trajectories(rng, runs=30)
     error = moving_mean(block.r - block.y, 2)[:, :, [0, 2]]
-    keys = {"components": [0, 2], "smooth": 1.0, "size": 1.1, "apart": 2.2, "memory": 1.0, "after": 3.0, "from_": 2.0}
+    keys = {"only": [0, 2], "smooth": 1.0, "size": 1.1, "apart": 2.2, "memory": 1.0, "after": 3.0, "from_": 2.0}
     everywhere = Departures(**keys).evaluate(block)
     of_bursts = Departures(during="bursts", **keys).evaluate(block)
     for i in range(30):

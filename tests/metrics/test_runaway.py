@@ -42,8 +42,8 @@ def test_an_output_without_a_reference_has_no_size():
     record = Record.of_run(y=[[1.0, 50.0], [1.0, 0.0]], r=[[1.0, 0.0], [1.0, 0.0]])
     assert Runaway().evaluate(record).tolist() == [0.0]
     assert Runaway(beyond=3.0).evaluate(record).tolist() == [1.0]
-    assert Runaway(beyond=3.0, components=[0]).evaluate(record).tolist() == [0.0]
-    assert np.isnan(Runaway(components=[1]).evaluate(record)).all()
+    assert Runaway(beyond=3.0, only=[0]).evaluate(record).tolist() == [0.0]
+    assert np.isnan(Runaway(only=[1]).evaluate(record)).all()
 
 
 def test_mean_is_the_share_of_runaways():
@@ -57,9 +57,9 @@ def test_check_of_runaway():
     """Oracle: the rules of the keys."""
     layout = MetricLayout(2, plant=PLANT, r=np.array([[0.0, 1.0]] * 3))
     no_issue(Runaway(), layout)
-    no_issue(Runaway(components=[1]), layout)
-    only_issue(Runaway(components=[0]), layout, "", "the reference is 0")
-    only_issue(Runaway(components=[2]), layout, "components", "there is no y.2")
+    no_issue(Runaway(only=[1]), layout)
+    only_issue(Runaway(only=[0]), layout, "", "the reference is 0")
+    only_issue(Runaway(only=[2]), layout, "only", "there is no y.2")
     only_issue(Runaway(beyond=1.0, factor=3.0), layout, "factor", "has no effect beside `beyond`")
     only_issue(Runaway(), layout._replace(r=np.zeros((3, 2))), "", "give `beyond`")
     no_issue(Runaway(beyond=1.0), layout._replace(r=np.zeros((3, 2))))
