@@ -151,6 +151,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "tuning": "rmpc_bench.figures.tuning:TuningOverParameter",
     },
 }
+IN_SECONDS = ("env", "fmu", "moving-slide", "servo", "servo-linear")
+"""Kinds of plants and models whose parameters are in seconds."""
 RENAMED_FIGURES = {
     **dict.fromkeys(
         ("trajectories", "estimation-error", "tubes", "series", "variance-with-bound", "nees"), "is now 'signals'"

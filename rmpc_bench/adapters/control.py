@@ -173,6 +173,7 @@ def plant(
     solver: Solver | None = None,
     bounds: Any = None,
     x0: Any = None,
+    time_unit: str = "s",
 ) -> Plant:
     """System of python-control, linear or nonlinear, with the names of its states, inputs and outputs.
 
@@ -186,11 +187,13 @@ def plant(
     solver : integration of a nonlinear continuous system, as for `ode`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
+    time_unit : unit of the time in texts
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:
         with blamed(KEY):
-            return ode_plant.design(Ts, n_steps, **found.keys(KEY, x0), solver=solver or Solver(), bounds=bounds, x0=x0)
+            keys = {**found.keys(KEY, x0), "solver": solver or Solver(), "bounds": bounds, "x0": x0}
+            return ode_plant.design(Ts, n_steps, **keys, time_unit=time_unit)
     if solver is not None:
         raise DesignError("has no effect: a linear system is sampled exactly", "solver")
     return linear_plant(parametric_system(control, linear, parameters or {}, KEY), Ts, n_steps, bounds)
@@ -205,6 +208,7 @@ def model(
     noise: DesignNoise,
     at: At | Literal["trajectory"] | None = None,
     substeps: Count | None = None,
+    time_unit: str = "s",
 ) -> Model:
     """System of python-control as a design model; a nonlinear one is linear around `at`, nonlinear without.
 
@@ -217,6 +221,7 @@ def model(
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point of a nonlinear system, as for `linearise`
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
+    time_unit : unit of the time in texts
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:
@@ -224,7 +229,8 @@ def model(
             raise DesignError("is a nonlinear system; a program must give `plant`", KEY)
         _refuse_other_order(found, plant)
         with blamed(KEY):
-            return ode_model.design(Ts, plant, **found.keys(KEY), noise=noise, at=at, substeps=substeps)
+            keys = {**found.keys(KEY), "noise": noise, "at": at, "substeps": substeps}
+            return ode_model.design(Ts, plant, **keys, time_unit=time_unit)
     if at is not None or substeps is not None:
         raise DesignError("has no effect on a linear system", "substeps" if at is None else "at")
     system = parametric_system(control, linear, parameters or {}, KEY)

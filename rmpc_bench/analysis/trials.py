@@ -52,7 +52,8 @@ class Trials(ComparisonKeys):
     with_verdicts : whether comparisons have a verdict; those of a smoke run have none
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
-    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
+    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad, of the
+        time t -> min unless it is s
     names : component of a signal, such as y.0 -> its name
     traces : method -> its recorded runs
     paths : the columns of a sweep, which come first in `columns` and `series`; empty without one
@@ -148,6 +149,11 @@ class Trials(ComparisonKeys):
     def is_random(self) -> bool:
         """Whether runs differ by chance, as far as the store says; else a single run is all there is."""
         return self.random_besides != () or any(len(point.quantities) > 1 for point in self.each)
+
+    @property
+    def time_unit(self) -> str:
+        """Unit of the time, as `time.unit` of the configuration gives it."""
+        return self.units.get("t", "s")
 
     @property
     def primary_info(self) -> MetricInfo | None:

@@ -106,22 +106,22 @@ def loop_lines(found: Mismatch) -> list[str]:
     for name, each in found.methods.items():
         model = "not available" if each.model_radius is None else f"{each.model_radius:.4g}"
         plants = _spread(each.plant_radii, digits=4) if len(each.plant_radii) else "not available"
-        rows.append((name, model, plants, gain_text(each.gain, found.Ts * found.n_steps)))
+        rows.append((name, model, plants, gain_text(each.gain, found.Ts * found.n_steps, found.time_unit)))
     return [LOOPS, *_table(rows)]
 
 
-def gain_text(gain: GainConvergence, end: float) -> str:
-    """Return the text of the convergence of a gain; `end` is the end of the experiment [s]."""
+def gain_text(gain: GainConvergence, end: float, unit: str = "s") -> str:
+    """Return the text of the convergence of a gain; `end` is the end of the experiment."""
     if gain.missing:
         return f"not available: {gain.missing}"
     if gain.after is None:
-        return f"not converged within {gain.until:g} s"
+        return f"not converged within {gain.until:g} {unit}"
     if not gain.until:
         return "constant"
-    text = f"within {100 * STEADY:g} % after {gain.after:.4g} s"
+    text = f"within {100 * STEADY:g} % after {gain.after:.4g} {unit}"
     if gain.off <= STEADY:
         return text
-    return f"{100 * gain.off:{'.0f' if gain.off >= 0.1 else '.2g'}} % off at {end:g} s, {text}"
+    return f"{100 * gain.off:{'.0f' if gain.off >= 0.1 else '.2g'}} % off at {end:g} {unit}, {text}"
 
 
 def warnings(found: Mismatch, baseline: str) -> list[str]:
@@ -129,9 +129,9 @@ def warnings(found: Mismatch, baseline: str) -> list[str]:
     texts = []
     for name, each in found.methods.items():
         if each.gain.after is None:
-            texts.append(f"{name}: the estimator gain does not converge within {each.gain.until:g} s")
+            texts.append(f"{name}: the estimator gain does not converge within {each.gain.until:g} {found.time_unit}")
         elif each.gain.off > STEADY:
-            off = gain_text(each.gain, found.Ts * found.n_steps)
+            off = gain_text(each.gain, found.Ts * found.n_steps, found.time_unit)
             texts.append(f"{name}: the estimator gain has not converged when the experiment ends: {off}")
         model = np.array([] if each.model_radius is None else [each.model_radius])
         for where, radii in (("the design model", model), ("the plants", each.plant_radii)):

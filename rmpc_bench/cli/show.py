@@ -123,7 +123,11 @@ def _lines(found: Replay, until: int | None) -> list[str]:
     where = f" at {found.point}" if found.point else ""
     lines = [f"run {found.run} of {found.method}{where}: {found.status}"]
     if found.failure is not None:
-        at = "" if found.failure.k is None else f" at k = {found.failure.k}, t = {found.Ts * found.failure.k:g} s"
+        at = (
+            ""
+            if found.failure.k is None
+            else f" at k = {found.failure.k}, t = {found.Ts * found.failure.k:g} {found.units['t']}"
+        )
         lines += [f"{found.failure.component}{at}: {found.failure.message}"]
         lines += [found.failure.trace.rstrip()] if found.failure.trace else []
     if found.failed_steps:

@@ -113,13 +113,21 @@ class MethodBuilder:
             # Only such a plant depends on it; others are shared by all starts.
             nominal += [mean_start(self.draft)] if plant.takes("x0") else []
         given = [None if part is None else part.resolved() for part in parts]
-        return [role, self.time.step, self.n_steps, given, nominal, [self.draft.initial[key] for key in start]]
+        return [
+            role,
+            self.time.step,
+            self.time.unit,
+            self.n_steps,
+            given,
+            nominal,
+            [self.draft.initial[key] for key in start],
+        ]
 
     def model(self, component: Component | None) -> Any:
         """Build a design model; methods with equal models share one."""
         if component is None:
             return None
-        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
         if component.takes("plant") and self.plant is None:
             # The plant has an error, which is reported there.
             return None
@@ -302,6 +310,7 @@ class _ExperimentBuilder:
             tick=self.time.tick,
             cut_windows=self.smoke,
             state_range=state_range,
+            time_unit=self.time.unit,
         )
         draft.warnings += warnings_of(draft, experiment, self.methods.undisturbed, self.methods.start)
         if first:
@@ -313,7 +322,7 @@ class _ExperimentBuilder:
         component = self.draft.plant
         if component is None:
             return None
-        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
         range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
         described = self.methods.key("plant", [], of_plant=True, start=())
@@ -402,7 +411,16 @@ class _ExperimentBuilder:
         units = plant.y_unit, plant.u_unit
         r = None if scenario is None else scenario.reference.sample(self.n_steps + 1)
         layout = MetricLayout(
-            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r
+            self.n_steps,
+            self.time.tick,
+            *units,
+            self.smoke,
+            plant,
+            methods,
+            bursts,
+            self.first_estimates,
+            r,
+            self.time.unit,
         )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()

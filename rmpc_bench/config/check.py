@@ -157,7 +157,7 @@ def _digits(now: LinearModel, P0: Array) -> Iterator[str]:
 def _time(draft: DraftConfig) -> Iterator[Finding]:
     given = draft.tree.get("time")
     if isinstance(given, Map) and "duration" in given and "step" not in given:
-        yield ["time"], "has no `step`, so the sampling time is 1 s; give it, such as {step: 0.1, duration: 20}"
+        yield ["time"], "has no `step`, so the sampling time is 1; give it, such as {step: 0.1, duration: 20}"
 
 
 def _windows(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:

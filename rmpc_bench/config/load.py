@@ -157,7 +157,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         head |= {"runs": stop.first_look, "stop": plain_data(stop)}
     return {
         **head,
-        "time": {"step": time.step, **length},
+        "time": {"step": time.step, **length, **time.named_unit},
         "uncertainty": uncertainty_data(draft, canonical=False),
         "plant": plant_data(draft),
         **({"model": set_keys(draft.model)} if draft.model else {}),

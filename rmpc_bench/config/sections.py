@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
 from annotated_types import Ge, Le, Len
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.report import ReportKeys
@@ -25,25 +26,34 @@ Name = Annotated[str, Field(pattern=EXPERIMENT)]
 Text = Annotated[str, Len(1)]
 
 
+def _unit(text: str) -> str:
+    if not re.fullmatch(r"[^\W\d_]{1,12}", text):
+        raise ValueError(f"must have 1 to 12 letters (got {text!r})")
+    return text
+
+
 @dataclass(frozen=True)
 class Time:
-    """Sampling and length: `step` and `duration` in seconds, or a number of `steps`.
+    """Sampling and length: `step` and `duration`, or a number of `steps`.
 
     Parameters
     ----------
-    step : sampling time [s]; windows of metrics are in seconds with `duration`, in samples with `steps`
+    step : sampling time [s]; windows of metrics are times with `duration`, numbers of samples with `steps`
     duration : length of a run [s], a whole number of steps; give either `duration` or `steps`
     steps : number N of control periods; samples are k = 0..N
+    unit : unit of all times and rates of the file and of rhs, which texts of this program call s; it names the unit in
+        tables, figures and messages, and no number is converted
     """
 
     step: Positive = 1.0
     duration: Positive | None = None
     steps: Count | None = None
+    unit: Annotated[str, AfterValidator(_unit)] = "s"
 
     def __post_init__(self) -> None:
         """Refuse a length that is given twice, not at all, or not in whole steps."""
         if (self.duration is None) == (self.steps is None):
-            raise ValueError("give either duration (seconds) or steps")
+            raise ValueError("give either duration or steps")
         if self.duration is not None and self.duration > MAX_STEPS * self.step:
             raise ValueError(f"there must be 1 to {MAX_STEPS:,} steps")
         if self.duration is not None and abs(self.duration / self.step - round(self.duration / self.step)) > 1e-9:
@@ -57,8 +67,13 @@ class Time:
         return self.steps if self.steps is not None else round((self.duration or 0.0) / self.step)
 
     @property
+    def named_unit(self) -> dict[str, str]:
+        """The key `unit`, where it is not the default."""
+        return {} if self.unit == "s" else {"unit": self.unit}
+
+    @property
     def tick(self) -> float:
-        """Length of a step in the unit of the windows of metrics: seconds, or samples."""
+        """Length of a step in the unit of the windows of metrics: that of the time, or samples."""
         return self.step if self.duration is not None else 1.0
 
 

@@ -88,6 +88,7 @@ def _sections(
     read_initial(draft)
     read_method_section(draft)
     refuse_sections(draft)
+    _refuse_unit(draft)
     draft.metrics = [each and _named(each) for each in _named_components(draft, "metrics")]
     # The default figure needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:
@@ -108,7 +109,7 @@ def _shrink(draft: DraftConfig, first: Time | None) -> None:
         n_steps = max(1, round(first.duration / time.step))
     # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
     length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
-    draft.values |= {"runs": min(runs, size.runs), "time": Time(step=time.step, **length)}
+    draft.values |= {"runs": min(runs, size.runs), "time": Time(step=time.step, unit=time.unit, **length)}
 
 
 def _top_level(draft: DraftConfig) -> None:
@@ -139,6 +140,20 @@ def _component(draft: DraftConfig, name: str, ignore: tuple[str, ...] = ()) -> C
     if name not in draft.tree and tree is not ...:
         tree = Map(tree, mark=draft.tree.mark)
     return draft.component(f"{name}s", tree, [name], ignore=ignore) if isinstance(tree, Map) else None
+
+
+def _refuse_unit(draft: DraftConfig) -> None:
+    """Report a unit of time beside a plant or a design model whose parameters are in seconds."""
+    time = draft.values["time"]
+    if time is None or time.unit == "s":
+        return
+    models = [each.model for each in draft.methods.values()]
+    named = [("plant", draft.plant), *(("model", each) for each in (draft.model, *models))]
+    for role, component in named:
+        if component is not None and component.is_built_in and component.kind in registry.IN_SECONDS:
+            message = f"the parameters of the {role} `{component.kind}` are in seconds: time.unit must be s"
+            draft.note(["time", "unit"], message)
+            return
 
 
 def _input(draft: DraftConfig) -> None:

@@ -115,7 +115,7 @@ class _Reader:
             return
         Ts, step = float(content["Ts"].reshape(-1)[0]), self._step()
         if step is not None and abs(Ts - step) > SAME_STEP * max(Ts, step):
-            raise _FileError(f"{text}: Ts is {Ts:g} s, and time.step is {step:g} s; they must be equal")
+            raise _FileError(f"{text}: Ts is {Ts:g}, and time.step is {step:g}; they must be equal")
 
     def _step(self) -> float | None:
         """Sampling time of the configuration; None where it is no number, which is reported at its own place."""

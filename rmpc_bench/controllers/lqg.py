@@ -99,7 +99,7 @@ def design(
     if Tt is not None and anti_windup != "back-calculation":
         raise DesignError("has no effect without `anti_windup: back-calculation`", "Tt")
     if Tt is not None and Tt < Ts:
-        raise DesignError(f"must be at least the sampling time {Ts:g} s (got {Tt:g})", "Tt")
+        raise DesignError(f"must be at least the sampling time {Ts:g} (got {Tt:g})", "Tt")
     if feedforward == "none" and not len(sums):
         raise DesignError(
             "does not use the reference with Q_i = 0; choose Q_i > 0 or another feedforward", "feedforward"

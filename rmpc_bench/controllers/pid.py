@@ -243,7 +243,7 @@ def design(
         raise DesignError("`bumpless` needs an integral in every loop; choose Ki other than 0", "start")
     tracking = _tracking_time(sized, Ts) if Tt is None else as_vector(Tt, nu, "Tt")
     if (tracking < Ts).any():
-        raise DesignError(f"must be at least the sampling time {Ts:g} s (got {tracking.min():g})", "Tt")
+        raise DesignError(f"must be at least the sampling time {Ts:g} (got {tracking.min():g})", "Tt")
     constant = model.at(0) if on == "estimate" else None
     C, d0 = (None, None) if constant is None else (constant.C, constant.d0)
     return Pid(

@@ -91,6 +91,7 @@ class Mismatch(NamedTuple):
     methods: dict[str, MethodMismatch]
     confounded: dict[str, list[str]]
     """Method that differs from the baseline in the estimator -> keys of its controller that differ too."""
+    time_unit: str = "s"
 
 
 class _MethodModel(NamedTuple):
@@ -135,7 +136,7 @@ def model_mismatch(
             _gain(experiment, each, known, build),
         )
     Ts, confounded = experiment.plant.Ts, _confounded(methods, baseline)
-    return Mismatch(plant, len(plants), experiment.n_steps, Ts, found, confounded)
+    return Mismatch(plant, len(plants), experiment.n_steps, Ts, found, confounded, experiment.time_unit)
 
 
 def _method_model(method: Method, data: Mapping[str, Any], experiment: Experiment, build: Build) -> _MethodModel:

@@ -96,6 +96,7 @@ class _Layout:
         is_recorded = bool(recording.n_runs and recording.signals)
         extra = {name: unit for name, unit in plant.extra_signals.items() if name in recording.signals}
         units, names = {"u": plant.u_unit, **plant.units}, dict(plant.names)
+        time = {"t": experiment.time_unit} if experiment.time_unit != "s" else {}
         if "u_command" in recording.signals:
             units |= {f"u_command{place[1:]}": unit for place, unit in units.items() if place[0] == "u"}
             names |= {f"u_command{place[1:]}": f"{name}, command" for place, name in names.items() if place[0] == "u"}
@@ -106,7 +107,7 @@ class _Layout:
             Ts=0.0 if self._config.in_samples else float(plant.Ts),
             nx=int(plant.nx),
             n_steps=experiment.n_steps,
-            units={"y": plant.y_unit, **units, **extra},
+            units={"y": plant.y_unit, **units, **extra, **time},
             metrics=experiment.metric_infos,
             metric_keys=dict(point.metric_keys),
             methods={method.name: self._method(point, method) for method in experiment.methods},

@@ -69,7 +69,7 @@ class Replay:
         have one sample less where the run reached its end; u_command only where the plant has bounds of its inputs; P,
         row by row, of `run_one` only
     r : (samples, ny) reference
-    units : signal -> unit, and of single components, such as ``y.2``
+    units : signal -> unit, and of single components, such as ``y.2``; t is the time
     uncertainty : named uncertain quantity -> value in this run
     metrics : metric -> value; empty for a part of a run and for a failed one
     stored : metric -> value in the trial store; empty where the run is not stored
@@ -280,6 +280,7 @@ def _simulated(
             "y": plant.y_unit,
             **plant.units,
             **plant.extra_signals,
+            "t": experiment.time_unit,
         },
         "uncertainty": named_values(experiment, run),
     }

@@ -28,8 +28,8 @@ class TimeWindow(NamedTuple):
     first: int
     last: int
     sample: float
-    label: str
-    """Label of the axis."""
+    unit: str
+    """Unit of the time; empty where samples are counted."""
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -47,24 +47,24 @@ class TimeWindow(NamedTuple):
         return self.sample * np.arange(self.first, self.last + 1)
 
     @property
-    def in_seconds(self) -> bool:
-        """Whether the axis shows seconds, and not samples."""
-        return self.label != "$k$"
+    def label(self) -> str:
+        """Label of the axis."""
+        return f"$t$ [{self.unit}]" if self.unit else "$k$"
 
     @property
     def words(self) -> str:
         """The same samples in a caption, such as ``t = 0 to 20 s``."""
         first, last = (f"{end:g}" for end in self.limits)
-        return f"t = {first} to {last} s" if self.in_seconds else f"k = {first} to {last}"
+        return f"t = {first} to {last} {self.unit}" if self.unit else f"k = {first} to {last}"
 
 
 def window_of(point: Trials, last: int, start: float | None, stop: float | None) -> TimeWindow:
-    """Find the samples between two times [s], both included; these are samples where the sampling time is not known.
+    """Find the samples between two times, both included; these are samples where the sampling time is not known.
 
     An end that is not given is that of the samples.  Raises a DesignError when less than two samples are left.
     """
-    sample, label = (point.Ts, "$t$ [s]") if point.Ts else (1.0, "$k$")
-    window = TimeWindow(*samples_between(start, stop, sample, last), sample, label)
+    sample, unit = (point.Ts, point.time_unit) if point.Ts else (1.0, "")
+    window = TimeWindow(*samples_between(start, stop, sample, last), sample, unit)
     if window.first >= window.last:
         issue = empty_window(start, last * sample)
         raise DesignError(issue.message, issue.key)

@@ -141,7 +141,7 @@ def paths_caption(made: PathContent) -> str:
         f"Path of {axes} in run {keys.run}{at_point(made.title)} for {names}, {made.window.words}",
         "dashed: reference" if any(path.reference is not None for path in made.paths.values()) else "",
         f"lines show $r + {keys.magnify:g}\\,(y - r)$" if keys.magnify != 1.0 else "",
-        f"marks every {keys.marks:g} {'s' if made.window.in_seconds else 'samples'}" if keys.marks else "",
+        f"marks every {keys.marks:g} {made.window.unit or 'samples'}" if keys.marks else "",
         f"failed: {joined(failed)}" if failed else "",
     )
 

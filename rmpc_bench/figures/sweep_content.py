@@ -41,8 +41,8 @@ OWNERS = {"controller": "the controller", "estimator": "the estimator", "model":
 OWNERS |= {section: f"the {section}" for section in ("plant", "noise", "reference", "input", "time", "uncertainty")}
 OWNERS["initial"] = "the initial state"
 """First part of a path -> whose key it is, in words."""
-UNITS = {"time.step": "s", "time.duration": "s"}
-"""Paths whose unit does not depend on the experiment."""
+TIMES = ("time.step", "time.duration")
+"""Paths whose unit is that of the time."""
 
 
 class SweepAxis(NamedTuple):
@@ -207,7 +207,9 @@ class SweepContent(NamedTuple):
         return f"{against}; blue is better, orange worse, ? inconclusive, ≈ equivalent; {runs}"
 
 
-def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = ()) -> SweepAxis:
+def axis_of(
+    points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str] = (), time_unit: str = "s"
+) -> SweepAxis:
     """Find the axis of a swept path, or of `POINTS`, which have titles, from the texts of values by point and path."""
     if path == POINTS:
         return SweepAxis(POINTS, tuple(dict.fromkeys(titles)), None, "", LIST)
@@ -220,7 +222,8 @@ def axis_of(points: Sequence[Mapping[str, str]], path: str, titles: Sequence[str
     order = sorted(range(len(texts)), key=lambda place: known[place][0])
     numbers = np.array([known[place][0] for place in order])
     (unit,) = units
-    return SweepAxis(path, tuple(texts[place] for place in order), numbers, unit or UNITS.get(path, ""), in_words(path))
+    unit = unit or (time_unit if path in TIMES else "")
+    return SweepAxis(path, tuple(texts[place] for place in order), numbers, unit, in_words(path))
 
 
 def main_paths(points: Sequence[Mapping[str, str]]) -> list[str]:
@@ -295,9 +298,10 @@ def content_of(tables: Sequence[ResultTable], path: str | Sequence[str] | None =
     points = [table.trials.point for table in tables]
     titles = [short_title(table.trials) for table in tables]
     paths = [path] if isinstance(path, str) else list(path or main_paths(points))
-    axis, down, others = axis_of(points, paths[0] if paths else POINTS, titles), None, other_paths(points, *paths)
+    unit, others = tables[0].trials.time_unit, other_paths(points, *paths)
+    axis, down = axis_of(points, paths[0] if paths else POINTS, titles, unit), None
     if len(paths) == 2 and not others:
-        down = axis_of(points, paths[1])
+        down = axis_of(points, paths[1], time_unit=unit)
     elif len(paths) > 1 or axis.numbers is None:
         # Points one after the other, named by their path where it tells them apart.
         names = titles if others or len(paths) > 1 or axis.path == POINTS else [point[axis.path] for point in points]

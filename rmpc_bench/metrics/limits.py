@@ -135,9 +135,9 @@ class Violation(SignalMetric):
             yield Issue("limit", "must have a number, or nothing exceeds it")
 
     def unit(self, layout: MetricLayout) -> str:
-        """Return none for a share, the unit of the signal, or this times seconds."""
+        """Return none for a share, the unit of the signal, or this times the unit of time."""
         unit = "" if self.what == "share" else self.signal(layout).unit(layout)
-        return f"{unit} s".lstrip() if self.what == "integral" else unit
+        return f"{unit} {layout.time_unit}".lstrip() if self.what == "integral" else unit
 
     def info(self, layout: MetricLayout) -> MetricInfo:
         """Describe the column; the label names signal and statistic unless there is another name or label."""

@@ -147,9 +147,9 @@ class Iae(ErrorMetric):
     name: str = "iae"
 
     def unit(self, layout: MetricLayout) -> str:
-        """Return the unit of the error times a second; no unit has none."""
+        """Return the unit of the error times that of the time; no unit has none."""
         unit = super().unit(layout)
-        return f"{unit}*s" if unit else ""
+        return f"{unit}*{layout.time_unit}" if unit else ""
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Multiply the mean by the length of the window."""
@@ -190,8 +190,8 @@ class SettlingTime(ComponentMetric):
     to_the_end: ClassVar[bool] = True
 
     def unit(self, layout: MetricLayout) -> str:
-        """Seconds."""
-        return "s"
+        """Return the unit of the time."""
+        return layout.time_unit
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Find the first sample after which the output stays in the band."""

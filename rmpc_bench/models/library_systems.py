@@ -101,7 +101,7 @@ def refuse_feedthrough(what: str, key: str) -> None:
 def refuse_other_step(own: float | None, Ts: float, key: str) -> None:
     """Refuse another sampling time [s] than that of the experiment; `own` is 0 of a continuous system or None."""
     if own and abs(own - Ts) > SAME_STEP * max(own, Ts):
-        raise DesignError(f"has the sampling time {own:g} s, and time.step is {Ts:g} s; they must be equal", key)
+        raise DesignError(f"has the sampling time {own:g}, and time.step is {Ts:g}; they must be equal", key)
 
 
 def parametric_system(

@@ -157,7 +157,7 @@ def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobi
     A, B, drift = sampled(dynamics, tangent, found.rest, Ts)
     known = tuple(_facts(dynamics, found, tangent, A))
     if isinstance(dynamics, OdeDynamics) and dynamics.ode.timed:
-        remarks += ("rhs depends on the time: the linear model is that of t = 0 s",)
+        remarks += ("rhs depends on the time: the linear model is that of t = 0",)
     return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, known=known, remarks=remarks)
 
 
@@ -218,8 +218,8 @@ def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "
         rest = f"steady state with residual {found.residual:.2g}, {found.iterations} Newton steps"
     where = "; ".join(text(dynamics, each, values) for each, values in zip(names, point, strict=True) if len(each))
     rows = [("operating point", where), ("", rest)]
-    if dynamics.continuous:
-        rows.append(("eigenvalues", f"{_complex_text(np.linalg.eigvals(tangent.A))} 1/s"))
+    if isinstance(dynamics, OdeDynamics) and dynamics.continuous:
+        rows.append(("eigenvalues", f"{_complex_text(np.linalg.eigvals(tangent.A))} 1/{dynamics.ode.time_unit}"))
     return [
         *rows,
         ("sampled poles", _complex_text(np.linalg.eigvals(A))),

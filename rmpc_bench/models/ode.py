@@ -33,6 +33,7 @@ def design(
     substeps: Count | None = None,
     numba: bool = False,
     discrete: bool = False,
+    time_unit: str = "s",
 ) -> Model:
     """Design model with an equation of its own; linear with `at`, nonlinear without.
 
@@ -53,13 +54,14 @@ def design(
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
     numba : whether to compile rhs of a nonlinear model
     discrete : whether rhs returns x(k+1) in place of time derivatives
+    time_unit : unit of the time in texts
 
     Raises
     ------
     DesignError
         If a function, a name or an operating point is not what it must be.
     """
-    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {}, discrete)
+    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {}, discrete, time_unit)
     if (equation.nu, equation.ny) != (plant.nu, plant.ny):
         raise DesignError(
             f"inputs and outputs of the model: {equation.nu} and {equation.ny}; those of the plant: {plant.nu} and "
@@ -83,6 +85,7 @@ def _equation(
     outputs: Names | None,
     parameters: dict[str, float],
     discrete: bool,
+    time_unit: str,
 ) -> Ode:
     """Return the equation, with the names of the plant where none are given."""
     x_names, x_units = _named(states, None if plant is None else plant.states, "states", "x")
@@ -101,7 +104,9 @@ def _equation(
     ranges = {} if plant is None else dict(zip(plant.states, plant.scale, strict=False))
     scale = tuple(ranges.get(name, 0.0) for name in x_names)
     every = x_names, u_names, y_names, nominal, units, bounds
-    return Ode(ode, output, *every, is_timed(ode), substeps=substeps, scale=scale, discrete=discrete)
+    return Ode(
+        ode, output, *every, is_timed(ode), substeps=substeps, scale=scale, discrete=discrete, time_unit=time_unit
+    )
 
 
 def _named(

@@ -226,7 +226,7 @@ def _drawn(bursts: RandomBursts, Ts: float) -> DrawnBursts:
     for number, ((start, end), window) in enumerate(zip(bursts.within, windows, strict=True)):
         if end < start or window.last - window.first < round(duration.high / Ts):
             raise DesignError(
-                f"from {start:g} to {end:g} s there is no room for a burst of {duration.high:g} s; "
+                f"from {start:g} to {end:g} there is no room for a burst of {duration.high:g}; "
                 "widen the window or shorten the duration",
                 f"bursts.within.{number}",
             )

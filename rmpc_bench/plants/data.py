@@ -170,7 +170,7 @@ class _Reader:
         given = {signal: columns_of(table, each, file, "columns") for signal, each in names.items()}
         sampling = Sampling(time, len(given["y"]), self.Ts, self.resample, file)
         if sampling.n_samples < n:
-            text = f"has {sampling.n_samples} samples at a step of {self.Ts:g} s, and the experiment needs {n}"
+            text = f"has {sampling.n_samples} samples at a step of {self.Ts:g}, and the experiment needs {n}"
             raise DesignError(f"{file.name}: {text}; choose a shorter `time`", "data")
         y, x = sampling.measured(given["y"])[:n], sampling.values(given["x"])[:n]
         for name, values in (("y", y), ("x", x)):

@@ -243,7 +243,8 @@ def tried(
     done = given.steps[runs, samples]
     most, mean = (int(done.max()), done.mean()) if len(done) else (0, 0.0)
     t = samples[done.argmax()] * Ts if len(done) else 0.0
-    remarks = [f"rk4 with error control: {mean:.1f} steps per sample, at most {most} at t = {t:.6g} s (trial runs)"]
+    at = f"at most {most} at t = {t:.6g} {ode.time_unit}"
+    remarks = [f"rk4 with error control: {mean:.1f} steps per sample, {at} (trial runs)"]
     remarks += [rough_remark(ode, state, k) for state, k in given.rough.items()]
     remarks += [f"a trial run has failed: {reason}" for reason in given.failures[:1]]
     # About half of the steps are kept; the others estimate the error.
@@ -311,6 +312,7 @@ def equation(
     bounds: Mapping[str, tuple[float, float]],
     x0: Float[Array, " n"] | None,
     discrete: bool,
+    time_unit: str,
 ) -> tuple[Ode, dict[str, str]]:
     """Return the equation, and the reasons for which its functions are called run by run, by their name."""
     x_names, units = names_of(states, "states", "x")
@@ -329,7 +331,8 @@ def equation(
     nominal = {name: float(value) for name, value in parameters.items()}
     own = bounds_by_name(bounds, x_names, u_names)
     every_unit, timed = {**y_units, **u_units, **units}, is_timed(rhs)
-    record = Ode(rhs, output, x_names, u_names, y_names, nominal, every_unit, own, timed, discrete=discrete)
+    named = x_names, u_names, y_names
+    record = Ode(rhs, output, *named, nominal, every_unit, own, timed, discrete=discrete, time_unit=time_unit)
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):

@@ -193,9 +193,13 @@ def advance_run(
     slope = inside(lambda t, z: ode.slope(t, z, u, p), k, Ts)
     found = solve(slope, k * Ts, (k + 1) * Ts, x, stepping.solver.tolerances, bounds, events)
     if found.event >= 0:
-        return RunAdvance(found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} at {found.t:.6g} s")
+        return RunAdvance(
+            found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} at {found.t:.6g} {ode.time_unit}"
+        )
     if found.crowded:
-        return RunAdvance(found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample at {found.t:.6g} s")
+        return RunAdvance(
+            found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample at {found.t:.6g} {ode.time_unit}"
+        )
     if found.failure:
         return RunAdvance(found.x, Status.NOT_CONVERGED, f"{stepping.solver.method}: {found.failure}")
     if found.state >= 0:
@@ -211,7 +215,7 @@ def judged(ode: Ode, end: Advance, i: int, u: Float[Array, " nu"]) -> RunAdvance
     if end.failed[i]:
         pairs = zip((*ode.states, *ode.inputs), (*x, *u), strict=True)
         at = ", ".join(f"{name} = {value:.6g}" for name, value in pairs)
-        reason = f"the error of rk4 is too large at t = {t:.6g} s, {at}, even with 1/512 of a sample"
+        reason = f"the error of rk4 is too large at t = {t:.6g} {ode.time_unit}, {at}, even with 1/512 of a sample"
         why = "the equation is stiff or a state grows without limit"
         return RunAdvance(x, Status.NOT_CONVERGED, f"{reason}: {why}; try {IMPLICIT}")
     return RunAdvance(x, Status.OK, "", int(end.rough[i]), int(end.steps[i]))
@@ -231,7 +235,7 @@ def _advance(
 
 def left_bounds(ode: Ode, state: int, t: float) -> str:
     """Say that a state has left its bounds: ``h1 left its bounds [0.0001, 0.6] m at 12.3 s``."""
-    return f"{ode.states[state]} left its bounds {ode.bounds_text(ode.states[state])} at {t:.6g} s"
+    return f"{ode.states[state]} left its bounds {ode.bounds_text(ode.states[state])} at {t:.6g} {ode.time_unit}"
 
 
 def rough_remark(ode: Ode, state: int, k: int) -> str:

@@ -96,10 +96,10 @@ class Sampling:
             return
         steps = np.diff(t)
         if np.allclose(steps, steps[0], rtol=ON_SAMPLE):
-            text = f"the recorded step is {np.mean(steps):.6g} s, and time.step is {Ts:g} s; make them equal"
+            text = f"the recorded step is {np.mean(steps):.6g}, and time.step is {Ts:g}; make them equal"
         else:
             row = int(wrong[0])
-            text = f"the recorded steps are not {Ts:g} s: at t = {t[row - 1]:.6g} s the next sample is {t[row]:.6g} s"
+            text = f"the recorded steps are not {Ts:g}: at t = {t[row - 1]:.6g} the next sample is {t[row]:.6g}"
         raise DesignError(f"{file.name}: {text}, or give `resample: linear` (or `previous`)", "t")
 
 

@@ -166,7 +166,7 @@ def message_of(trials: Trials, method: str, run: int) -> str:
 
 
 def _at(trials: Trials, k: int | None) -> str:
-    return "" if k is None else f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
+    return "" if k is None else f" at k = {k}" + (f", t = {k * trials.Ts:g} {trials.time_unit}" if trials.Ts else "")
 
 
 def _failure_text(

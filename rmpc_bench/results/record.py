@@ -93,7 +93,8 @@ class StoredPoint:
     Ts : sampling time [s]; 0 where time is counted in samples
     nx : number of states of the plant
     n_steps : number of control periods of a run
-    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
+    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad, of the
+        time t -> min unless it is s
     metrics : columns of the metrics
     metric_keys : metric -> hash under which its values are stored
     methods : method -> its record, in the order of the configuration

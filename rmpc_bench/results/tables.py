@@ -366,7 +366,7 @@ def timings(experiment: StoredExperiment, store: Store) -> Columns:
             for component, durations in stored.items():
                 part, _, phase = component.partition(", ")
                 seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
-                share = seconds[1] / point.Ts if point.Ts else math.nan
+                share = seconds[1] / point.Ts if point.Ts and "t" not in point.units else math.nan
                 numbers = [_printed(value) for value in (*seconds, share)]
                 rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
     names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")

@@ -328,6 +328,7 @@ class Experiment:
     tick : length of one sample in the unit in which windows of metrics are given: Ts with seconds, 1 with samples
     cut_windows : whether windows of metrics that reach beyond the last sample end there
     state_range : limits of the state beyond which a run has failed
+    time_unit : unit of the time in texts
     """
 
     plant: Plant
@@ -340,12 +341,14 @@ class Experiment:
     tick: float = 1.0
     cut_windows: bool = False
     state_range: StateRange = StateRange()
+    time_unit: str = "s"
 
     @property
     def metric_layout(self) -> MetricLayout:
         """What metrics need to know of the experiment."""
         units = self.plant.y_unit, self.plant.u_unit
-        return MetricLayout(self.n_steps, self.tick, *units, self.cut_windows, self.plant, self.methods)
+        unit = self.time_unit
+        return MetricLayout(self.n_steps, self.tick, *units, self.cut_windows, self.plant, self.methods, time_unit=unit)
 
     @property
     def metric_infos(self) -> tuple[MetricInfo, ...]:

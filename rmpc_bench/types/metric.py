@@ -101,6 +101,7 @@ class MetricLayout(NamedTuple):
     """Method with components of the user -> its estimate at k = 0 of a nominal run; None where there is none."""
     r: Float[Array, "samples ny"] | None = None
     """Reference at k = 0..N, known before the runs; None where it is not."""
+    time_unit: str = "s"
 
     def around(self, bound: float) -> tuple[int, int]:
         """Return the last sample that is not after a time and the first that is not before it, equal on a sample.
@@ -114,7 +115,9 @@ class MetricLayout(NamedTuple):
         """Return the sample at a time, the value of `key`; a DesignError if it is between two samples."""
         before, after = self.around(bound)
         if before != after:
-            unit = "`time` is given in steps" if self.tick == 1.0 else f"samples are {self.tick:g} s apart"
+            unit = (
+                "`time` is given in steps" if self.tick == 1.0 else f"samples are {self.tick:g} {self.time_unit} apart"
+            )
             raise DesignError(f"{bound:g} is between the samples {before} and {after}, as {unit}", key)
         return before
 
@@ -317,7 +320,8 @@ class WindowMetric(Metric):
             first = min(first, limit)
             last = max(first, min(last, limit))
         if not 0 <= first <= last <= limit:
-            lasts = f"seconds, and the experiment lasts {layout.n_steps * layout.tick:g} s"
+            word = "seconds" if layout.time_unit == "s" else layout.time_unit
+            lasts = f"{word}, and the experiment lasts {layout.n_steps * layout.tick:g} {layout.time_unit}"
             unit = f"from and to are in {'samples' if layout.tick == 1.0 else lasts}"
             raise DesignError(
                 f"the window from {first} to {last} (samples) must lie in 0..{limit} and contain at least one sample; "

@@ -83,6 +83,7 @@ class Ode(NamedSignals):
     equal_steps : half of the largest number of steps per sample in the trial runs, at most 50; 0 where it is not known.
         About half of the steps of error control are kept; the others estimate the error
     discrete : whether rhs is a map, which returns x(k+1)
+    time_unit : unit of the time in texts
     """
 
     rhs: Callable[..., Any]
@@ -100,6 +101,7 @@ class Ode(NamedSignals):
     scale: tuple[float, ...] = ()
     equal_steps: int = 0
     discrete: bool = False
+    time_unit: str = "s"
 
     @property
     def p(self) -> Parameters:

@@ -39,7 +39,7 @@ def test_a_discrete_system_is_used_as_it_is():
     for dt in ({"dt": 0.1}, {"dt": True}):
         bench = plant(0.1, 30, scipy=signal.dlti(A, B, C, [[0.0]], **dt))
         np.testing.assert_array_equal(trajectory(bench, u), trajectory(linear(0.1, 30, A=A, B=B, C=C), u))
-    with pytest.raises(DesignError, match=r"sampling time 0.1 s, and time.step is 0.2 s"):
+    with pytest.raises(DesignError, match=r"sampling time 0.1, and time.step is 0.2"):
         plant(0.2, 30, scipy=signal.dlti(A, B, C, [[0.0]], dt=0.1))
 
 

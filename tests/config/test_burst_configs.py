@@ -110,7 +110,7 @@ def test_random_bursts_are_stored(tmp_path):
             "[{from: 0, to: 1, factor: 2, fctor: 2}]",
             "bursts.0.fctor: 'fctor' is not a known key; did you mean 'factor'?",
         ),
-        ("{within: [[0, 0.2]], duration: [0.1, 0.3], factor: 2}", "bursts.within.0: from 0 to 0.2 s there is no room"),
+        ("{within: [[0, 0.2]], duration: [0.1, 0.3], factor: 2}", "bursts.within.0: from 0 to 0.2 there is no room"),
         ("{within: [[0, 0.2, 3]], duration: 0, factor: 2}", "bursts.within.0: "),
         ("{within: [[0, 0.2]], duration: [0.2, 0.1], factor: 2}", "bursts.duration: the range must begin with its"),
         ("{within: [], duration: 0, factor: 2}", "bursts.within: contains no window"),

@@ -129,7 +129,7 @@ def test_feedthrough_and_another_sampling_time_are_refused(directory):
     savemat(directory / "D.mat", {"A": A, "B": B, "C": C, "D": np.ones((1, 1))})
     savemat(directory / "Ts.mat", {"A": A, "B": B, "C": C, "Ts": 0.2})
     assert "D is not zero" in problems(written(directory, "{linear: {from: D.mat}}"))[0]
-    assert "Ts is 0.2 s, and time.step is 0.1 s" in problems(written(directory, "{linear: {from: Ts.mat}}"))[0]
+    assert "Ts is 0.2, and time.step is 0.1" in problems(written(directory, "{linear: {from: Ts.mat}}"))[0]
 
 
 def test_all_errors_are_shown_at_once(directory):
