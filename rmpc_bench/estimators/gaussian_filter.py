@@ -4,6 +4,7 @@ Model   As models/flow.py, with additive noise.  The moments of f(x) and h(x) co
         numerics/moment_transform.py:  x_pred = mean of f,  P_pred = covariance of f + Q_w;  before the correction the
         points are placed anew:  S = covariance of h + R_v,  L = cross-covariance of x and h times S^-1.  Where the
         model or its output is linear, its matrix is used and no points are needed.  Covariances are kept as roots.
+        Points stay inside the state bounds of the model.  The estimate itself does not know them.
         A missing measurement (NaN) is left out of the correction; without any, the filter predicts only.
         Where the flow has more states than the design model, the estimate has those of the design model, and all are in
         the info `x_all`.
@@ -21,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.models.flow import Flow, flow_of
+from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import check_time, innovation, mv
 from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
@@ -52,7 +54,15 @@ class Innovation(NamedTuple):
     source: Float[Array, "runs n r"]
     """Rows that belong to the state."""
     minus: Float[Array, "runs ny"] | None = None
-    """As in `Moments`."""
+    rest: Float[Array, "runs n n"] | None = None
+    """Both as in `Moments`."""
+
+    def moved(self, rows: Int[Array, " some"]) -> Innovation:
+        """Return that of runs with moved points; what these lack of P is a source of its own."""
+        assert self.rest is not None
+        image = np.pad(self.image[rows], ((0, 0), (0, 0), (0, self.rest.shape[2])))
+        source = np.concatenate([self.source[rows], self.rest[rows]], axis=2)
+        return Innovation(self.e[rows], image, source, None if self.minus is None else self.minus[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +76,7 @@ class GaussianFilter(Estimator):
     x0, P0 : prediction of the first state of the flow and covariance of its error
     nx : number of states of the design model, the first ones of the flow
     use_y0 : whether to use y(0)
+    limits : bounds of the states, inside which the points stay; None where there are none
     """
 
     flow: Flow
@@ -74,6 +85,7 @@ class GaussianFilter(Estimator):
     P_start: Float[Array, "n n"]
     nx: int
     use_y0: bool = True
+    limits: Interval | None = None
 
     bridges_missing = True
     form = "filter"
@@ -109,6 +121,12 @@ class GaussianFilter(Estimator):
         given, after, R_v = self._innovation(k, state, y), state, self.flow.R_v_at(k)
         if k > 0 or self.use_y0:
             after = _corrected(state, given, R_v, np.isnan(y))
+            if given.rest is not None:
+                rows = np.flatnonzero(given.rest.any(axis=(1, 2)))
+                before = GaussianState(*(each[rows] for each in state))
+                moved = _corrected(before, given.moved(rows), R_v, np.isnan(y[rows]))
+                for every, some in zip(after, moved, strict=True):
+                    every[rows] = some
         S = covariance_of(given.image) + R_v
         if given.minus is not None:
             S -= np.einsum("ri,rj->rij", given.minus, given.minus)
@@ -124,7 +142,7 @@ class GaussianFilter(Estimator):
         A, Q_w = self.flow.A_at(k), self.flow.Q_w_at(k)
         if A is not None:
             return state._replace(x=self.flow.advance(k, state.x, u), root=predicted_root(A, Q_w, state.root))
-        found = self.rule.moments(lambda x: self.flow.advance_points(k, x, u), state.x, state.root)
+        found = self.rule.moments(lambda x: self.flow.advance_points(k, x, u), state.x, state.root, self.limits)
         Q_root = np.broadcast_to(root_of(Q_w), (len(u), *Q_w.shape))
         both, indefinite = _without(np.concatenate([found.image, Q_root], axis=2), found.minus)
         return GaussianState(found.mean, lower_root(both), state.indefinite + indefinite)
@@ -139,13 +157,13 @@ class GaussianFilter(Estimator):
             runs, points, n = x.shape
             return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
 
-        found = self.rule.moments(h, state.x, state.root)
+        found = self.rule.moments(h, state.x, state.root, self.limits)
         return Innovation(innovation(y, found.mean), *found[1:])
 
 
 def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Array) -> GaussianState:
     """Correct with the outputs that are there: a missing one becomes one that does not depend on the state."""
-    e, image, source, minus = given
+    e, image, source, minus, _ = given
     R_root = root_of(R_v)
     if missing.any():
         e, R_root = np.where(missing, 0.0, e), root_of(without_missing(R_v, ~missing))
@@ -177,4 +195,4 @@ def gaussian_filter(
             np.linalg.cholesky(flow.R_v_at(k))
     except np.linalg.LinAlgError:
         raise DesignError("R_v is singular: the filter needs measurement noise on every output", "") from None
-    return GaussianFilter(flow, rule, *flow.start(x0, P0), model.nx, use_y0)
+    return GaussianFilter(flow, rule, *flow.start(x0, P0), model.nx, use_y0, flow.limits)

@@ -20,6 +20,7 @@ from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics,
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.ode_functions import padded, rows
 from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import driven, mv
 from rmpc_bench.types import Array, DesignError, Model
 
@@ -73,6 +74,11 @@ class Flow:
     ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
         """Return mean and covariance of the state of the flow at k = 0."""
         return x0, P0
+
+    @property
+    def limits(self) -> Interval | None:
+        """Bounds of the states; None where there are none."""
+        return None
 
     def warm_up(self) -> None:
         """Compile."""
@@ -191,6 +197,12 @@ class PlantFlow(Flow):
         if isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.output is None:
             return np.eye(len(self.Q_w))
         return None
+
+    @property
+    def limits(self) -> Interval | None:
+        """Bounds of the states of the plant."""
+        found = Interval(*self.dynamics.limits(self.dynamics.names.states))
+        return found if found.bounded.any() else None
 
     def warm_up(self) -> None:
         """Compile."""

@@ -15,6 +15,9 @@ Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); me
          `spread` h_i = spread sqrt(P_ii): a step of one standard deviation can contain a jump, such as the end of
          sticking; a tiny one does not.  Without it h_i is 6e-6 of |x_i| or sqrt(P_ii), the larger one, where truncation
          and rounding are least: ten digits.
+Bounds   Points stay inside the bounds of the states: each one, also the centre, is moved to the nearest state inside.
+         Deviations are those of the moved points.  Differences are divided by the distance that is left.  What the
+         deviations of sigma points then lack of P, as far as it is positive, is independent of f(x).
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """
 
@@ -27,7 +30,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array
 
 INDEFINITE = 1e-12
@@ -51,6 +56,8 @@ class Moments(NamedTuple):
     """Rows that belong to x; the covariance of x and f(x) is source image'."""
     minus: Float[Array, "runs m"] | None = None
     """A vector whose square is subtracted from the covariance of f(x); None unless weights make it necessary."""
+    rest: Float[Array, "runs n n"] | None = None
+    """Root of what `source` lacks of the covariance of x, 0 in a run without moved points; None without such a run."""
 
 
 class MomentRule:
@@ -60,8 +67,10 @@ class MomentRule:
         """Return how many points of a state of size n are evaluated."""
         return 2 * n + 1
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
-        """Return the moments of f(x), x with mean `x` and the root of its covariance."""
+    def moments(
+        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+    ) -> Moments:
+        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
         raise NotImplementedError("moments")
 
 
@@ -80,19 +89,27 @@ class SigmaPoints(MomentRule):
     beta: float = 0.0
     kappa: float = 0.0
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
-        """Return the moments of f(x), x with mean `x` and the root of its covariance."""
+    def moments(
+        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+    ) -> Moments:
+        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
         n = x.shape[1]
         c = self.alpha**2 * (n + self.kappa)
-        at_mean, up, down = _evaluated(f, x, np.sqrt(c) * root.mT)
-        d = np.concatenate([up, down], axis=1) - at_mean[:, None]
+        points, moved = _points(x, np.sqrt(c) * root.mT, limits)
+        values = f(points)
+        at_mean, d = values[:, 0], values[:, 1:] - values[:, :1]
         m = 0.5 / c * np.einsum("rpi->ri", d)
         source = np.sqrt(0.5) * np.concatenate([root, -root], axis=2)
         less = self.alpha**2 - self.beta
         inside = 1.0 - n / c * less
         t = less / (1.0 + np.sqrt(inside)) if inside >= 0.0 else 0.0
         image = np.sqrt(0.5 / c) * np.ascontiguousarray((d - t * m[:, None]).mT)
-        return Moments(at_mean + m, image, source, None if inside >= 0.0 else np.sqrt(less) * m)
+        rest = None
+        if moved.any():
+            rest = np.zeros_like(root)
+            source[moved] = np.sqrt(0.5 / c) * (points[moved, 1:] - points[moved, :1]).mT
+            rest[moved] = covariance_root(covariance_of(root[moved]) - covariance_of(source[moved]))[0]
+        return Moments(at_mean + m, image, source, None if inside >= 0.0 else np.sqrt(less) * m, rest)
 
 
 @dataclass(frozen=True)
@@ -106,26 +123,42 @@ class CentralDifferences(MomentRule):
 
     spread: float | None = None
 
-    def moments(self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"]) -> Moments:
+    def moments(
+        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+    ) -> Moments:
         """Return the moments of f(x) with f linearised at `x`; the root also sets the steps."""
-        deviation, size = np.sqrt(np.einsum("rij,rij->ri", root, root)), np.abs(x)
+        at_mean, J = self.slopes(f, x, np.sqrt(np.einsum("rij,rij->ri", root, root)), limits)
+        return Moments(at_mean, J @ root, root)
+
+    def slopes(
+        self, f: Map, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None
+    ) -> tuple[Float[Array, "runs m"], Float[Array, "runs m n"]]:
+        """Return f(x) and its Jacobian; x has the given standard deviations."""
+        n, size = x.shape[1], np.abs(x)
         if self.spread is None:
             size = np.maximum(size, deviation)
             h = BEST_STEP * np.where(size > 0.0, size, 1.0)
         else:
             h = self.spread * deviation
             h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
-        at_mean, up, down = _evaluated(f, x, h[:, :, None] * np.eye(x.shape[1]))
-        # The step that the rounded points really have.
-        J = np.ascontiguousarray(((up - down) / ((x + h) - (x - h))[:, :, None]).mT)
-        return Moments(at_mean, J @ root, root)
+        points, _ = _points(x, h[:, :, None] * np.eye(n), limits)
+        values = f(points)
+        # The step that the rounded points really have; a state whose bounds are equal has none.
+        step = np.einsum("rii->ri", points[:, 1 : n + 1] - points[:, n + 1 :])
+        step = np.where(step == 0.0, 1.0, step)
+        return values[:, 0], np.ascontiguousarray(((values[:, 1 : n + 1] - values[:, n + 1 :]) / step[:, :, None]).mT)
 
 
-def _evaluated(f: Map, x: Float[Array, "runs n"], steps: Float[Array, "runs p n"]) -> tuple[Array, Array, Array]:
-    """Return f at x, and at x plus and minus every step, in one call."""
-    p, centre = steps.shape[1], x[:, None]
-    values = f(np.concatenate([centre, centre + steps, centre - steps], axis=1))
-    return values[:, 0], values[:, 1 : p + 1], values[:, p + 1 :]
+def _points(
+    x: Float[Array, "runs n"], steps: Float[Array, "runs p n"], limits: Interval | None
+) -> tuple[Float[Array, "runs points n"], Bool[Array, " runs"]]:
+    """Return x, and x plus and minus every step, inside the limits, and in which runs a point has been moved there."""
+    centre = x[:, None] if limits is None else np.clip(x, *limits)[:, None]
+    free = np.concatenate([centre, centre + steps, centre - steps], axis=1)
+    if limits is None:
+        return free, np.zeros(len(x), dtype=bool)
+    points = np.clip(free, *limits)
+    return points, np.asarray((points != free).any(axis=(1, 2)) & ~np.isnan(free).any(axis=(1, 2)))
 
 
 def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n"], Bool[Array, " runs"]]:

@@ -7,6 +7,7 @@ import pytest
 from conftest import random_model, random_psd
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from rmpc_bench import load_config
 from rmpc_bench.estimators import extended_kalman, kalman, kalman_predictor, unscented_kalman
 from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.models.disturbed import with_disturbance
@@ -142,6 +143,51 @@ def test_a_root_that_ends_within_a_standard_deviation(size, mse):
     assert np.mean((ours[0, 1:, 0] - theirs[1:]) ** 2) < 1e-18 and np.mean(errors[:60]) == pytest.approx(mse, rel=2e-4)
     if size == 0.1:
         assert ours[0, 0, 0] == pytest.approx(0.469511, abs=5e-7)
+
+
+TANK = """
+version: 1
+name: tank
+runs: 1
+time: {step: 0.1, duration: 1}
+plant: {ode: tank.py:rhs, output: tank.py:output, states: [h], inputs: [f], outputs: [s], discrete: true,
+        bounds: {h: [0, 10]}}
+model: {nonlinear: plant, noise: {process: 1.0e-4, measurement: 2.5e-3}}
+initial: {x: 0.5, x_hat: 0.3, P: 0.1}
+input: {kind: steps, times: [0], values: [0.15]}
+methods:
+  U: {estimator: {kind: unscented-kalman}}
+  E: {estimator: {kind: extended-kalman, spread: 1}}
+metrics: [estimation_mse]
+"""
+
+
+def test_points_stay_inside_the_state_bounds_of_the_model(tmp_path):
+    """Oracle: sums by hand over the points 0, 0.3 and 0.3 + sqrt(0.1); a step of sqrt(0.1) leaves the domain.
+
+    A run without moved points beside it has the numbers that it has alone, and keeps those of a model without bounds.
+    """
+    module = "import numpy as np\ndef rhs(x, u, p):\n    return [x[0] + 0.1 * (u[0] - 0.3 * np.sqrt(x[0]))]\n"
+    (tmp_path / "tank.py").write_text(module + "def output(x, p):\n    return [np.sqrt(x[0])]\n", encoding="utf-8")
+    found = []
+    for bounds in ("[0, 10]", "[-1, 10]"):
+        (tmp_path / "tank.yaml").write_text(TANK.replace("[0, 10]", bounds), encoding="utf-8")
+        methods = load_config(tmp_path / "tank.yaml").experiment.methods
+        found.append([method.estimator for method in methods])
+    y, far = np.sqrt([[0.5], [0.5]]), np.array([[0.3], [0.9]])
+    J = (0.3 + np.sqrt(0.1)) ** -0.5
+    expected = {"x_hat": (0.543022474, 0.423218628), "P": (0.006581804, 1 / (10 + J**2 / 2.5e-3))}
+    for i, (bounded, free) in enumerate(zip(*found, strict=True)):
+        state = bounded.init(2)._replace(x=far)
+        after, estimate = bounded.correct(0, state, y)
+        assert estimate.x_hat[0, 0] == pytest.approx(expected["x_hat"][i], abs=5e-10)
+        assert estimate.P[0, 0, 0] == pytest.approx(expected["P"][i], abs=5e-10)
+        alone, _ = free.correct(0, free.init(1)._replace(x=far[1:]), y[1:])
+        np.testing.assert_array_equal(after.x[1], alone.x[0])
+        np.testing.assert_array_equal(after.root[1], alone.root[0])
+        # An estimate outside: the points are moved, and the filter goes on.
+        low, _ = bounded.correct(0, state._replace(x=np.full((2, 1), -0.1)), y)
+        assert np.isfinite(bounded.predict(0, low, np.zeros((2, 1))).x).all()
 
 
 @pytest.mark.parametrize(
