@@ -99,6 +99,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "noises": {
         "coloured": "rmpc_bench.noise.correlated:coloured",
         "corners": "rmpc_bench.noise.bounded:corners",
+        "delayed": "rmpc_bench.noise.measurement:delayed",
         "drift": "rmpc_bench.noise.correlated:drift",
         "ellipsoid": "rmpc_bench.noise.bounded:ellipsoid",
         "gaussian": "rmpc_bench.noise.gaussian:gaussian",

@@ -83,11 +83,12 @@ SHORT: Mapping[str, Mapping[str, str]] = {
     "noises": {
         "coloured": "first-order coloured, stationary from the start",
         "corners": "corners of a box, all equally likely",
+        "delayed": "samples that arrive late",
         "drift": "random walk",
         "ellipsoid": "inside an ellipsoid",
         "gaussian": "normal",
         "half-normal": "half-normal, never below its centre",
-        "missing": "lost measurements, single ones or gaps",
+        "missing": "lost samples, gaps, slow sensors",
         "outliers": "normal, and sometimes a much wider normal",
         "quantised": "measurements rounded to a grid",
         "student-t": "Student's t, with heavy tails",

@@ -374,7 +374,9 @@ class _ExperimentBuilder:
         laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model), plant)
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
-        measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement", plant.ny)
+        measurement = laws.terms(
+            draft.noise.get("measurement", ()), plant.nv, "measurement", PlantInfo.of(plant).outputs
+        )
         if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
             return None
         scenario = Scenario(

@@ -32,6 +32,7 @@ from rmpc_bench.models.dynamics import OdeDynamics, neglected
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import Density, DesignNoise
 from rmpc_bench.noise.heavy_tailed import StudentT
+from rmpc_bench.noise.measurement import Delayed
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
@@ -255,7 +256,7 @@ def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:
 
 def _silent(terms: tuple[Noise, ...]) -> bool:
     """Whether a noise is known to be always 0; a missing measurement is no noise."""
-    added = [term for term in terms if not term.omits_measurements]
+    added = [term for term in terms if not term.omits_measurements and not isinstance(term, Delayed)]
     return all(moment is not None and not moment.any() for term in added for moment in (term.mean, term.cov))
 
 

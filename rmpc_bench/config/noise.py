@@ -21,6 +21,7 @@ from rmpc_bench.expressions import quantity
 from rmpc_bench.models.dynamics import noise_of_plant
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
+from rmpc_bench.noise.measurement import Missing
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Array, DesignError, Matrix, Method, Noise, Plant
 
@@ -192,6 +193,9 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
         draft.note(path, message)
         return None
     [(kind, value)] = law.items()
+    if kind == "delayed" and not isinstance(value, Map):
+        place = locate(law, [kind])
+        value = Map({"samples": value}, mark=place, value_marks={"samples": place})
     if kind == "same":
         same: SameLaw | None = validate(SameLaw, value, [*path, kind], draft.problems, mark=locate(law, [kind]))
         return None if same is None else NoiseTerm(None, same)
@@ -251,23 +255,26 @@ class NoiseLaws:
     def __init__(self, draft: DraftConfig, model: Callable[[], Any], plant: Plant) -> None:
         self.draft, self.model, self.plant = draft, model, plant
 
-    def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str, ny: int | None = None) -> tuple[Noise, ...]:
+    def terms(
+        self, laws: tuple[NoiseTerm, ...], n: int, channel: str, names: Sequence[str] | None = None
+    ) -> tuple[Noise, ...]:
         """Build the terms of a sum for a vector of length n.
 
         The channel is ``process``, ``measurement`` or ``initial``, the deviation of the true initial state.  Laws that
-        alter a measurement get the number `ny` of outputs, by default n.
+        alter a signal get the names of its components; without them it has n.
         """
         found: list[Noise] = []
         for term in laws:
             if term.same is not None:
                 found += self._same(term.same, n, channel)
             elif term.law is not None:
-                found += self._built(term.law, n, channel, n if ny is None else ny)
+                found += self._built(term.law, n, channel, names)
         return tuple(found)
 
-    def _built(self, law: Component, n: int, channel: str, ny: int) -> list[Noise]:
-        sampled = partial(self._sampled, channel)
-        made = law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step, sampled=sampled)
+    def _built(self, law: Component, n: int, channel: str, names: Sequence[str] | None) -> list[Noise]:
+        signal = {"ny": n} if names is None else {"ny": len(names), "signal_names": names}
+        given = {"n": n, **signal, "Ts": self.draft.values["time"].step, "sampled": partial(self._sampled, channel)}
+        made = law.build(self.draft.problems, **given)
         reason, key = ("", "") if made is None else _unfit(made, law.kind, channel)
         if reason:
             self.draft.problems.append(law.problem(reason, key))
@@ -331,6 +338,8 @@ def _unfit(law: Noise, kind: str, channel: str) -> tuple[str, str]:
     """Return why a law cannot be one of a channel, and the key with the error; empty where it can."""
     if law.alters_output and channel != "measurement":
         return f"{kind!r} alters a measurement; put it under noise.measurement", ""
+    if channel == "measurement" and isinstance(law, Missing) and law.known is not None:
+        return "an estimator always sees which measurements are missing: `known` is a key of the channel input", "known"
     if channel == "initial" and law.has_bursts:
         return "an initial state has no bursts", "bursts"
     if channel == "initial" and not law.is_white:

@@ -49,7 +49,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
     "references": frozenset({"ny", "Ts"}),
     "inputs": frozenset({"nu", "Ts", "n_steps"}),
-    "noises": frozenset({"n", "ny", "Ts", "sampled"}),
+    "noises": frozenset({"n", "ny", "Ts", "signal_names", "sampled"}),
     "metrics": frozenset(),
     "figures": frozenset(),
 }

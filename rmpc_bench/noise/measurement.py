@@ -1,35 +1,44 @@
-"""Laws that alter a measurement in place of adding to it: rounding to a grid, and missing measurements.
+"""Laws that alter a signal in place of adding to it: rounding to a grid, missing and delayed samples.
 
 Model   y(k) is the output of the plant with all noise that adds to it.  The laws of `noise.measurement` that alter it
         are applied after that, in the order of the list.
         `quantised`: offset + step round((y - offset) / step); a tie goes to the even multiple.
         `missing`: y(k) is NaN at random samples, a two-state Markov chain in its stationary law: a sample is missing
-        with `probability`, and missing samples come in gaps of `gap` on average.
+        with `probability`, and missing samples come in gaps of `gap` on average.  With `every`: m a sample is there at
+        k = first + i m only.
+        `delayed`: the value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.  Wherever
+        `missing` stands in the list, it omits the sample when that is taken.
 Moments none: the error of rounding depends on y, and a missing measurement has no error.  For a step that is small
         beside the change of y from sample to sample the error is close to uniform with the variance step^2 / 12.
 Limit   `missing` without `gap` has independent samples, where the mean length of a gap is 1 / (1 - probability).
-Streams `quantised` draws nothing.  `missing` draws one number per sample (per sample and output with `outputs: each`),
-        and without `gap` the missing samples of a smaller probability are among those of a larger one.
+        `delayed` by 0 is no law.
+Streams `quantised` and constant delays draw nothing.  `missing` draws one number per sample (per sample and output with
+        `outputs: each`), and without `gap` the missing samples of a smaller probability are among those of a larger
+        one.  A random delay is one number per sample or run, the same for all outputs.
 Source  Widrow, Kollar and Liu, IEEE Trans. Instrum. Meas. 45 (1996) for the error; Gilbert, Bell Syst. Tech. J. 39
         (1960) for the chain.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.parameters import Share
 from rmpc_bench.numerics.linalg import as_vector
-from rmpc_bench.types import Array, DesignError, Noise, Positive
+from rmpc_bench.types import Array, Count, DesignError, Noise, Positive
+from rmpc_bench.types.errors import unknown
 
 NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
+LONGEST_DELAY = 100
+"""Largest delay in samples; an estimator that counts with it repeats so many steps at every sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,26 +61,39 @@ class Quantised(Noise):
 
 @dataclass(frozen=True, eq=False)
 class Missing(Noise):
-    """Omits measurements at random."""
+    """Omits samples, at random or all but every so many."""
 
-    n: int
+    chosen: Bool[Array, " n"]
+    """Which components of the signal are concerned."""
     probability: float
     enters: float
     """Probability of a missing sample after one that is not missing."""
     stays: float
     """Probability of a missing sample after a missing one."""
     together: bool
-    """Whether all outputs of a sample are missing together."""
+    """Whether all components of a sample are missing together."""
+    every: int = 1
+    first: int = 0
+    known: bool | None = None
+    """Whether a method is told that its input is held; None where this is not said."""
     alters_output = True
     omits_measurements = True
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Return 1 where a measurement is missing and 0 where it is not."""
-        p = rng.random((n_samples, 1 if self.together else self.n))
+        """Return 1 where a sample is missing and 0 where it is not."""
+        k = np.arange(n_samples)
+        lost = np.zeros((n_samples, len(self.chosen)))
+        random = self._random(rng, n_samples) if self.probability > 0.0 else np.zeros((n_samples, 1))
+        between = (k < self.first) | ((k - self.first) % self.every > 0)
+        lost[:, self.chosen] = np.maximum(random, between[:, None])
+        return lost
+
+    def _random(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples few"]:
+        """Return what is missing at random: one column for all that are concerned, or one for each."""
+        p = rng.random((n_samples, 1 if self.together else int(self.chosen.sum())))
         if self.enters == self.stays:
-            return np.repeat(p < self.probability, self.n // p.shape[1], axis=1).astype(float)
-        chains = np.array([self._chain(column) for column in p.T.tolist()]).reshape(p.shape[1], n_samples)
-        return np.repeat(chains.T, self.n // p.shape[1], axis=1)
+            return (p < self.probability).astype(float)
+        return np.array([self._chain(column) for column in p.T.tolist()]).reshape(p.shape[1], n_samples).T
 
     def altered(self, y: Float[Array, "runs n"], drawn: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
         """Put NaN where a measurement is missing."""
@@ -83,6 +105,31 @@ class Missing(Noise):
         start = float(first < self.probability)
         step = {0.0: self.enters, 1.0: self.stays}
         return list(accumulate(rest, lambda last, new: float(new < step[last]), initial=start))
+
+
+@dataclass(frozen=True, eq=False)
+class Delayed(Noise):
+    """Lets samples arrive late."""
+
+    chosen: Bool[Array, " n"]
+    """Which components of the signal are concerned."""
+    low: int
+    longest_delay: int
+    per: Literal["step", "run"]
+    alters_output = True
+
+    @property
+    def omits_measurements(self) -> bool:
+        """Whether nothing may arrive at a sample."""
+        return self.longest_delay > 0
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Return the delays in samples."""
+        d: Any = self.low
+        if self.longest_delay > self.low:
+            shares = rng.random((n_samples if self.per == "step" else 1, 1))
+            d = self.low + np.floor((self.longest_delay - self.low + 1) * shares)
+        return np.broadcast_to(d * self.chosen, (n_samples, len(self.chosen))).astype(float)
 
 
 def quantised(ny: int, *, step: Positive | list[Positive], offset: float | list[float] = 0.0) -> Quantised:
@@ -107,31 +154,104 @@ def quantised(ny: int, *, step: Positive | list[Positive], offset: float | list[
 def missing(
     ny: int,
     *,
-    probability: Share,
+    signal_names: Sequence[str] = (),
+    probability: Share | None = None,
     gap: Annotated[float, Ge(1)] | None = None,
     outputs: Literal["together", "each"] = "together",
+    every: Count | None = None,
+    first: Annotated[int, Ge(0)] | None = None,
+    only: list[Any] | None = None,
+    known: bool | None = None,
 ) -> Missing:
-    """Missing measurements: the estimator gets NaN and predicts.
+    """Missing samples: an estimator gets NaN and predicts, an input is held.
 
     Every estimator must predict where a measurement is missing; `rmpc-bench check` names those that cannot.
 
     Parameters
     ----------
-    ny : number of outputs
-    probability : probability that a sample is missing
+    ny : number of outputs, or of inputs
+    signal_names : their names
+    probability : probability that a sample is missing (default: 0 with `every`, otherwise it must be given)
     gap : mean number of successive missing samples (default: 1 / (1 - probability), independent samples)
     outputs : `together` omits all outputs of a sample, `each` omits every output by itself
+    every : m measures at k = first + i m only, as a slow sensor; without it every sample is measured
+    first : first sample that is measured, with `every` (default: 0)
+    only : names or indices (from 0) of the outputs or inputs that are concerned (default: all)
+    known : whether a method is told that its input is held; of the channel `input` only (default: true)
 
     Raises
     ------
     DesignError
-        If no chain has this probability and this mean length of a gap.
+        If no chain has this probability and this mean length of a gap, keys do not go together, or a name is unknown.
     """
-    if gap is None:
-        return Missing(ny, probability, probability, probability, outputs == "together")
+    if probability is None and every is None:
+        raise DesignError("give `probability`, `every` or both")
+    for key, value, needs in (("gap", gap, probability), ("first", first, every)):
+        if value is not None and needs is None:
+            raise DesignError(f"has no effect without `{'probability' if key == 'gap' else 'every'}`", key)
+    p, chosen = probability or 0.0, _chosen(only, signal_names, ny)
+    enters, stays = (p, p) if gap is None else _chain_of(p, gap)
+    return Missing(chosen, p, enters, stays, outputs == "together", every or 1, first or 0, known)
+
+
+def _chain_of(probability: float, gap: float) -> tuple[float, float]:
+    """Return the probabilities of a missing sample after one that is there, and after a missing one."""
     # A mean gap at the bound, such as 9 for 0.9, differs from it by rounding.
     if probability == 1.0 or probability / (1.0 - probability) > gap * (1.0 + NEGLIGIBLE):
         least = "infinite" if probability == 1.0 else f"at least {probability / (1.0 - probability):.6g} samples"
         raise DesignError(f"with the probability {probability:g} the mean gap is {least} (got {gap:g})", "gap")
-    enters = min(probability / ((1.0 - probability) * gap), 1.0)
-    return Missing(ny, probability, enters, 1.0 - 1.0 / gap, outputs == "together")
+    return min(probability / ((1.0 - probability) * gap), 1.0), 1.0 - 1.0 / gap
+
+
+def delayed(
+    ny: int,
+    *,
+    signal_names: Sequence[str] = (),
+    samples: float | list[float],
+    per: Literal["step", "run"] = "step",
+    only: list[Any] | None = None,
+) -> Delayed:
+    """Samples that arrive late, as by computing or communication; `delayed: 2` is short for `{samples: 2}`.
+
+    What a method knows of it is the key `delay` of its design model.
+
+    Parameters
+    ----------
+    ny : number of outputs, or of inputs
+    signal_names : their names
+    samples : delay in samples, 0 to 100; [low, high] for a random whole number, all equally likely
+    per : whether a random delay is drawn anew at every `step` or once per `run`
+    only : names or indices (from 0) of the outputs or inputs that are late (default: all)
+
+    Raises
+    ------
+    DesignError
+        If a delay is no whole number of samples, a range is none, or a name is unknown.
+    """
+    bounds = samples if isinstance(samples, list) else [samples, samples]
+    if any(each != int(each) for each in bounds):
+        way_out = "for parts of a sample choose a smaller time.step"
+        raise DesignError(f"must be a whole number (got {samples}); {way_out}", "samples")
+    if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1] <= LONGEST_DELAY:
+        message = f"must be a whole number from 0 to {LONGEST_DELAY}, or [low, high] of such numbers (got {samples})"
+        raise DesignError(message, "samples")
+    return Delayed(_chosen(only, signal_names, ny), int(bounds[0]), int(bounds[1]), per)
+
+
+def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array, " n"]:
+    """Return which components of a signal are meant by names or indices; all without any."""
+    if only is None:
+        return np.ones(n, dtype=bool)
+    chosen = np.zeros(n, dtype=bool)
+    for number, each in enumerate(only):
+        place = list(names).index(each) if each in names else each
+        if isinstance(place, str) or not isinstance(place, int) or isinstance(place, bool):
+            raise DesignError(unknown(str(each), names, "name of this signal"), f"only.{number}")
+        if not 0 <= place < n:
+            raise DesignError(f"there is no component {place}: the signal has {n}, counted from 0", f"only.{number}")
+        if chosen[place]:
+            raise DesignError(f"names {each!r} twice", f"only.{number}")
+        chosen[place] = True
+    if not chosen.any():
+        raise DesignError("must name at least one component", "only")
+    return chosen

@@ -262,6 +262,7 @@ def _law(kinds: Iterable[str]) -> Schema:
     """Return the schema of a noise law of one of the loadable kinds, which may be a sum of laws."""
     any_law: Schema = {"$ref": "#/definitions/law"}
     keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in kinds}
+    keys |= {"delayed": {"anyOf": [{**NUMBER, "description": "samples"}, keys["delayed"]]}} if "delayed" in keys else {}
     keys["same"] = record_schema(SameLaw)
     keys["sum"] = {"type": "array", "items": any_law, "minItems": 1}
     keys["file"] = CODE

@@ -11,7 +11,7 @@ from rmpc_bench.types.basics import Array, attribute
 
 
 class Noise:
-    """A law of n-dimensional noise; most add to a signal, and some alter a measurement.
+    """A law of n-dimensional noise; most add to a signal, and some alter it.
 
     A subclass gives the method `draw`.  Everything else has a default.
     """
@@ -38,8 +38,13 @@ class Noise:
 
     @attribute
     def omits_measurements(self) -> bool:
-        """Whether `altered` may return NaN, which is a missing measurement."""
+        """Whether a measurement may be missing: `altered` may return NaN, or it may be late."""
         return False
+
+    @attribute
+    def longest_delay(self) -> int:
+        """Largest delay of a law that delays, in samples: `draw` then gives the delays; 0 of other laws."""
+        return 0
 
     @attribute
     def has_bursts(self) -> bool:
