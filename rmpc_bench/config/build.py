@@ -15,7 +15,7 @@ import numpy as np
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
-from rmpc_bench.config.noise import NoiseLaws, refuse_unbridged
+from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
@@ -47,6 +47,7 @@ from rmpc_bench.types import (
     Array,
     DesignError,
     Estimate,
+    KnownDelay,
     Method,
     Metric,
     MetricLayout,
@@ -131,6 +132,8 @@ class MethodBuilder:
         if component.takes("plant") and self.plant is None:
             # The plant has an error, which is reported there.
             return None
+        # A delay is known to a method, and changes no matrix.
+        component = component.without_shared("delay")
         # The disturbances of a model that depends on the state are checked at the initial estimate.
         key = self.key("model", [component], start=("x_hat",) if component.shared else ())
         return self.cache.get(key, lambda: self._model(component, {**size, "plant": self.plant}))
@@ -184,11 +187,13 @@ class MethodBuilder:
         """
         # Recorded runs have their inputs in the plant.
         is_recorded = plant is not None and plant.recorded is not None
-        parts = [*components.named.values(), self.draft.input]
-        key = [name, *self.key("method", parts, of_plant=is_recorded)]
-        return cast("Method | None", self.cache.get(key, lambda: self._method(name, components, plant)))
+        parts, delay = [*components.named.values(), self.draft.input], delay_of(self.draft, components.model, plant)
+        key = [name, delay, *self.key("method", parts, of_plant=is_recorded)]
+        return cast("Method | None", self.cache.get(key, lambda: self._method(name, components, plant, delay)))
 
-    def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+    def _method(
+        self, name: str, components: MethodComponents, plant: Plant | None, delay: KnownDelay | None
+    ) -> Method | None:
         problems, model = self.draft.problems, self.model(components.model)
         if model is None:
             return None
@@ -211,10 +216,10 @@ class MethodBuilder:
             return None
         else:
             controller = components.controller.build(problems, **common, estimator=estimator)
-        if estimator is None or controller is None:
+        if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
-        return Method(name, estimator, controller, model.n_disturbances, remarks)
+        return Method(name, estimator, controller, model.n_disturbances, remarks, delay)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
         """Return what stands for a controller where there is none; None where the input is invalid."""

@@ -18,12 +18,13 @@ from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown, validate
 from rmpc_bench.config_file.tree import FILE, Items, Map, locate
 from rmpc_bench.expressions import quantity
+from rmpc_bench.models.delay import NONE, SAME, known_delay
 from rmpc_bench.models.dynamics import noise_of_plant
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.noise.measurement import Missing
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Array, DesignError, Matrix, Method, Noise, Plant
+from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Noise, Plant, PlantInfo
 
 DISTRIBUTIONS: dict[str, type] = {
     "uniform": distributions.Uniform,
@@ -371,6 +372,19 @@ def _varies(model: Any, channel: str, n_steps: int) -> bool:
 
     pairs = ((a, b) for k in range(1, n_steps + 1) for a, b in zip(at(0), at(k), strict=True))
     return any(a is not b and not np.array_equal(a, b) for a, b in pairs)
+
+
+def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -> KnownDelay | None:
+    """Return the delays that a design model knows; None where they are invalid."""
+    if model is None or plant is None:
+        return KnownDelay()
+    # A model made from the plant has its delays.
+    given = model.shared.get("delay", SAME if model.kind in ("linearise", "nonlinear") else NONE)
+    try:
+        return known_delay(given, 0, PlantInfo.of(plant).outputs)
+    except DesignError as error:
+        draft.problems.append(model.problem(str(error), error.parameter))
+        return None
 
 
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:

@@ -25,14 +25,16 @@ from rmpc_bench.config_file.tree import FILE, Map, Mark, given_forms, join, loca
 from rmpc_bench.config_file.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
+from rmpc_bench.models.delay import DelayKey
 from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.simulation.scenario import initial_state
 from rmpc_bench.types import DesignError, Issue, Problem
 
-SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {"models": {"disturbance": Disturbance}}
+SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {"models": {"disturbance": Disturbance, "delay": DelayKey}}
 """Group -> keys that every component of it has, with what validates them."""
 NONE = "none"
-"""Value of such a key that stands for no value, so that a method can do without a default of all methods."""
+"""Value of `disturbance` that stands for no value, so that a method can do without a default of all methods."""
+DELAY_OF_PLANT = "a delay is a law of a channel: noise: {input: {delayed: 2}}"
 Writer = Callable[[CodeReference | DataReference], str]
 """Returns what stands in plain data for something in a file of the user."""
 
@@ -139,9 +141,10 @@ class Component:
         """The pydantic model of its keys."""
         return keys_of(self.group, self.kind, self.design)
 
-    def without_shared(self) -> Component:
-        """Return the component without the keys that every component of its group has."""
-        return dataclasses.replace(self, shared={}) if self.shared else self
+    def without_shared(self, *names: str) -> Component:
+        """Return the component without the keys that every component of its group has, or without some of them."""
+        left = {name: value for name, value in self.shared.items() if names and name not in names}
+        return dataclasses.replace(self, shared=left) if len(left) < len(self.shared) else self
 
     def takes(self, name: str) -> bool:
         """Whether the design function has a parameter of this name that is no key."""
@@ -234,6 +237,9 @@ def read_component(
         del own[FILE]
         place = locate_key(tree, [FILE])
         problems.append(Problem(*place, join([*path, FILE]), "stands for `kind`; give one of the two"))
+    if group == "plants" and "delay" in own and "delay" not in model.model_fields:
+        del own["delay"]
+        problems.append(Problem(*locate_key(tree, ["delay"]), join([*path, "delay"]), DELAY_OF_PLANT))
     shared = _shared(group, own, model, path, problems)
     own = placed(own, keys_with_files(group, kind, design), access)
     checked = validate(model, own, path, problems, further=[*SHARED_KEYS.get(group, {})])
@@ -253,7 +259,7 @@ def _shared(
         if name not in own or name in keys.model_fields:
             continue
         mark, value = locate(own, [name]), own.pop(name)
-        if value is not None and value != NONE:
+        if value is not None and (value != NONE or name == "delay"):
             found[name] = validate(annotation, value, [*path, name], problems, mark=mark)
     return found
 

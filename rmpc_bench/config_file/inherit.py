@@ -228,4 +228,13 @@ def _model_of_plant(tree: Map, model: Map, access: CodeAccess) -> Map:
     for key in plant:
         if key in known:
             base.take(plant, key)
+    if _has_delay(tree.get("noise")):
+        base.put("delay", "same", *model.places("from"))
     return merge(base, own)
+
+
+def _has_delay(noise: Any) -> bool:
+    """Whether a law of the noise is a delay, which a model with the parameters of the plant has, too."""
+    if isinstance(noise, Map):
+        return "delayed" in noise or any(map(_has_delay, noise.values()))
+    return isinstance(noise, Items) and any(map(_has_delay, noise))

@@ -28,6 +28,7 @@ from rmpc_bench.config.tune import Range
 from rmpc_bench.config_file.keys import hints, keys_of, model_of, own_first
 from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import EXTRAS
+from rmpc_bench.models.delay import Delay
 from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime
 
@@ -236,6 +237,11 @@ MODEL_KEYS: dict[str, Schema] = {
         "default": "none",
         "description": "unknown disturbances, which the estimator estimates as further states and the controller "
         "takes into account",
+    },
+    "delay": {
+        "anyOf": [{"enum": ["same", "none"]}, record_schema(Delay)],
+        "description": "delays that estimator and controller know: `same` as in the noise, `none`, or numbers of "
+        "samples; `same` for models made from the plant (`from`, `linearise`, `nonlinear`), else `none`",
     },
 }
 """Keys of every model."""

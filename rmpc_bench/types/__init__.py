@@ -23,7 +23,7 @@ from rmpc_bench.types.basics import (
     UserFunctionOrText,
     attribute,
 )
-from rmpc_bench.types.controller import Controller, Method
+from rmpc_bench.types.controller import Controller, KnownDelay, Method
 from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
@@ -115,6 +115,7 @@ __all__ = [
     "InvalidReturnValue",
     "Issue",
     "Journal",
+    "KnownDelay",
     "Line",
     "LawState",
     "LinearLaw",

@@ -120,6 +120,14 @@ class Controller(Design):
         return {}
 
 
+class KnownDelay(NamedTuple):
+    """Delays that the design model of a method knows [samples]."""
+
+    input: int = 0
+    measurement: tuple[int, ...] | None = ()
+    """Of every output, empty where none is late; None where every measurement comes with its time."""
+
+
 class Method(NamedTuple):
     """An estimator-controller pair under the name the user gave it."""
 
@@ -130,6 +138,7 @@ class Method(NamedTuple):
     """Number of disturbances that the design model has as its last states; see `types.estimate_of_x`."""
     remarks: tuple[str, ...] = ()
     """Sentences about the pair, which warnings and tables show."""
+    delay: KnownDelay = KnownDelay()
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:
