@@ -27,6 +27,7 @@ class SingleRunController(SingleDesign, Controller):
     """The controllers of a class of the user, one object per run."""
 
     role = "controller"
+    takes_acting_input = True
 
     preview: int
     regulates: bool
@@ -78,6 +79,19 @@ class SingleRunController(SingleDesign, Controller):
         state.u = answer.u
         u = answer.u.copy() if self.point is None else answer.u + self.point.u
         return state, Command(u, state.objects.failed.copy(), answer.info)
+
+    def control_ahead(
+        self,
+        k: int,
+        state: RunInputs,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "ahead ny"],
+        y_hat: Float[Array, "d runs ny"],
+        acts: int,
+    ) -> tuple[RunInputs, Command]:
+        """Call `control` at k with the predicted estimate and the reference of the sample where u(k) acts."""
+        return self.control(k, state, y, estimate, r[len(y_hat) :])
 
     def applied(self, k: int, state: RunInputs, u: Float[Array, "runs nu"]) -> RunInputs:
         """Keep the input that acts as `u_previous`; one that nothing has changed keeps its bits."""

@@ -15,7 +15,7 @@ import numpy as np
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
-from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged
+from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged, with_prediction
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
@@ -219,7 +219,8 @@ class MethodBuilder:
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
-        return Method(name, estimator, controller, model.n_disturbances, remarks, delay)
+        made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
+        return with_prediction(made, model, components.controller, problems)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
         """Return what stands for a controller where there is none; None where the input is invalid."""
@@ -382,6 +383,7 @@ class _ExperimentBuilder:
         measurement = laws.terms(
             draft.noise.get("measurement", ()), plant.nv, "measurement", PlantInfo.of(plant).outputs
         )
+        of_input = laws.terms(draft.noise.get("input", ()), plant.nu, "input", PlantInfo.of(plant).inputs)
         if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
@@ -396,6 +398,7 @@ class _ExperimentBuilder:
             process=process,
             measurement=measurement,
             reference=reference,
+            input=of_input,
         )
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)

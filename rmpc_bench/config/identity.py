@@ -273,7 +273,7 @@ def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]
 
 def noise_data(draft: DraftConfig, experiment: Experiment, write: Writer = as_given) -> Any:
     """Return the noise of the plant as plain data."""
-    channels = ("process", "measurement")
+    channels = ("process", "measurement", *(["input"] if draft.noise.get("input") else []))
     noise: dict[str, Any] = {channel: sum_data(draft.noise.get(channel, ()), write) for channel in channels}
     if experiment.scenario.cross is not None:
         noise["cross"] = draft.cross

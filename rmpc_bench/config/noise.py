@@ -20,11 +20,12 @@ from rmpc_bench.config_file.tree import FILE, Items, Map, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.models.delay import NONE, SAME, known_delay
 from rmpc_bench.models.dynamics import noise_of_plant
+from rmpc_bench.models.flow import prediction_flow
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.noise.measurement import Missing
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Noise, Plant, PlantInfo
+from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Model, Noise, Plant, PlantInfo, Problem
 
 DISTRIBUTIONS: dict[str, type] = {
     "uniform": distributions.Uniform,
@@ -147,8 +148,8 @@ def read_noise(draft: DraftConfig) -> None:
             if isinstance(draft.cross, list) and len({len(row) for row in draft.cross}) != 1:
                 draft.note(paths[name], "must be a number or a list of rows of the same length")
                 draft.cross = None
-        elif name not in ("process", "measurement"):
-            message = registry.unknown(name, ("process", "measurement", "cross"), "key")
+        elif name not in ("process", "measurement", "input"):
+            message = registry.unknown(name, ("process", "measurement", "input", "cross"), "key")
             if name in registry.names("noises"):
                 message = f"a law is given per channel: {{process: {{{name}: ..}}, measurement: {{{name}: ..}}}}"
             draft.note(paths[name], message, key=True)
@@ -261,7 +262,7 @@ class NoiseLaws:
     ) -> tuple[Noise, ...]:
         """Build the terms of a sum for a vector of length n.
 
-        The channel is ``process``, ``measurement`` or ``initial``, the deviation of the true initial state.  Laws that
+        The channel is that of `noise`, or ``initial``, the deviation of the true initial state.  Laws that
         alter a signal get the names of its components; without them it has n.
         """
         found: list[Noise] = []
@@ -292,6 +293,9 @@ class NoiseLaws:
     def _same(self, same: SameLaw, n: int, channel: str) -> list[Noise]:
         """Build the noise of the design model: the stochastic part, and a set where the model has one."""
         path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
+        if channel == "input":
+            self.draft.note([*path, channel], "the design model has no noise of the input")
+            return []
         model = self._common_model(path)
         if model is None:
             return []
@@ -337,8 +341,8 @@ class NoiseLaws:
 
 def _unfit(law: Noise, kind: str, channel: str) -> tuple[str, str]:
     """Return why a law cannot be one of a channel, and the key with the error; empty where it can."""
-    if law.alters_output and channel != "measurement":
-        return f"{kind!r} alters a measurement; put it under noise.measurement", ""
+    if law.alters_output and channel not in ("measurement", "input"):
+        return f"{kind!r} alters a signal; put it under noise.measurement or noise.input", ""
     if channel == "measurement" and isinstance(law, Missing) and law.known is not None:
         return "an estimator always sees which measurements are missing: `known` is a key of the channel input", "known"
     if channel == "initial" and law.has_bursts:
@@ -374,6 +378,34 @@ def _varies(model: Any, channel: str, n_steps: int) -> bool:
     return any(a is not b and not np.array_equal(a, b) for a, b in pairs)
 
 
+def with_prediction(
+    method: Method, model: Model, controller: Component | None, problems: list[Problem]
+) -> Method | None:
+    """Return a method with what its delay of the input needs; None, with a problem, where its law allows none."""
+    point, law = model.operating_point, method.controller
+    method = method._replace(u_before=() if point is None else tuple(point.u.tolist()))
+    if not method.delay.input or controller is None:
+        return method
+    if not law.allows_delay:
+        problems.append(controller.problem(f"{controller.kind} needs a model without delay", "kind"))
+        return None
+    return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
+
+
+def _input_delay(draft: DraftConfig, nu: int) -> int | None:
+    """Return the delay of the input in the noise; None where it is random, or differs between the inputs."""
+    total = 0
+    for law in (term.law for term in draft.noise.get("input", ())):
+        if law is None or law.kind != "delayed":
+            continue
+        samples, only = law.parameters["samples"], law.parameters["only"]
+        bounds = {*(samples if isinstance(samples, list) else [samples])}
+        if len(bounds) != 1 or (only is not None and nu > 1):
+            return None
+        total += int(bounds.pop())
+    return total
+
+
 def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -> KnownDelay | None:
     """Return the delays that a design model knows; None where they are invalid."""
     if model is None or plant is None:
@@ -381,7 +413,7 @@ def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -
     # A model made from the plant has its delays.
     given = model.shared.get("delay", SAME if model.kind in ("linearise", "nonlinear") else NONE)
     try:
-        return known_delay(given, 0, PlantInfo.of(plant).outputs)
+        return known_delay(given, _input_delay(draft, plant.nu), PlantInfo.of(plant).outputs)
     except DesignError as error:
         draft.problems.append(model.problem(str(error), error.parameter))
         return None

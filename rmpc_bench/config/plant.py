@@ -65,7 +65,7 @@ def refuse_sections(draft: DraftConfig) -> None:
         draft.note(path, "the recorded input is replayed, so that no controller can act; leave it out", key=True)
     if "input" in draft.tree:
         draft.note(["input"], "the input is the recorded one, `plant.columns.u`; leave `input` out", key=True)
-    if draft.noise.get("process") or draft.noise.get("measurement"):
+    if any(draft.noise.values()):
         draft.note(["noise"], "recorded data contain their noise; leave the section out", key=True)
     if "x" in (draft.values["initial"] or {}):
         draft.note(["initial", "x"], "the true initial state is recorded, or not known; leave `x` out", key=True)

@@ -89,7 +89,7 @@ class ExperimentExample(InformationExample):
         [method], runs = experiment.methods, range(min(experiment.n_runs, N_RUNS))
         kept = Recording(self.estimator)
         draws = experiment.scenario.draw(experiment.plant, runs, n_steps)
-        r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
+        r = experiment.scenario.reference.sample(n_steps + 1 + method.preview)
         method, limit = method._replace(estimator=kept), experiment.state_range
         _, status = simulated(experiment.plant, method, draws, r, n_steps, state_range=limit)
         require(not status.any(), f"{int(status.astype(bool).sum())} of {len(status)} runs fail")

@@ -134,6 +134,20 @@ class Gpc(Controller):
         info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(x_hat), *self.Q_yw.shape)), "loss": loss}
         return GpcState(x_hat, command.u), self._physical(command, info)
 
+    def control_ahead(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "ahead ny"],
+        y_hat: Float[Array, "d runs ny"],
+        acts: int,
+    ) -> tuple[Any, Command]:
+        """Apply the law at k + d; the first call has no earlier estimate to linearise at."""
+        state = state if k else state._replace(x_previous=estimate.x_hat)
+        return super().control_ahead(k, state, y, estimate, r, y_hat, acts)
+
     def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Keep the input that acts; one that nothing has changed keeps its bits."""
         if self.model.operating_point is not None:
@@ -219,6 +233,8 @@ class TunedGpc(Gpc):
     """
 
     noise: NoiseTuning
+
+    allows_delay = False
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:

@@ -84,10 +84,31 @@ class Lqg(Controller):
         v = v - mv(self.K_q, q)
         u = np.clip(v, *self.bounds)
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
+        return LqgState(q, self._errors(outputs, r[0]), v, u), Command(u, np.full(len(u), OK), {})
+
+    def control_ahead(
+        self,
+        k: int,
+        state: LqgState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "ahead ny"],
+        y_hat: Float[Array, "d runs ny"],
+        acts: int,
+    ) -> tuple[LqgState, Command]:
+        """Apply the law with the predicted errors in its sums; the sums keep those of the estimates up to k only."""
+        if self.K_q.shape[1] == 0:
+            return self.control(acts, state, y, estimate, r[len(y_hat) :])
+        q = self.sums(state)
+        ahead = q + sum(self._errors(*pair) for pair in zip(y_hat, r, strict=False))
+        after, command = self.control(acts, LqgState(ahead, 0.0 * q, state.u, state.u), y, estimate, r[len(y_hat) :])
+        return after._replace(q=q, error=self._errors(y if self.C is None else y_hat[0], r[0])), command
+
+    def _errors(self, outputs: Float[Array, "runs ny"], r: Float[Array, " ny"]) -> Float[Array, "runs nq"]:
+        """Return the errors of the tracked outputs; 0 where a measurement is missing."""
         # Chosen, not multiplied by `rows`: 0 times a missing measurement of another output is NaN.
-        error = (outputs - r[0])[:, self.rows.argmax(axis=1)]
-        error = np.where(np.isnan(error), 0.0, error)
-        return LqgState(q, error, v, u), Command(u, np.full(len(u), OK), {})
+        error = (outputs - r)[:, self.rows.argmax(axis=1)]
+        return np.where(np.isnan(error), 0.0, error)
 
     def applied(self, k: int, state: LqgState, u: Float[Array, "runs nu"]) -> LqgState:
         """Keep the input that acts, for the anti-windup."""

@@ -68,6 +68,8 @@ class MinimaxLq(Regulator):
     M_roots: Float[Array, "k nx nx"] | None
     w_roots: Float[Array, "t nx nx"]
 
+    allows_delay = False
+
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the first inputs of the minimisers at k."""
         M_roots = _stacked_roots(estimate.M) if self.M_roots is None else at_sample(self.M_roots, k)[None]

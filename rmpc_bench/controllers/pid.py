@@ -98,6 +98,11 @@ class Pid(Controller):
         return common_limits(self.bounds)
 
     @property
+    def uses_estimate(self) -> bool:
+        """Whether the loops use the output of the estimate."""
+        return self.C is not None
+
+    @property
     def u_op(self) -> Gains:
         """Input without any control error."""
         return np.zeros(len(self.Kp)) if self.point is None else self.point.u

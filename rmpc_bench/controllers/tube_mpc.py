@@ -85,6 +85,7 @@ class TubeMpc(Controller):
     """Whether the model measures every state without noise."""
 
     regulates = True
+    allows_delay = False
 
     @property
     def regulates_to(self) -> Float[Array, " ny"] | None:

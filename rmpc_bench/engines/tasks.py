@@ -117,7 +117,7 @@ def is_built_in(part: Any) -> bool:
 def components_of(experiment: Experiment, *methods: Method) -> list[Any]:
     """Return everything whose code runs when methods are simulated."""
     scenario = experiment.scenario
-    noises = (*scenario.x0_noise, *scenario.process, *scenario.measurement)
+    noises = (*scenario.x0_noise, *scenario.process, *scenario.measurement, *scenario.input)
     pairs = [part for method in methods for part in (method.estimator, method.controller)]
     return [experiment.plant, *pairs, scenario.reference, *noises, *experiment.metrics]
 

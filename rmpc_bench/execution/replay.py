@@ -269,7 +269,7 @@ def _simulated(
     for design in (plant, method.estimator, method.controller):
         design.warm_up()
     draws = experiment.scenario.draw(plant, range(run, run + 1), experiment.n_steps)
-    r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.controller.preview)
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.preview)
     start = RunStart(experiment.scenario.seed, (run,), Journal(call=call))
     info = {*method.reports, *(name for metric in experiment.metrics for name in metric.needs_info)}
     common = {
@@ -305,7 +305,7 @@ def _simulated(
 def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:
     """Return the signals of the only run of a record, up to its last sample."""
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
-    if not plant.limits_inputs:
+    if record.command is None:
         del named["u_command"]
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
     named[COVARIANCE] = covariances(record)

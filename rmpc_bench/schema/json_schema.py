@@ -282,6 +282,7 @@ def _noise() -> Schema:
     channels: dict[str, Schema] = {
         "process": {**law, "description": "law of w(k)"},
         "measurement": {**law, "description": "law of v(k)"},
+        "input": {**law, "description": "laws between the input that a controller returns and u(k), in their order"},
         "cross": {
             "title": "`same`, number or matrix",
             "description": "covariance of w(k) and v(k), both Gaussian; 0 if not given",

@@ -32,10 +32,11 @@ class BlockTimes:
         self._seconds["estimator"] += default_timer() - start
         return answer
 
-    def control(self, k: int, state: Any, y: Array, estimate: Any, r: Array) -> Any:
-        """Call the controller."""
+    def control(self, k: int, state: Any, y: Array, estimate: Any, r: Array, *ahead: Any) -> Any:
+        """Call the controller; `ahead` is what `control_ahead` takes besides."""
         start = default_timer()
-        answer = self._controller.control(k, state, y, estimate, r)
+        call = self._controller.control_ahead if ahead else self._controller.control
+        answer = call(k, state, y, estimate, r, *ahead)
         self._seconds["controller"] += default_timer() - start
         return answer
 

@@ -7,7 +7,7 @@ the block has failed: a component goes on with the rows of failed runs, whose nu
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -167,10 +167,17 @@ class CheckedController(_Checked):
         super().__init__(alive, journal)
         self._controller, self._nu = controller, nu
 
-    def control(self, k: int, state: Any, y: Array, estimate: Estimate, r: Array) -> tuple[Any, Command]:
+    def control(self, *given: Any) -> tuple[Any, Command]:
         """Return the checked input."""
+        return self._checked(self._controller.control, given)
+
+    def control_ahead(self, *given: Any) -> tuple[Any, Command]:
+        """Return the checked input of a law whose input acts later."""
+        return self._checked(self._controller.control_ahead, given)
+
+    def _checked(self, call: Callable[..., Any], given: Sequence[Any]) -> tuple[Any, Command]:
         with self._user_code():
-            answer = self._controller.control(k, state, y, estimate, r)
+            answer = call(*given)
         state, second = _pair(answer, "control", "(state, u) or (state, Command)")
         _check_answer(second, "control", Command, "(state, u) or (state, Command)")
         command = as_command(second)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values, signals_read
 from rmpc_bench.simulation.ensemble import Group, groups
+from rmpc_bench.simulation.input_channel import ActingInput, InputChannel
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
@@ -62,7 +63,7 @@ def simulate_block(
     plant, n_steps, recording = experiment.plant, experiment.n_steps, experiment.recording
     if draws is None:
         draws = experiment.scenario.draw(plant, runs, n_steps)
-    r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
+    r = experiment.scenario.reference.sample(n_steps + 1 + method.preview)
     P, M = any(metric.needs_P for metric in experiment.metrics), any(metric.needs_M for metric in experiment.metrics)
     info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
@@ -144,15 +145,17 @@ def simulate(
     start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)
     alive, failed = runs
     draws = draws._replace(delta=start.plant(plant, draws.delta, x, runs))
-    mixes, preview = plant.mixes_noise, controller.preview
+    mixes, preview = plant.mixes_noise, method.preview
     x = plant.first_state(draws.delta, x)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     moving, *own = checked_calls(plant, method, alive, start.journal)
     timed = BlockTimes(*own)
     known = r[: n_steps + 1].copy()
-    limits, limits_inputs = RunLimits(state_range, x, known), plant.limits_inputs
-    loop = _Loop(plant, timed, limits, runs, start, RunInfo(start.runs, (), alive, start.journal))
+    limits, changes_inputs = RunLimits(state_range, x, known), plant.limits_inputs or bool(draws.inputs)
+    counted = RunInfo(start.runs, (), alive, start.journal)
+    channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
+    loop = _Loop(method, timed, limits, runs, start, channel, n_steps)
     # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
     has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
     own_matrices = n_runs if has_gaps else None
@@ -175,12 +178,12 @@ def simulate(
             outputs.matrix_at(k, "M", of_x.M if with_M else None)
             if k == n_steps:
                 break
-            c, command, u, status = loop.applied(k, c, status, y, estimate, r[k : k + preview])
-            inputs.at(k, u=u, **({"u_command": command.u} if limits_inputs else {}), **_wanted(command.info, info))
+            c, command, (u, u_m, _), status = loop.applied(k, c, status, y, estimate, r[k : k + preview])
+            inputs.at(k, u=u, **({"u_command": command.u} if changes_inputs else {}), **_wanted(command.info, info))
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = timed.predict(k, e, u)
+            e = timed.predict(k, e, u_m)
             if k == last:
                 break
     timed.note(start.journal, n_runs, n_steps)
@@ -191,13 +194,13 @@ def simulate(
 class _Loop(NamedTuple):
     """What the steps of a simulation share."""
 
-    plant: Plant
+    method: Method
     timed: BlockTimes
     limits: RunLimits
     runs: RunState
     start: RunStart
-    counted: RunInfo
-    """Where inputs beyond the bounds of the plant are counted."""
+    channel: InputChannel
+    n_steps: int
 
     def corrected(self, k: int, state: Any, status: Statuses, y: Array, nd: int) -> tuple[Any, Estimate, Statuses]:
         """Call the estimator; return its state, its estimate and the statuses."""
@@ -208,15 +211,33 @@ class _Loop(NamedTuple):
 
     def applied(
         self, k: int, state: Any, status: Statuses, y: Array, estimate: Estimate, r: Array
-    ) -> tuple[Any, Command, Float[Array, "runs nu"], Statuses]:
+    ) -> tuple[Any, Command, ActingInput, Statuses]:
         """Call the controller; return its state, its command, the input that acts and the statuses."""
-        state, chosen = self.timed.control(k, state, y, estimate, r)
+        estimate, *ahead = self._ahead(k, estimate)
+        r = r if ahead else r[: self.method.controller.preview]
+        state, chosen = self.timed.control(k, state, y, estimate, r, *ahead)
         command = as_command(chosen)
         status = self.runs.after(self.limits.of_input(status, command.status, command.u))
         self.start.note_steps(command.step_status, self.runs)
         command = command._replace(u=np.array(command.u))
-        u = self.plant.applied_inputs(command.u, self.counted)
-        return self.timed.applied(k, state, u.copy()), command, u, status
+        acting = self.channel.step(k, command.u)
+        told = acting.known if self.method.controller.takes_acting_input else acting.sent
+        return self.timed.applied(k, state, told.copy()), command, acting, status
+
+    def _ahead(self, k: int, estimate: Estimate) -> tuple[Any, ...]:
+        """Predict the estimate over the delay of the input, for a law that uses it; also return what it takes then."""
+        method, last = self.method, self.n_steps - 1
+        if method.flow is None:
+            return (estimate,)
+        x, y_hat = estimate.x_hat, []
+        for i, u in enumerate(self.channel.on_way):
+            now = min(k + i, last)
+            y_hat.append(method.flow.measure(now, x))
+            x = method.flow.advance(now, x, u)
+            # The mean of the process noise is held over the horizon of a law, too.
+            x = x + estimate.info["w_mean"] if method.estimator.estimates_mean else x
+        predicted = estimate._replace(x_hat=x, P=None, M=None)
+        return predicted, np.array(y_hat), min(k + len(y_hat), last)
 
 
 def _recorded(

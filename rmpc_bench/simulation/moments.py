@@ -53,6 +53,8 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
     laws = (*scenario.process, *scenario.measurement)
     if any(law.alters_output for law in laws):
         return "a law alters the measurements, and does not add to them"
+    if scenario.input:
+        return "a law acts on the input"
     if not all(law.is_white for law in laws):
         return "a law of noise is correlated over time, so it is not white"
     if start is None or noises is None:

@@ -26,6 +26,7 @@ class OpenLoop(Controller):
     signal: InputSignal
     n_steps: int
     preview = 0
+    uses_estimate = False
     starts_runs = True
     has_compiled_form = True
 
@@ -56,6 +57,7 @@ class Rest(Controller):
 
     nu: int
     preview = 0
+    uses_estimate = False
     has_compiled_form = True
 
     def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:

@@ -85,6 +85,7 @@ class Scenario:
     process, measurement : the terms of w and v; their sum acts, and after it those that alter a measurement, in order
     reference : what the output is meant to follow
     cross : (nv, nw) matrix T; T (w - mean of w) is added to v, for a cross-covariance; None for independent noises
+    input : the laws between the input that is chosen and the one that acts, in order
     """
 
     seed: int
@@ -96,6 +97,7 @@ class Scenario:
     measurement: tuple[Noise, ...]
     reference: Reference
     cross: Float[Array, "nv nw"] | None = None
+    input: tuple[Noise, ...] = ()
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -145,7 +147,8 @@ class Scenario:
             w=w,
             v=v,
             bursts=self._in_burst(runs, n_samples),
-            alterations=self._alterations(runs, n_samples),
+            alterations=self._alterations("v", self.measurement, runs, n_samples),
+            inputs=self._alterations("u", self.input, runs, n_samples),
         )
 
     def draw_delta(self, plant: Plant, runs: range, n_steps: int) -> Any:
@@ -229,8 +232,11 @@ class Scenario:
             rng.standard_normal(out=of_run)
         return np.add(law.mean, law.shaped(z.reshape(len(runs) * n_samples, -1)).reshape(z.shape), out=z)
 
-    def _alterations(self, runs: range, n_samples: int) -> tuple[Alteration, ...]:
-        laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.alters_output]
+    def _alterations(
+        self, channel: str, terms: tuple[Noise, ...], runs: range, n_samples: int
+    ) -> tuple[Alteration, ...]:
+        # Laws of the input act in their order, those that add, too.
+        laws = [(f"{channel}/{i}", law) for i, law in enumerate(terms) if law.alters_output or channel == "u"]
         return tuple(Alteration(law, self._drawn(law, name, runs, n_samples)) for name, law in laws)
 
     def _in_burst(self, runs: range, n_samples: int) -> Bool[Array, "runs samples"] | None:
@@ -247,7 +253,7 @@ class Scenario:
         """Prefix of the names, stream and law, for every law whose bursts are drawn."""
         found = [
             (f"{channel}/{number}", law)
-            for channel, laws in (("w", self.process), ("v", self.measurement))
+            for channel, laws in (("w", self.process), ("v", self.measurement), ("u", self.input))
             for number, law in enumerate(laws)
             if law.burst_names
         ]
@@ -370,10 +376,10 @@ class Experiment:
 
 
 class Alteration(NamedTuple):
-    """A law that alters the measurements, with its random numbers."""
+    """A law that alters a signal, or adds to the input, with its random numbers."""
 
     law: Noise
-    drawn: Float[Array, "runs samples ny"]
+    drawn: Float[Array, "runs samples n"]
 
 
 class Draws(NamedTuple):
@@ -387,6 +393,8 @@ class Draws(NamedTuple):
     """Whether a term of v is in a burst; None where none has bursts."""
     alterations: tuple[Alteration, ...] = ()
     """What alters the measurements after v was added, in order."""
+    inputs: tuple[Alteration, ...] = ()
+    """The laws of the input, in order."""
 
     @property
     def omits_measurements(self) -> bool:
@@ -445,7 +453,7 @@ def random_besides(experiment: Experiment) -> tuple[str, ...]:
     scenario, plant = experiment.scenario, experiment.plant
     designs = (plant, *(design for method in experiment.methods for design in (method.estimator, method.controller)))
     found = {
-        "noise": any(_is_random(term) for term in (*scenario.process, *scenario.measurement)),
+        "noise": any(_is_random(term) for term in (*scenario.process, *scenario.measurement, *scenario.input)),
         "initial state": any(_is_random(term) for term in scenario.x0_noise),
         "matrices of the plant": plant.draws_steps,
         "random numbers of a component": not all(design.deterministic for design in designs),

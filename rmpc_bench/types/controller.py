@@ -45,6 +45,21 @@ class Controller(Design):
         return None
 
     @attribute
+    def uses_estimate(self) -> bool:
+        """Whether u(k) depends on the estimate, which then is predicted over a delay of the input."""
+        return True
+
+    @attribute
+    def takes_acting_input(self) -> bool:
+        """Whether `applied` gets the input that acts at k, as far as the method knows it, delays included."""
+        return False
+
+    @attribute
+    def allows_delay(self) -> bool:
+        """Whether the design model may have a delay of the input."""
+        return True
+
+    @attribute
     def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]] | None:
         """Lower and upper limit, a number for all inputs or one per input; None where there are none."""
         return None
@@ -92,11 +107,34 @@ class Controller(Design):
         """Choose u(k)."""
         raise NotImplementedError("control")
 
-    def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
-        """Return the state that `control` has returned at k, with the u(k) that acts.
+    def control_ahead(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "ahead ny"],
+        y_hat: Float[Array, "d runs ny"],
+        acts: int,
+    ) -> tuple[Any, Command]:
+        """Choose u(k) where it acts at k + d, by default as `control` would choose it there.
 
-        The simulation calls it after the plant has limited the input to its bounds.  A law with a memory of its input,
-        such as u(k-1) or an integral with anti-windup, replaces that in its state.  By default nothing changes.
+        Parameters
+        ----------
+        k, state, y : as of `control`
+        estimate : prediction of x(k+d), without P and M
+        r : reference from r(k) on, d samples more than `control` takes
+        y_hat : predicted outputs at k..k+d-1
+        acts : k + d, at most N - 1
+        """
+        return self.control(acts, state, y, estimate, r[len(y_hat) :])
+
+    def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
+        """Return the state that `control` has returned at k, with what becomes of its u(k).
+
+        The simulation calls it after the input was limited to the bounds of the plant, rounded or held, as far as the
+        method knows, and before any delay.  A law with a memory of its input, such as u(k-1) or an integral with
+        anti-windup, replaces that in its state.  By default nothing changes.
         """
         return state
 
@@ -139,6 +177,15 @@ class Method(NamedTuple):
     remarks: tuple[str, ...] = ()
     """Sentences about the pair, which warnings and tables show."""
     delay: KnownDelay = KnownDelay()
+    flow: Any = None
+    """Design model as maps of many states (`models.flow.Flow`), for predictions over the delay of the input."""
+    u_before: tuple[float, ...] = ()
+    """Input before k = 0, that of the operating point of the design model; empty for 0."""
+
+    @property
+    def preview(self) -> int:
+        """Number of samples of the reference that are known at k, r(k) included."""
+        return self.controller.preview + self.delay.input
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:

@@ -131,7 +131,7 @@ class Record(NamedTuple):
     """True output, without measurement noise."""
     x_hat: Float[Array, "runs samples nx_hat"]
     u: Float[Array, "runs steps nu"]
-    """Applied input, within the bounds of the plant; there is none at k = N."""
+    """Input that acts, after all laws and within the bounds of the plant; there is none at k = N."""
     r: Float[Array, "samples ny"]
     P: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
     """Reported covariance of x_hat - x; None unless a metric has `needs_P` and the estimator gives one at every k."""
@@ -152,11 +152,11 @@ class Record(NamedTuple):
     """What the plant has drawn for the runs, with which it computes its extra signals; None where it is not known."""
 
     command: Float[Array, "runs steps nu"] | None = None
-    """What the controller has returned, where the plant limits it; None where it does not."""
+    """What the controller has returned, where bounds of the plant or laws of the input may change it; else None."""
 
     @property
     def u_command(self) -> Float[Array, "runs steps nu"]:
-        """Input that the controller has returned, or the section `input`, before the bounds of the plant."""
+        """Input that the controller has returned, or the section `input`, before laws and bounds of the input."""
         return self.u if self.command is None else self.command
 
     @property

@@ -96,9 +96,9 @@ def test_mistakes(load, law, message):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"noise": "{process: {quantised: {step: 1}}}"}, "process.quantised: 'quantised' alters a measurement; put it"),
+        ({"noise": "{process: {quantised: {step: 1}}}"}, "process.quantised: 'quantised' alters a signal; put it"),
         ({"noise": "{process: {sum: [{missing: {probability: 0.1}}]}}"}, "process.sum.0.missing: 'missing' alters a"),
-        ({"initial": "{x: {quantised: {step: 1}}}"}, "initial.x.quantised: 'quantised' alters a measurement"),
+        ({"initial": "{x: {quantised: {step: 1}}}"}, "initial.x.quantised: 'quantised' alters a signal"),
         ({"initial": "{x: {drift: {std: 1}}}"}, "initial.x.drift: an initial state is a single sample"),
         ({"initial": "{x: {coloured: {std: 1, pole: 0.5}}}"}, "initial.x.coloured: an initial state is a single"),
         (
