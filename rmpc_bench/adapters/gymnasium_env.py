@@ -141,6 +141,7 @@ class Episodes:
         self.experiment, self.cost, self.preview = experiment, cost, preview
         self.estimator = None if method is None else method.estimator
         self.n_disturbances = 0 if method is None else method.n_disturbances
+        self.delay = None if method is None else method.delay
         nu = experiment.plant.nu
         low, high = PlantInfo.of(experiment.plant).limits.u if limits is None else limits
         self.low, self.high = (np.broadcast_to(np.asarray(each, dtype=float), (nu,)) for each in (low, high))
@@ -170,7 +171,12 @@ class Episodes:
 
     def _start(self, run: int) -> Array:
         self.episode = Episode(
-            self.experiment, run, estimator=self.estimator, n_disturbances=self.n_disturbances, preview=self.preview
+            self.experiment,
+            run,
+            estimator=self.estimator,
+            n_disturbances=self.n_disturbances,
+            preview=self.preview,
+            delay=self.delay,
         )
         self.u, self.y = np.zeros(self.experiment.plant.nu), self.episode.sample.r[0].copy()
         return self._seen()

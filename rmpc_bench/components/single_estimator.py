@@ -78,6 +78,7 @@ class SingleRunEstimator(SingleDesign, Estimator):
 
     knows_uncertainty: bool
     bridges_missing: bool
+    repeats = False
     Ne: int
 
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:

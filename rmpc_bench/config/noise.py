@@ -420,10 +420,17 @@ def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -
 
 
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:
-    """Report estimators that do not bridge the missing measurements of the noise."""
-    if not any(law.omits_measurements for law in scenario.measurement):
-        return
-    without = [each.name for each in methods if not each.estimator.bridges_missing]
-    if without:
-        message = f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one"
+    """Report estimators that bridge no missing measurements, or cannot use late ones, where there are some."""
+    longest = sum(law.longest_delay for law in scenario.measurement)
+    unfit = [each for each in methods if not each.estimator.bridges_missing]
+    for each in methods:
+        known = each.delay.measurement
+        late = longest if known is None else max(known, default=0)
+        if late and (each in unfit or not each.estimator.repeats):
+            message = f"the estimator of {each.name!r} cannot use late measurements"
+            draft.note(["methods", each.name], f"{message}: `delay: none` gives it y as it arrives")
+            unfit = [other for other in unfit if other is not each]
+    if unfit and any(law.omits_measurements for law in scenario.measurement):
+        names = ", ".join(repr(each.name) for each in unfit)
+        message = f"omits measurements, and the estimator of {names} cannot predict without one"
         draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(registry.BRIDGING)}")

@@ -18,8 +18,8 @@ class BlockTimes:
         self._estimator, self._controller = estimator, controller
         self._seconds = {"estimator": 0.0, "controller": 0.0}
 
-    def correct(self, k: int, state: Any, y: Array) -> Any:
-        """Call the estimator with y(k)."""
+    def correct(self, k: int, state: Any, y: Any) -> Any:
+        """Call the estimator with y(k), or with what arrives at k."""
         start = default_timer()
         answer = self._estimator.correct(k, state, y)
         self._seconds["estimator"] += default_timer() - start

@@ -13,6 +13,7 @@ from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values, signals_read
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.input_channel import ActingInput, InputChannel
+from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
@@ -135,7 +136,8 @@ def simulate(
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
     A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
-    Estimator and controller get y as it is measured, with NaN where it is missing; y of the record has no noise.
+    Estimator and controller get y as it is measured, with NaN where it is missing, and late values when they arrive; y
+    of the record has no noise.
     u is what acts: the input of the controller within the bounds of the plant, also for estimator and controller.
     Every array that a component returns is copied at once, so that it may use the same memory again.  r has at least
     n_steps + the controller's preview samples.  What trajectories hold for samples after `last` has no meaning.
@@ -149,8 +151,9 @@ def simulate(
     x = plant.first_state(draws.delta, x)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
-    moving, *own = checked_calls(plant, method, alive, start.journal)
-    timed = BlockTimes(*own)
+    moving, filter_, law = checked_calls(plant, method, alive, start.journal)
+    arrivals = Arrivals(draws, method.delay)
+    timed = BlockTimes(arrivals.used_by(filter_), law)
     known = r[: n_steps + 1].copy()
     limits, changes_inputs = RunLimits(state_range, x, known), plant.limits_inputs or bool(draws.inputs)
     counted = RunInfo(start.runs, (), alive, start.journal)
@@ -158,7 +161,7 @@ def simulate(
     loop = _Loop(method, timed, limits, runs, start, channel, n_steps)
     # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
     has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
-    own_matrices = n_runs if has_gaps else None
+    own_matrices = n_runs if has_gaps or arrivals.D else None
     outputs, inputs = Recorder(n_steps + 1, own_matrices), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
@@ -169,9 +172,9 @@ def simulate(
             y_true = np.array(moving.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
-            y = draws.altered(k, y)
+            y, given = arrivals.at(k, draws.altered(k, y))
             status = runs.with_reported(status)
-            e, estimate, status = loop.corrected(k, e, status, y, nd)
+            e, estimate, status = loop.corrected(k, e, status, given, nd)
             of_x = without_disturbances(estimate, nd)
             outputs.at(k, x_hat=of_x.x_hat, **_wanted(of_x.info, info))
             outputs.matrix_at(k, "P", of_x.P if with_P else None)
@@ -202,7 +205,7 @@ class _Loop(NamedTuple):
     channel: InputChannel
     n_steps: int
 
-    def corrected(self, k: int, state: Any, status: Statuses, y: Array, nd: int) -> tuple[Any, Estimate, Statuses]:
+    def corrected(self, k: int, state: Any, status: Statuses, y: Any, nd: int) -> tuple[Any, Estimate, Statuses]:
         """Call the estimator; return its state, its estimate and the statuses."""
         state, answer = self.timed.correct(k, state, y)
         estimate = as_estimate(answer)

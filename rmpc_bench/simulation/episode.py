@@ -6,15 +6,16 @@ applied here gives the trajectory of the experiment, bit for bit.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment, own_draws
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Estimator, Journal, RunInfo, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, Estimator, Journal, KnownDelay, RunInfo, Status, as_estimate, as_motion
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -24,7 +25,7 @@ class Sample(NamedTuple):
 
     k: int
     y: Float[Array, " ny"]
-    """Measurement; NaN where it is missing."""
+    """What is measured, when it arrives; NaN where it is missing."""
     y_true: Float[Array, " ny"]
     """Output without measurement noise."""
     x: Float[Array, " nx"]
@@ -48,6 +49,7 @@ class Episode:
     estimator : gives an estimate at every sample; None for none
     n_disturbances : number of its last states that are disturbances
     preview : number of samples of the reference, r(k) included
+    delay : delays that the estimator knows; None for none
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Episode:
         estimator: Estimator | None = None,
         n_disturbances: int = 0,
         preview: int = 1,
+        delay: KnownDelay | None = None,
     ) -> None:
         self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
         self.estimator, self.n_disturbances, self.preview, self.k = estimator, n_disturbances, preview, 0
@@ -71,7 +74,8 @@ class Episode:
         self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
         mixes = self.plant.mixes_noise
-        self._draws = draws
+        self._draws, self._arrivals = draws, Arrivals(draws, delay or KnownDelay())
+        self._filter: Any = self._arrivals.used_by(estimator)
         self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
         if estimator is not None:
             self._e = start.estimator(estimator, 1, self._delta, self._runs)
@@ -99,7 +103,7 @@ class Episode:
             if self._runs.alive.all():
                 self._x = np.array(motion.x)
             if self.estimator is not None:
-                self._e = self.estimator.predict(k, self._e, u_k)
+                self._e = self._filter.predict(k, self._e, u_k)
             self.k = k + 1
             self.sample = self._measured()
         return self.sample
@@ -110,11 +114,11 @@ class Episode:
         y = y_true + self._v[:, k]
         if not plant.mixes_noise:
             y = np.array(plant.output(k, self._delta, self._x, self._v[:, k]))
-        y = self._draws.altered(k, y)
+        y, given = self._arrivals.at(k, self._draws.altered(k, y))
         self._status = self._runs.with_reported(self._status)
         x_hat = None
         if self.estimator is not None:
-            self._e, answer = self.estimator.correct(k, self._e, y)
+            self._e, answer = self._filter.correct(k, self._e, given)
             estimate = as_estimate(answer)
             x_hat, nd = np.array(estimate.x_hat), self.n_disturbances
             self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat, nd))

@@ -103,10 +103,10 @@ def compiled_loop(
 ) -> tuple[Record, Statuses] | None:
     """Simulate all runs of ``draws`` as `closed_loop.simulate` does, of a plant without bounds of its inputs.
 
-    None where a law alters the measurements, or where some are missing that the filter bridges.  Signals other than y
-    have no rows unless they are needed.
+    None where a law alters the measurements, where some are missing that the filter bridges, or where the design model
+    has late ones.  Signals other than y have no rows unless they are needed.
     """
-    if draws.alterations:
+    if draws.alterations or any(method.delay.measurement or ()):
         return None
     runs = start.runs if start is not None else tuple(range(len(draws.x0)))
     compiled, law = plant.compiled_form(draws.delta, n_steps), method.controller.compiled_form(r, n_steps, runs)

@@ -49,6 +49,8 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "the gains of the estimator depend on the run"
     if not isinstance(method.controller, Rest):
         return "there is an input"
+    if any(method.delay.measurement or ()):
+        return "the design model has late measurements"
     start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)
     laws = (*scenario.process, *scenario.measurement)
     if any(law.alters_output for law in laws):

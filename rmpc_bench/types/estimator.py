@@ -54,6 +54,11 @@ class Estimator(Design):
         return False
 
     @attribute
+    def repeats(self) -> bool:
+        """Whether `correct` and `predict` leave the given state as it is, so that steps can be repeated from it."""
+        return True
+
+    @attribute
     def form(self) -> Literal["filter", "predictor"] | None:
         """Whether x_hat(k) uses y(k) (`filter`) or not (`predictor`); None where it is not declared."""
         return None
