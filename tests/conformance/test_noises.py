@@ -25,7 +25,9 @@ PARAMETERS = {
         {"probability": 0.5, "outputs": "each"},
         {"probability": 0.5, "outputs": "each", "gap": 3.0},
         {"probability": 1.0},
+        {"every": 3, "first": 1, "only": [1]},
     ],
+    "delayed": [{"samples": 2}, {"samples": [0, 3], "only": [0]}, {"samples": [1, 4], "per": "run"}],
     "outliers": [
         {"std": 0.5, "probability": 0.1, "factor": 10.0, "mean": [1.0, -1.0]},
         {"cov": [[2.0, 0.5], [0.5, 1.0]], "probability": 0.05, "factor": 3.0, "scale": 0.1},
