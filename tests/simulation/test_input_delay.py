@@ -1,0 +1,202 @@
+"""A known delay of the input: stationary values of the whole loop, and the laws of the augmented model."""
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+from conftest import ROUND, within_stat
+
+from rmpc_bench import load_config
+from rmpc_bench.simulation.closed_loop import simulate, simulate_block
+
+A, B, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]]), np.array([[1.0, 0.0]])
+Q, R, QX, RU = np.diag([1e-5, 1e-3]), np.array([[4e-3]]), np.diag([1.0, 0.1]), np.array([[0.1]])
+PP = la.solve_discrete_are(A.T, C.T, Q, R)
+L = PP @ C.T @ np.linalg.inv(C @ PP @ C.T + R)
+MATRICES = "A: [[1, 0.1], [0, 0.98]], B: [[0.005], [0.1]], C: [[1, 0]]"
+TEXT = """
+version: 1
+name: late
+seed: 11
+runs: RUNS
+time: {steps: STEPS}
+plant: {kind: linear, MATRICES}
+model: {kind: linear, MATRICES, P_w: [1e-5, 1e-3], P_v: 4e-3, delay: same}
+noise: {process: same, measurement: same, input: INPUT}
+initial: {x: START, P: FIRST}
+reference: REFERENCE
+estimator: {kind: kalman}
+controller: CONTROLLER
+methods: METHODS
+metrics: [mse, input_power]
+record: {runs: all, signals: [y, u, u_command, x, x_hat]}
+"""
+LQR = "{kind: control-lqr, Q_x: [1, 0.1], R_u: 0.1}"
+
+
+def load(directory, *, delay, methods="{K: {}, N: {model: {delay: none}}}", **keys):
+    """Load the system of the page with this delay of the input; other keys replace words of the text."""
+    given = {"RUNS": 3, "STEPS": 60, "START": 0, "FIRST": PP.tolist(), "REFERENCE": "{kind: constant, value: 0}"}
+    given |= {"INPUT": delay if isinstance(delay, str) else f"{{delayed: {delay}}}", "CONTROLLER": LQR}
+    text = TEXT.replace("METHODS", methods).replace("MATRICES", MATRICES)
+    for name, value in (given | keys).items():
+        text = text.replace(name, str(value))
+    path = directory / "late.yaml"
+    path.write_text(text)
+    return load_config(path).experiment
+
+
+def stationary(of_plant, of_model):
+    """Return the spectral radius, E x1^2, E u^2 and estimation_mse of the loop, from a Lyapunov equation."""
+    K = la.solve_discrete_are(A, B, QX, RU)
+    K = np.linalg.solve(RU + B.T @ K @ B, B.T @ K @ A)
+    n, D = 2, max(of_plant, of_model, 1) + 1
+    N = 2 * n + D
+    eye = np.eye(N)
+    x, x_pred = eye[:n], eye[n : 2 * n]
+    past = [eye[2 * n + j - 1][None] for j in range(1, D + 1)]
+    x_hat, from_v = x_pred + L @ (C @ x - C @ x_pred), np.hstack([np.zeros((n, n)), L])
+    ahead, ahead_v = x_hat, from_v
+    for i in range(of_model):
+        ahead, ahead_v = A @ ahead + B @ past[of_model - i - 1], A @ ahead_v
+    u, u_v = -K @ ahead, -K @ ahead_v
+    acting, acting_v = (u, u_v) if of_plant == 0 else (past[of_plant - 1], 0.0 * u_v)
+    known, known_v = (u, u_v) if of_model == 0 else (past[of_model - 1], 0.0 * u_v)
+    F, G = np.zeros((N, N)), np.zeros((N, n + 1))
+    F[:n], G[:n] = A @ x + B @ acting, np.hstack([np.eye(n), np.zeros((n, 1))]) + B @ acting_v
+    F[n : 2 * n], G[n : 2 * n] = A @ x_hat + B @ known, A @ from_v + B @ known_v
+    F[2 * n], G[2 * n] = u, u_v
+    for j in range(1, D):
+        F[2 * n + j] = past[j - 1]
+    W = la.block_diag(Q, R)
+    S = la.solve_discrete_lyapunov(F, G @ W @ G.T)
+    e = x_hat - x
+    mse = np.trace(e @ S @ e.T + from_v @ W @ from_v.T) / 2
+    power = (u @ S @ u.T + u_v @ W @ u_v.T)[0, 0]
+    return max(abs(np.linalg.eigvals(F))), S[0, 0], power, mse
+
+
+CASES = {
+    (1, "same"): (0.872019, 0.006924519, 0.040489586, 0.003402079),
+    (1, "none"): (0.927515, 0.006862056, 0.042872365, 0.003619711),
+    (0, "same"): (0.872019, 0.005612613, 0.036877631, 0.003402079),
+}
+"""Delay of the plant and the key `delay` -> values of the page, to the digits given."""
+
+
+@pytest.mark.parametrize(("delay", "known"), CASES)
+def test_stationary_values_of_the_whole_loop(tmp_path, delay, known):
+    """The loop is linear: variances are sums of squares of its answers to single noises.  Oracle: Lyapunov equation."""
+    experiment = load(tmp_path, delay=delay, STEPS=400, methods=f"{{K: {{model: {{delay: {known}}}}}}}")
+    plant, [method] = experiment.plant, experiment.methods
+    draws = experiment.scenario.draw(plant, range(3), 400)
+    w, v = np.zeros_like(draws.w), np.zeros_like(draws.v)
+    w[:2, 0], v[2, 0] = np.sqrt(Q), np.sqrt(R[0])
+    record, status = simulate(plant, method, draws._replace(w=w, v=v), np.zeros((403, 1)), 400)
+    assert not status.any()
+    e = record.x_hat - record.x
+    found = [np.sum(record.x[:, :, 0] ** 2), np.sum(record.u**2), np.sum(e**2) / 2]
+    radius, *expected = stationary(delay, delay if known == "same" else 0)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)  # the answers of 400 samples, of radius 0.93
+    np.testing.assert_allclose([radius, *expected], CASES[delay, known], rtol=0, atol=5.1e-7)
+    np.testing.assert_allclose(expected, CASES[delay, known][1:], rtol=0, atol=5.1e-10)
+
+
+def test_simulated_values(tmp_path):
+    """Runs with noise, from the stationary start of the filter; oracle: the same values, 5 standard errors."""
+    experiment = load(tmp_path, delay=1, RUNS=100, STEPS=600)
+    for method in experiment.methods:
+        record = simulate_block(experiment, method, range(100)).traces
+        x, u, e = record["x"][:, 200:600], record["u"][:, 200:], record["x_hat"][:, 200:600]
+        expected = stationary(1, 1 if method.name == "K" else 0)[1:]
+        for samples, value in zip((x[..., 0] ** 2, u[..., 0] ** 2, (e - x) ** 2), expected, strict=True):
+            assert within_stat(samples.reshape(100, -1).mean(axis=1), value)
+
+
+def augmented(d):
+    """Return A and B of [x(k); u(k-d) .. u(k-1)]."""
+    Aa, Ba = np.zeros((2 + d, 2 + d)), np.zeros((2 + d, 1))
+    Aa[:2, :2], Aa[:2, 2], Ba[-1] = A, B[:, 0], 1.0
+    Aa[2:-1, 3:] = np.eye(d - 1)
+    return Aa, Ba
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_the_law_is_the_optimal_one_of_the_augmented_state(tmp_path, d):
+    """Oracle: the stationary Riccati equation of the state and the inputs on their way, to 5e-14."""
+    Aa, Ba = augmented(d)
+    X = la.solve_discrete_are(Aa, Ba, la.block_diag(QX, np.zeros((d, d))), RU)
+    K = np.linalg.solve(RU + Ba.T @ X @ Ba, Ba.T @ X @ Aa)
+    experiment = load(tmp_path, delay=d, RUNS=2)
+    traces = simulate_block(experiment, experiment.methods[0], range(2)).traces
+    sent = np.hstack([np.zeros((2, d)), traces["u_command"][:, :, 0]])
+    for k in range(60):
+        state = np.hstack([traces["x_hat"][:, k], sent[:, k : k + d]])
+        np.testing.assert_allclose(sent[:, k + d], -state @ K[0], rtol=0, atol=5e-14)
+    np.testing.assert_array_equal(traces["u"][:, d:], traces["u_command"][:, :-d])
+    assert not traces["u"][:, :d].any()
+
+
+def same_as_augmented(directory, d, ours, theirs, **keys):
+    """Assert that a law with a delay is that of the augmented model with other horizons, and return the inputs."""
+    Aa, Ba = augmented(d)
+    model = f"kind: linear, A: {Aa.tolist()}, B: {Ba.tolist()}, C: {[[1.0, *[0.0] * (d + 1)]]}"
+    noise = f"P_w: {[1e-5, 1e-3, *[0.0] * d]}, P_v: 4e-3"
+    known = f"D: {{controller: {{{ours}}}}}"
+    other = f"X: {{model: {{{model}, {noise}, delay: none}}, controller: {{{theirs}}}}}"
+    given = {"FIRST": "process", "START": "[1, 0]"} | keys
+    experiment = load(directory, delay=d, methods=f"{{{known}, {other}}}", **given)
+    first, second = (simulate_block(experiment, method, range(3)).traces for method in experiment.methods)
+    assert not first["u"][:, :d].any() and np.abs(first["u"]).max() > 1.0
+    for signal, ours in first.items():
+        theirs = second[signal][..., : ours.shape[2]]
+        np.testing.assert_allclose(ours, theirs, **ROUND, atol=1e-12 * np.abs(ours).max())
+
+
+MPC, LIMITED = "kind: mpc, Hu: 3, Q: 1, R: 0.1", "limits: {u: [-2, 2], du: [-1, 1]}"
+OPTIMISED = LIMITED.replace("}", ", enforce: qp}")
+GPC = "kind: gpc, Q_yw: 1, Q_u: 0.3"
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        (f"{MPC}, Hp: 10", f"{MPC}, Hp: 12"),
+        (f"{MPC}, Hp: 10, {LIMITED}", f"{MPC}, Hp: 12, {LIMITED}"),
+        (f"{MPC}, Hp: 10, {OPTIMISED}", f"{MPC}, Hp: 12, {OPTIMISED}"),
+        (f"{GPC}, Np: 10", f"{GPC}, Np: 12"),
+    ],
+)
+def test_horizons_and_reference_count_from_where_the_input_acts(tmp_path, ours, theirs):
+    """Oracle: the law of the model whose states are x and the inputs on their way, with a horizon longer by d."""
+    same_as_augmented(tmp_path, 2, ours, theirs, REFERENCE="{kind: square, values: [0, 1], period: 40}")
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ("kind: lqr, horizon: 5, Q_x: [1, 0.1], R_u: 0.1", "kind: lqr, horizon: 7, Q_x: [1, 0.1, 0, 0], R_u: 0.1"),
+        ("kind: lqg, Q_y: 1, Q_i: 0.05, R_u: 0.1", None),
+        ("kind: lqg, Q_y: 1, Q_i: 0.05, R_u: 0.1, on: estimate", None),
+        ("kind: lqg, Q_y: 1, Q_i: 0, R_u: 0.1", None),
+    ],
+)
+def test_state_feedback_and_integrals_are_those_of_the_augmented_model(tmp_path, ours, theirs):
+    """Oracle: the same design for the augmented model, from a start outside of rest, with the reference 0."""
+    same_as_augmented(tmp_path, 2, ours, theirs or ours)
+
+
+def test_sums_of_lqg_have_the_predicted_errors(tmp_path):
+    """Oracle: the law written out from recorded signals without noise; the reference changes."""
+    law, r = "{kind: lqg, Q_y: 1, Q_i: 0.05, R_u: 0.1}", "{kind: square, values: [1, 3], period: 20}"
+    experiment = load(tmp_path, delay=2, CONTROLLER=law, REFERENCE=r, RUNS=1, methods="{K: {}}")
+    plant, [method] = experiment.plant, experiment.methods
+    draws = experiment.scenario.draw(plant, range(1), 60)
+    draws = draws._replace(w=0.0 * draws.w, v=0.0 * draws.v)
+    target = experiment.scenario.reference.sample(70)
+    record = simulate(plant, method, draws, target, 60)[0]
+    x, u, r, gains = record.x[0], record.u[0], target[:, 0], method.controller
+    np.testing.assert_allclose(record.x_hat, record.x, rtol=0, atol=1e-12)
+    for k in range(58):
+        q = np.sum(x[: k + 2, 0] - r[: k + 2])
+        expected = gains.K_r[0, 0] * r[k + 2] - gains.K_x[0] @ x[k + 2] - gains.K_q[0, 0] * q
+        np.testing.assert_allclose(u[k + 2, 0], expected, rtol=1e-10, atol=1e-12)
