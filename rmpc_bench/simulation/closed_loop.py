@@ -138,7 +138,8 @@ def simulate(
     A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
     Estimator and controller get y as it is measured, with NaN where it is missing, and late values when they arrive; y
     of the record has no noise.
-    u is what acts: the input of the controller within the bounds of the plant, also for estimator and controller.
+    u is what acts: the input of the controller after the laws of the input and within the bounds of the plant.
+    Estimator and controller get what the method knows of it (input_channel.py).
     Every array that a component returns is copied at once, so that it may use the same memory again.  r has at least
     n_steps + the controller's preview samples.  What trajectories hold for samples after `last` has no meaning.
     """
@@ -186,7 +187,7 @@ def simulate(
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = timed.predict(k, e, u_m)
+            e = timed.predict(k, e, u_m.copy())
             if k == last:
                 break
     timed.note(start.journal, n_runs, n_steps)
