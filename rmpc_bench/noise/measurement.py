@@ -24,11 +24,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
 from jaxtyping import Bool, Float
+from pydantic import BeforeValidator
 
 from rmpc_bench.noise.parameters import Share
 from rmpc_bench.numerics.linalg import as_vector
@@ -39,6 +40,15 @@ NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
 LONGEST_DELAY = 100
 """Largest delay in samples; an estimator that counts with it repeats so many steps at every sample."""
+
+
+def _whole(value: Any) -> Any:
+    if isinstance(value, float) and value % 1.0 != 0.0:
+        raise ValueError(f"must be a whole number (got {value:g}); for parts of a sample choose a smaller time.step")
+    return value
+
+
+Samples: TypeAlias = Annotated[int, BeforeValidator(_whole)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +217,7 @@ def delayed(
     ny: int,
     *,
     signal_names: Sequence[str] = (),
-    samples: float | list[float],
+    samples: Samples | list[Samples],
     per: Literal["step", "run"] = "step",
     only: list[Any] | None = None,
 ) -> Delayed:
@@ -226,16 +236,13 @@ def delayed(
     Raises
     ------
     DesignError
-        If a delay is no whole number of samples, a range is none, or a name is unknown.
+        If a delay or a range of delays is none, or a name is unknown.
     """
     bounds = samples if isinstance(samples, list) else [samples, samples]
-    if any(each != int(each) for each in bounds):
-        way_out = "for parts of a sample choose a smaller time.step"
-        raise DesignError(f"must be a whole number (got {samples}); {way_out}", "samples")
     if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1] <= LONGEST_DELAY:
         message = f"must be a whole number from 0 to {LONGEST_DELAY}, or [low, high] of such numbers (got {samples})"
         raise DesignError(message, "samples")
-    return Delayed(_chosen(only, signal_names, ny), int(bounds[0]), int(bounds[1]), per)
+    return Delayed(_chosen(only, signal_names, ny), bounds[0], bounds[1], per)
 
 
 def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array, " n"]:

@@ -27,6 +27,7 @@ def test_a_number_is_short_for_its_samples(load):
     """Oracle: the long form has the same law and the same identity; a sweep reaches the number by both."""
     short, long = load(), load(noise=LATE.replace("2}", "{samples: 2}}"))
     assert law_of(short).longest_delay == law_of(long).longest_delay == 2
+    assert short.resolved["noise"]["measurement"]["sum"][1] == {"delayed": {"samples": 2, "per": "step"}}
     assert short.points[0].method_keys == long.points[0].method_keys
     swept = load(sweep="{grid: {noise.measurement.sum.1.delayed: [0, 3]}}")
     assert [each.experiment.scenario.measurement[-1].longest_delay for each in swept.points] == [0, 3]
@@ -69,7 +70,7 @@ class Own:
     ("keys", "path", "message"),
     [
         ({"noise": LATE.replace("2}", "1.5}")}, "noise.measurement.sum.1.delayed.samples", "for parts of a sample"),
-        ({"noise": LATE.replace("2}", "{samples: 1.5}}")}, "noise.measurement.sum.1.delayed.samples", "whole number"),
+        ({"noise": LATE.replace("2}", "{samples: [0, 1.5]}}")}, "noise.measurement.sum.1.delayed.samples.1", "whole"),
         ({"noise": LATE.replace("2}", "{samples: 2, pre: run}}")}, "noise.measurement.sum.1.delayed.pre", "'per'"),
         ({"noise": "{process: {delayed: 1}}"}, "noise.process.delayed", "alters a"),
         ({"noise": "{measurement: {missing: {every: 2, known: true}}}"}, "noise.measurement.missing.known", "input"),

@@ -60,7 +60,6 @@ def test_outputs_of_a_law_are_those_that_it_concerns():
 @pytest.mark.parametrize(
     ("design", "keys", "key", "message"),
     [
-        (delayed, {"samples": 1.5}, "samples", "must be a whole number (got 1.5); for parts of a sample choose a"),
         (delayed, {"samples": 101}, "samples", "from 0 to 100"),
         (delayed, {"samples": [2, 1]}, "samples", "[low, high]"),
         (delayed, {"samples": 1, "only": ["postion"]}, "only.0", "did you mean 'position'?"),

@@ -23,13 +23,14 @@ ON_TIME = "same"
 LATE = "{sum: [same, {delayed: 2}]}"
 
 
-def text(measurement=ON_TIME, delay=None, **keys):
-    """Return the configuration of the system of the specification with a law of the measurement."""
+def text(measurement=ON_TIME, delay=None, of_input=0, **keys):
+    """Return the configuration of the system of the specification with laws of the measurement and of the input."""
     model = {"from": "plant", "P_w": [1e-5, 1e-3], "P_v": 4e-3} | ({} if delay is None else {"delay": delay})
     tree = {
         "version": 1, "name": "late", "runs": 4, "seed": 3, "time": {"steps": STEPS},
         "plant": {"kind": "linear", "A": A.tolist(), "B": B.tolist(), "C": C.tolist()}, "model": model,
-        "noise": {"process": "same", "measurement": yaml.safe_load(measurement)},
+        "noise": {"process": "same", "measurement": yaml.safe_load(measurement)}
+        | ({"input": {"delayed": of_input}} if of_input else {}),
         "initial": {"P": PREDICTED.tolist()}, "reference": {"kind": "constant", "value": 0},
         "controller": {"kind": "control-lqr", "Q_x": [1, 0.1], "R_u": 0.1},
         "methods": {"KF": {"estimator": {"kind": "kalman"}}}, "metrics": ["estimation_mse", "mse", "nis"],
@@ -59,16 +60,17 @@ def record(experiment, runs=range(1), draws=None, **options):
 
 
 ROWS = [
-    (ON_TIME, None, 0.005612613, 0.036877631, 0.003402079),
-    (LATE, "same", 0.008421933, 0.044221661, 0.004585664),
-    (LATE, "none", 0.009096706, 0.052726569, 0.005385757),
+    (ON_TIME, None, 0, 0.005612613, 0.036877631, 0.003402079),
+    (LATE, "same", 0, 0.008421933, 0.044221661, 0.004585664),
+    (LATE, "none", 0, 0.009096706, 0.052726569, 0.005385757),
+    (LATE, "same", 1, 0.010112566, 0.048063835, 0.004585664),
 ]
 
 
-@pytest.mark.parametrize(("law", "delay", "x1", "u", "error"), ROWS)
-def test_stationary_values_of_the_loop(load, law, delay, x1, u, error):
+@pytest.mark.parametrize(("law", "delay", "of_input", "x1", "u", "error"), ROWS)
+def test_stationary_values_of_the_loop(load, law, delay, of_input, x1, u, error):
     """Oracle: a Lyapunov equation of the whole loop, to nine digits; one impulse per run, whose squares add up."""
-    experiment = load(law, delay).experiment
+    experiment = load(law, delay, of_input).experiment
     draws = experiment.scenario.draw(experiment.plant, range(3), STEPS)
     w, v = np.zeros_like(draws.w), np.zeros_like(draws.v)
     w[0, 100, 0], w[1, 100, 1], v[2, 100, 0] = np.sqrt([1e-5, 1e-3, 4e-3])
@@ -78,10 +80,10 @@ def test_stationary_values_of_the_loop(load, law, delay, x1, u, error):
     np.testing.assert_allclose(((found.x_hat - found.x) ** 2).sum() / 2, error, rtol=2e-7)
 
 
-@pytest.mark.parametrize(("law", "delay", "x1", "u", "error"), ROWS[1:])
-def test_the_same_values_by_simulation(load, law, delay, x1, u, error):
+@pytest.mark.parametrize(("law", "delay", "of_input", "x1", "u", "error"), ROWS[1:])
+def test_the_same_values_by_simulation(load, law, delay, of_input, x1, u, error):
     """Oracle: the same numbers, within 5 standard errors over runs, and nis = 1 where the delay is known."""
-    experiment = load(law, delay, time={"steps": 300}).experiment
+    experiment = load(law, delay, of_input, time={"steps": 300}).experiment
     found = record(experiment, range(80), info=("e", "S"))
     x, x_hat, u_found = found.x[:, 60:], found.x_hat[:, 60:], found.u[:, 60:]
     assert within_stat((x[:, :, 0] ** 2).mean(axis=1), x1)
