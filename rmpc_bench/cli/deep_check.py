@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MAX_POINTS = 12
 """Points of a sweep that are analysed, the first ones."""
 DIVERGENCE = "  divergence of the plant from the design model, a guide for the tolerance c"
-LOOPS = "  linear closed loop without friction and limits: spectral radius at the last gains, convergence of the gain"
+LOOPS = "  linear closed loop without friction, limits, delays and gaps: spectral radius, convergence of the gain"
 CAPTION = (
     "  s: standard deviation of the plant's noise divided by that of the design model",
     "  The gains do not depend on s; the mean part grows as 1 / s^2.  Friction and limits, which make the true density",
