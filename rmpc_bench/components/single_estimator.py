@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,6 @@ class SingleRunEstimator(SingleDesign, Estimator):
 
     knows_uncertainty: bool
     bridges_missing: bool
-    repeats = False
     Ne: int
 
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
@@ -93,6 +93,11 @@ class SingleRunEstimator(SingleDesign, Estimator):
         self._reports = Reports(user.constant("reports", {}))
 
     @property
+    def repeats(self) -> bool:
+        """Whether no step is held: a held one would be counted at every repetition."""
+        return not self.holds
+
+    @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """As the user's class declares."""
         return self._reports.shapes
@@ -103,6 +108,12 @@ class SingleRunEstimator(SingleDesign, Estimator):
         objects = self.user_runs(n_runs, runs, {})
         objects.report()
         return RunStates(objects, np.tile(x0, (n_runs, 1)), np.tile(P0, (n_runs, 1, 1)))
+
+    def copied(self, state: RunStates) -> RunStates:
+        """Return a state with copies of the objects."""
+        other = copy(state)
+        other.objects, other.gives_P = state.objects.copied(), state.gives_P.copy()
+        return other
 
     def correct(self, k: int, state: RunStates, y: Float[Array, "runs ny"]) -> tuple[RunStates, Estimate]:
         """Call `update`, or `predict` and `correct`, of every run that has not failed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy, deepcopy
 from itertools import repeat
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -170,14 +171,31 @@ class UserRuns:
 
         self.bound["__init__"], self.names["__init__"] = [make] * self.n_runs, names
         self.call("__init__", None, signals, self.made.__setitem__, phase="start")
+        self._bind()
+        if "start" in self.bound:
+            self.call("start", None, signals, lambda row, answer: None, phase="start")
+
+    def _bind(self) -> None:
+        """Find the methods of every object."""
         for name, arguments in self.user.arguments.items():
             if name != "prepare":
                 bound = [None if each is None else arguments.bind(getattr(each, name)) for each in self.made]
                 self.bound[name], self.names[name] = bound, arguments.names
         if "predict" in self.bound:
             self._join("predict", "correct")
-        if "start" in self.bound:
-            self.call("start", None, signals, lambda row, answer: None, phase="start")
+
+    def copied(self) -> UserRuns:
+        """Return these runs with copies of their objects; a run whose object cannot be copied fails."""
+        other, shared = copy(self), {id(each): each for each in self.fixed.values()}
+        other.bound, other.made = dict(self.bound), list(self.made)
+        for row in self.rows():
+            try:
+                other.made[row] = deepcopy(self.made[row], dict(shared))
+            except Exception as error:
+                message = f"late measurements need a copy of the object: {one_line(error)}"
+                self.fail(Failed(row, CRASHED, message, user_trace(error)), None, {})
+        other._bind()
+        return other
 
     def _join(self, first: str, second: str) -> None:
         """Add a call of two methods of which the first gets the input, the index and the time of the sample before."""

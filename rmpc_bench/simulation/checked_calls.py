@@ -154,6 +154,10 @@ class CheckedEstimator(_Checked):
         _check_info(estimate.info, "correct", self._n)
         return state, estimate
 
+    def copied(self, state: Any) -> Any:
+        """Return a copy of a state."""
+        return self._estimator.copied(state)
+
     def predict(self, k: int, state: Any, u: Array) -> Any:
         """Return the state at k+1, which only the estimator itself can read."""
         with self._user_code():

@@ -89,7 +89,9 @@ class LateFilter:
         base, old, u = state if k else (state, (), ())
         known = [nothing, *old]
         y = tuple(np.where(np.isnan(new), had, new) for new, had in zip(arrived, known, strict=False))
-        now, first, used = base, max(0, k - self._D), Innovations(nothing)
+        # At k >= D the base moves on, and the one before is not needed again.
+        now = base if k >= self._D else self._estimator.copied(base)
+        first, used = max(0, k - self._D), Innovations(nothing)
         status = np.zeros(len(nothing), dtype=np.int8)
         for j in range(first, k + 1):
             now, answer = self._estimator.correct(j, now, y[k - j].copy())
@@ -99,7 +101,7 @@ class LateFilter:
             if j < k:
                 now = self._estimator.predict(j, now, u[j - first].copy())
             if j == k - self._D:
-                base = now
+                base = self._estimator.copied(now)
         info = {**estimate.info, **used.entries(estimate.info)}
         return LateState(base, y[: self._D], u), estimate._replace(status=status, info=info)
 

@@ -55,7 +55,7 @@ class Estimator(Design):
 
     @attribute
     def repeats(self) -> bool:
-        """Whether `correct` and `predict` leave the given state as it is, so that steps can be repeated from it."""
+        """Whether steps can be repeated from a state that `copied` has returned, as late measurements need it."""
         return True
 
     @attribute
@@ -125,6 +125,10 @@ class Estimator(Design):
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Go to k+1 with the applied u(k), which is within the bounds of the plant."""
         raise NotImplementedError("predict")
+
+    def copied(self, state: Any) -> Any:
+        """Return a copy of a state; by default the state itself, which `correct` and `predict` leave as it is."""
+        return state
 
     def series(self) -> Mapping[str, Array]:
         """Series of the design over k (axis 0), such as gains and covariances; they are stored in series.csv."""

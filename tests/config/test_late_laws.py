@@ -63,7 +63,14 @@ class Own:
     bridges_missing = True
     def update(self, y):
         return [0.0, 0.0]
+
+@single_run
+class Blind:
+    def update(self, y):
+        return [0.0, 0.0]
 """
+KNOWN = {"model": "{from: plant, P_w: 0.1, P_v: 1, delay: same}"}
+UNFIT = "the estimator of 'A' cannot use late measurements: `delay: none` gives it y as it arrives"
 
 
 @pytest.mark.parametrize(
@@ -75,8 +82,8 @@ class Own:
         ({"noise": "{process: {delayed: 1}}"}, "noise.process.delayed", "alters a"),
         ({"noise": "{measurement: {missing: {every: 2, known: true}}}"}, "noise.measurement.missing.known", "input"),
         ({"evaluate": "moments"}, "evaluate", "no exact moments"),
-        ({"methods": "{A: {estimator: {file: own.py:Own}}}", "model": "{from: plant, P_w: 0.1, P_v: 1, delay: same}"},
-         "methods.A", "the estimator of 'A' cannot use late measurements: `delay: none` gives it y as it arrives"),
+        (KNOWN | {"methods": "{A: {estimator: {file: own.py:Blind}}}"}, "methods.A", UNFIT),
+        (KNOWN | {"methods": "{A: {estimator: {file: own.py:Own, on_failure: hold}}}"}, "methods.A", UNFIT),
     ],
 )  # fmt: skip
 def test_mistakes_are_reported_at_their_key(load, tmp_path, keys, path, message):
@@ -88,8 +95,8 @@ def test_mistakes_are_reported_at_their_key(load, tmp_path, keys, path, message)
     assert message in problem.message and problem.path == path and problem.line > 1
 
 
-def test_single_estimators_get_y_as_it_arrives(load, tmp_path):
+def test_such_estimators_get_y_as_it_arrives(load, tmp_path):
     """Oracle: with `delay: none` the same estimator is accepted."""
     (tmp_path / "own.py").write_text(SINGLE)
     model = "{from: plant, P_w: 0.1, P_v: 1, delay: none}"
-    load(methods="{A: {estimator: {file: own.py:Own}}}", model=model)
+    load(methods="{A: {estimator: {file: own.py:Own, on_failure: hold}}}", model=model)

@@ -12,7 +12,7 @@ from rmpc_bench.estimators import kalman
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
 from rmpc_bench.simulation.late_measurements import Arrivals
-from rmpc_bench.types import Estimate, Estimator, InvalidReturnValue, KnownDelay
+from rmpc_bench.types import Estimate, Estimator, InvalidReturnValue, KnownDelay, Status
 
 A, B, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]]), np.array([[1.0, 0.0]])
 P_W, P_V = np.diag([1e-5, 1e-3]), np.array([[4e-3]])
@@ -251,3 +251,43 @@ def test_a_failed_run_leaves_the_others(load):
     assert [bool(each) for each in status] == [False, True, False, False]
     for name in ("x", "u", "x_hat", "P"):
         np.testing.assert_array_equal(getattr(one, name)[[0, 2, 3]], getattr(other, name)[[0, 2, 3]])
+
+
+OWN = """
+import threading
+import numpy as np
+from rmpc_bench import single_run
+
+@single_run
+class Filter:
+    bridges_missing = True
+    def __init__(self, model, x0, P0):
+        self.model, self.x, self.P = model, x0, P0
+    def update(self, k, y, u_previous):
+        now = self.model.at(0)
+        if k > 0:
+            self.x, self.P = now.A @ self.x + now.B @ u_previous, now.A @ self.P @ now.A.T + now.Q_w
+        if not np.isnan(y[0]):
+            L = self.P @ now.C.T @ np.linalg.inv(now.C @ self.P @ now.C.T + now.R_v)
+            self.x, self.P = self.x + L @ (y - now.C @ self.x), self.P - L @ now.C @ self.P
+        return self.x, self.P
+
+@single_run
+class Locked(Filter):
+    def __init__(self, model, x0, P0):
+        super().__init__(model, x0, P0)
+        self.lock = threading.Lock()
+"""
+
+
+def test_objects_of_single_runs_are_copied(load, tmp_path):
+    """Oracle: `kalman`; an object that cannot be copied fails its run, with the reason."""
+    (tmp_path / "own.py").write_text(OWN)
+    methods = {"KF": {"estimator": {"kind": "kalman"}}, "own": {"estimator": {"file": "own.py:Filter"}}}
+    methods["locked"] = {"estimator": {"file": "own.py:Locked"}}
+    experiment = load(RANDOM, "same", methods=methods, metrics=["estimation_mse", "mse"], time={"steps": 40}).experiment
+    blocks = {name: simulate_block(experiment, experiment.method(name), range(3)) for name in methods}
+    np.testing.assert_allclose(blocks["own"].metrics, blocks["KF"].metrics, rtol=1e-9)  # another recursion
+    assert [Status(each).word for each in blocks["locked"].status] == ["crashed"] * 3
+    failures = blocks["locked"].journal.failures
+    assert "late measurements need a copy of the object: TypeError" in failures[0].message
