@@ -142,6 +142,7 @@ class Episodes:
         self.estimator = None if method is None else method.estimator
         self.n_disturbances = 0 if method is None else method.n_disturbances
         self.delay = None if method is None else method.delay
+        self.u_before = () if method is None else method.u_before
         nu = experiment.plant.nu
         low, high = PlantInfo.of(experiment.plant).limits.u if limits is None else limits
         self.low, self.high = (np.broadcast_to(np.asarray(each, dtype=float), (nu,)) for each in (low, high))
@@ -177,6 +178,7 @@ class Episodes:
             n_disturbances=self.n_disturbances,
             preview=self.preview,
             delay=self.delay,
+            u_before=self.u_before,
         )
         self.u, self.y = np.zeros(self.experiment.plant.nu), self.episode.sample.r[0].copy()
         return self._seen()

@@ -387,21 +387,24 @@ def with_prediction(
     if not method.delay.input or controller is None:
         return method
     if not law.allows_delay:
-        problems.append(controller.problem(f"{controller.kind} needs a model without delay", "kind"))
+        what, key = ("lp-noise", "tuning.kind") if controller.kind == "gpc" else (controller.kind, "kind")
+        problems.append(controller.problem(f"{what} needs a model without delay", key))
         return None
     return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
 
 
-def _input_delay(draft: DraftConfig, nu: int) -> int | None:
-    """Return the delay of the input in the noise; None where it is random, or differs between the inputs."""
+def _input_delay(draft: DraftConfig, nu: int) -> int | str:
+    """Return the delay of the input in the noise; words where it is no number for all inputs."""
     total = 0
     for law in (term.law for term in draft.noise.get("input", ())):
         if law is None or law.kind != "delayed":
             continue
         samples, only = law.parameters["samples"], law.parameters["only"]
         bounds = {*(samples if isinstance(samples, list) else [samples])}
-        if len(bounds) != 1 or (only is not None and nu > 1):
-            return None
+        if len(bounds) != 1:
+            return "random"
+        if only is not None and len(only) < nu:
+            return "not that of all inputs"
         total += int(bounds.pop())
     return total
 

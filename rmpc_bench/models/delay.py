@@ -47,22 +47,22 @@ DelayKey: Any = Annotated[Literal["same", "none"] | Delay, BeforeValidator(_refu
 """Value of the key `delay` of a design model."""
 
 
-def known_delay(given: str | Delay, of_input: int | None, outputs: Sequence[str]) -> KnownDelay:
+def known_delay(given: str | Delay, of_input: int | str, outputs: Sequence[str]) -> KnownDelay:
     """Return the delays that the key gives.
 
     Parameters
     ----------
     given : value of the key
-    of_input : delay of the input in the noise; None where it is random or differs between the inputs
+    of_input : delay of the input in the noise; words where it is no number for all inputs
     outputs : names of the outputs of the plant
     """
     if given == NONE:
         return KnownDelay(0, (0,) * len(outputs))
     if isinstance(given, Delay):
         return KnownDelay(given.input, _of_outputs(given.measurement, outputs))
-    if of_input is None:
+    if isinstance(of_input, str):
         number = "say which number the design model assumes, delay: {input: 1}"
-        raise DesignError(f"the delay of the input is random or not that of all inputs: {number}", "delay")
+        raise DesignError(f"the delay of the input is {of_input}: {number}", "delay")
     return KnownDelay(of_input, None)
 
 

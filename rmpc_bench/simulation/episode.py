@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.input_channel import InputChannel
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment, own_draws
@@ -50,6 +51,7 @@ class Episode:
     n_disturbances : number of its last states that are disturbances
     preview : number of samples of the reference, r(k) included
     delay : delays that the estimator knows; None for none
+    u_before : input before k = 0; 0 where it is empty
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class Episode:
         n_disturbances: int = 0,
         preview: int = 1,
         delay: KnownDelay | None = None,
+        u_before: tuple[float, ...] = (),
     ) -> None:
         self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
         self.estimator, self.n_disturbances, self.preview, self.k = estimator, n_disturbances, preview, 0
@@ -69,7 +72,8 @@ class Episode:
         self.r = scenario.reference.sample(self.n_steps + 1 + preview)
         start, self._runs = RunStart(scenario.seed, (run,), Journal()), RunState.of(1)
         self.journal = start.journal
-        self._counted = RunInfo((run,), (), self._runs.alive, start.journal)
+        counted = RunInfo((run,), (), self._runs.alive, start.journal)
+        self._channel = InputChannel(self.plant, draws.inputs, delay or KnownDelay(), u_before, counted)
         draws = own_draws(scenario, self.plant, runs, self.n_steps, draws)
         self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
@@ -90,20 +94,20 @@ class Episode:
         return self.k == self.n_steps or self.sample.status != Status.OK
 
     def step(self, u: Float[Array, " nu"]) -> Sample:
-        """Apply an input from k to k+1, within the bounds of the plant; `u` then is what has acted."""
+        """Choose the input at k, which acts after the laws of the input; `u` then is what has acted from k to k+1."""
         if self.is_over:
             raise RuntimeError("the episode is over; start another one")
         k, u_k = self.k, np.array(u, dtype=float).reshape(1, self.plant.nu)
         with np.errstate(over="ignore", invalid="ignore"):
             self._status = self._runs.after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
-            u_k = self.plant.applied_inputs(u_k, self._counted)
+            u_k, u_m, _ = self._channel.step(k, u_k)
             self.u = u_k[0].copy()
             motion = as_motion(self.plant.step(k, self._delta, self._x.copy(), u_k.copy(), self._w[:, k]))
             self._status = self._runs.after(self._limits.of_state(self._status, motion.status, motion.x))
             if self._runs.alive.all():
                 self._x = np.array(motion.x)
             if self.estimator is not None:
-                self._e = self._filter.predict(k, self._e, u_k)
+                self._e = self._filter.predict(k, self._e, u_m.copy())
             self.k = k + 1
             self.sample = self._measured()
         return self.sample
