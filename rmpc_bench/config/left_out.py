@@ -14,6 +14,7 @@ from typing import Any
 from rmpc_bench.claims.claim import FINDINGS, Claim
 from rmpc_bench.config.draft import DraftConfig, Inherited
 from rmpc_bench.config.sections import section_of
+from rmpc_bench.config_file.method_grid import GRID
 from rmpc_bench.config_file.tree import Items, Map, join, locate, locate_key, split
 from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.plain_files import text_of
@@ -202,24 +203,27 @@ def _recorded(claims: Any, ids: set[str]) -> dict[str, str]:
     return {entry["id"]: entry["finding"] for entry in named if entry.get("finding") in FINDINGS}
 
 
-def problems_at_origin(draft: DraftConfig) -> list[Problem]:
-    """Return the problems of a checked draft, each at the path where its value is written.
+def problems_at_origin(draft: DraftConfig, given: Map) -> list[Problem]:
+    """Return the problems of a checked draft, each at the path where its value is written; `given` has the grid.
 
-    An error in a default is reported once, at the default, not for every method that inherits it.  An error in the
-    plant is reported at the plant, not at the model that comes from it.
+    An error in a default, or in an entry of a grid, is reported once, there, not for every method that has it.  An
+    error in the plant is reported at the plant, not at the model that comes from it.
     """
     paths: dict[tuple[str, int, int], list[str]] = {}
 
-    def visit(path: list[str | int], node: Any) -> None:
-        for mark in (locate(draft.tree, path), locate_key(draft.tree, path)):
+    def visit(tree: Map, path: list[str | int], node: Any) -> None:
+        for mark in (locate(tree, path), locate_key(tree, path)):
             paths.setdefault(mark, []).append(join(path))
         children = node.items() if isinstance(node, Map) else enumerate(node) if isinstance(node, Items) else ()
         for step, child in children:
-            visit([*path, step], child)
+            visit(tree, [*path, step], child)
 
     for default in ("model", "estimator", "controller"):
         if default in draft.tree:
-            visit([default], draft.tree[default])
+            visit(draft.tree, [default], draft.tree[default])
+    methods = given.get("methods")
+    if isinstance(methods, Map) and GRID in methods:
+        visit(given, ["methods", GRID], methods[GRID])
     of_plant = {_without_path(problem) for problem in draft.problems if problem.path.startswith("plant.")}
     return [
         _moved(problem, paths)

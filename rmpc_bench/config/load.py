@@ -316,8 +316,8 @@ def _validated(
     claims = check(sweep, drafts, points, lenient=size.lenient)
     check_tuning(drafts, points)
     built = [point for point in points if point is not None]
-    problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
-    problems += own.problems
+    problems = [*sweep.problems, *own.problems]
+    problems += [problem for draft in drafts for problem in problems_at_origin(draft, source.tree)]
     if problems or len(built) < len(points):
         raise ConfigError(reported_once(problems))
     options, added = source.options(size.runs, smoke=size.smoke), texts_of(source.added)

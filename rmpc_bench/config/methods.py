@@ -24,6 +24,7 @@ from rmpc_bench.config.method_tune import read_tuned
 from rmpc_bench.config.sweep import METHOD_COMPONENTS
 from rmpc_bench.config_file.component import Component, plain_data
 from rmpc_bench.config_file.keys import shown
+from rmpc_bench.config_file.method_grid import MAX_METHODS
 from rmpc_bench.config_file.tree import Map, locate_key, merge, plain, with_kind
 from rmpc_bench.config_file.yaml import dump, one_line
 from rmpc_bench.received.names import wrong_label, wrong_method
@@ -31,7 +32,6 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
-MAX_METHODS = 5000
 METHOD_KEYS = (*METHOD_COMPONENTS, "label", "tune", "parameters")
 
 

@@ -79,6 +79,8 @@ class Statistics(ComparisonKeys):
                 path: list[str | int] = ["statistics", "requirement"]
                 path += [] if isinstance(self.requirement, str) else [place]
                 draft.note(path, f"column {error.column} of {text!r}: {error.message}")
+        if self.two_way is not None and len(self.two_way) != 2:
+            draft.note(["statistics", "two_way"], f"must name two axes (got {len(self.two_way)})")
         infos = () if point is None else point.experiment.metric_infos
         info = next((each for each in infos if each.name == (self.primary or infos[0].name)), None)
         if info is None:

@@ -2,7 +2,8 @@
 
 ``plant: {from: FILE, ..}`` is the plant of another configuration, in which the keys given here replace values.  The
 `model`, `noise`, `initial` and `reference` of that file are used if this configuration has none.  All files are read
-here, so that later stages depend on no file and the resolved configuration loads from any directory.
+here, so that later stages depend on no file and the resolved configuration loads from any directory.  The methods of a
+grid are written out.
 ``model: {from: plant, ..}`` has the parameters of the plant except for those given there.
 """
 
@@ -16,6 +17,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config_file.component import read_component
 from rmpc_bench.config_file.keys import model_of, shown
+from rmpc_bench.config_file.method_grid import with_grid
 from rmpc_bench.config_file.source import GivenConfig, read_named, with_methods
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, locate, merge, split, with_kind
 from rmpc_bench.config_file.yaml import Override
@@ -44,7 +46,7 @@ def inherit(source: GivenConfig) -> Map:
     if not problems:
         tree = _FileReader(source.path, (), problems).read_all(tree)
     tree = _override(tree, others, problems)
-    tree = with_methods(tree, source.added, problems)
+    tree = with_methods(with_grid(tree, problems), source.added, problems)
     if problems:
         raise ConfigError(problems)
     return tree

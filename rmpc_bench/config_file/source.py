@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import file_beside, is_file_name
+from rmpc_bench.config_file.method_grid import EXCLUDE, GRID
 from rmpc_bench.config_file.tree import (
     DELETE,
     Items,
@@ -211,7 +212,9 @@ def _drop_other_length(result: Map, own: Map, path: list[str | int]) -> None:
 
 def _replaces(base: Map, own: Map, path: list[str | int]) -> bool:
     """Whether a mapping stands for something of another kind than the inherited one."""
-    group = COMPONENTS.get(str(path[-1])) if len(path) == 1 or (len(path) == 3 and path[0] == "methods") else None
+    # methods.NAME.estimator, methods.grid.estimator.NAME
+    names = path[2:3] if len(path) == (4 if path[1:2] == [GRID] else 3) and path[0] == "methods" else path
+    group = COMPONENTS.get(str(names[0])) if len(names) == 1 else None
     if group is not None:
         base, own = with_kind(group, base), with_kind(group, own)
     if "kind" in base and "kind" in own:
@@ -266,8 +269,9 @@ def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
         return tree
     result, merged = tree.copy(), methods.copy()
     for name in added:
-        if name in methods:
-            message = "is a method of the configuration already; choose another name"
+        if name in methods or name in (GRID, EXCLUDE):
+            which = "method" if name in methods else "key"
+            message = f"is a {which} of the configuration already; choose another name"
             problems.append(Problem(*added.places(name)[0], join(["methods", name]), message))
         else:
             merged.take(added, name)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from annotated_types import Gt
+from annotated_types import Gt, Len
 from jaxtyping import Bool, Float
 
 from rmpc_bench.types.basics import Array, NonNegative, attribute
@@ -23,6 +23,7 @@ from rmpc_bench.types.run_info import RunInfo
 
 Bound: TypeAlias = NonNegative | Literal["N"] | None
 """End of a window in seconds or samples, as the experiment's `time` is given; N is the last sample."""
+Axis: TypeAlias = Literal["model", "estimator", "controller"]
 Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 """Which value is better: a lower or a higher one, the one closest to 0 (signed), the one closest to 1 (a ratio)."""
 
@@ -384,10 +385,13 @@ class ComparisonKeys:
     lost : factor, such as 10: a run is lost where it failed, or where its primary metric exceeds this factor times that
         of the baseline in the same run; tables have the share of lost runs beside the mean
     ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
+    two_way : two axes -> their entries, whose names a + joins in the name of a method: main effects and interactions
+        of every metric; `methods.grid` sets it
     """
 
     lost: Annotated[float, Gt(1)] | None = None
     ranks: bool = False
+    two_way: dict[Axis, list[Annotated[str, Len(1)]]] | None = None
 
     def comparison_keys(self) -> dict[str, Any]:
         """Return these keys and their values, for another record that has them."""

@@ -43,7 +43,7 @@ FIELDS = {
         ),
         *("relevant", "margins", "average", "headline", "max_failures", "alike", "overrides", "figures", "claims"),
         *("points", "expected_failures", "report", "ranks", "requirements", "lost", "added", "stop", "parameters"),
-        "tuning",
+        *("tuning", "two_way"),
     ),
 }
 """Every field at the top of every record; a test compares them with those of new results."""
