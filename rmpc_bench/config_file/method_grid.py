@@ -1,24 +1,25 @@
-"""The keys `grid` and `exclude` of `methods`: every model, estimator and controller with every other, written out.
+"""The keys `grid` and `exclude` of `methods`: all combinations of models, estimators and controllers.
 
-The axes are one to three of `model`, `estimator` and `controller`, and their entries have names::
+Later stages see ordinary methods, here KF+MPC, KF+PI and UKF+MPC::
 
     grid:
       estimator: {KF: {kind: kalman}, UKF: {kind: unscented-kalman, tune: {alpha: [0.1, 2]}}}
       controller: {MPC: {kind: mpc, Hp: 10}, PI: {kind: pid, Kp: 2}}
     exclude: [{estimator: UKF, controller: PI}]
     KF+PI: {controller: {Kp: 3}}
-
-Later stages see ordinary methods, KF+MPC, KF+PI and UKF+MPC.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from math import prod
-from typing import Any
+from typing import Annotated, Any
 
-from rmpc_bench.config_file.keys import shown
+from annotated_types import Len
+
+from rmpc_bench.config_file.keys import shown, validate
 from rmpc_bench.config_file.tree import Items, Map, assign, locate_key, merge, problem_at, with_kind
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
@@ -28,129 +29,95 @@ AXES = ("model", "estimator", "controller")
 MAX_METHODS = 5000
 JOINT = "+"
 """Between the names of the entries in the name of a method."""
-_ENTRIES = "must be a mapping from names to mappings, such as {KF: {kind: kalman}}"
-_TUNE = "must be a mapping from paths inside the component to ranges, such as {alpha: [0.1, 2]}"
+_TYPES: dict[str, Any] = {
+    GRID: Annotated[dict[str, Annotated[dict[str, dict[str, Any]], Len(1)]], Len(1)],
+    EXCLUDE: list[Annotated[dict[str, str], Len(1)]] | None,
+}
+_NO_METHOD = "`grid` and `exclude` are no names of methods"
 
 
 def with_grid(tree: Map, problems: list[Problem]) -> Map:
     """Return a configuration with the methods of its grid in place of it; what is wrong adds to the problems."""
-    methods = tree.get("methods")
-    if not isinstance(methods, Map) or not {GRID, EXCLUDE} & {*methods}:
+    methods, wrong = tree.get("methods"), list[Problem]()
+    if not isinstance(methods, Map) or not {*_TYPES} & {*methods}:
         return tree
-    grid = _Grid(tree, methods)
-    result = tree.copy()
-    result["methods"] = grid.written_out()
-    mark, statistics = locate_key(methods, [GRID]), tree.get("statistics", Map(mark=tree.mark))
-    if len(grid.axes) == 2 and isinstance(statistics, Map):
-        if "two_way" in statistics:
-            message = "has the axes of `methods.grid` already; leave it out"
-            problems.append(problem_at(tree, ["statistics", "two_way"], message, key=True))
-        levels = {axis: Items(entries, mark=mark) for axis, entries in grid.axes.items()}
+    for key, kind in _TYPES.items():
+        validate(kind, methods.get(key), ["methods", key], wrong, mark=locate_key(methods, [key]))
+    wrong = [replace(each, message=f"{each.message}; {_NO_METHOD}") for each in wrong]
+    wrong = wrong or [problem_at(tree, ["methods", *path], text, key=True) for path, text in _wrong(methods)]
+    problems += wrong
+    if wrong:
+        return tree
+    grid, mark, found = methods[GRID], locate_key(methods, [GRID]), Map(mark=methods.mark)
+    for names in product(*grid.values()):
+        name, own, first = JOINT.join(names), methods.get(JOINT.join(names)), next(iter(grid.values()))
+        if not _is_excluded(methods, names):
+            method = _method(grid, names)
+            # What is no mapping is refused where methods are read.
+            method = merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else own or method
+            found.put(name, method, *(methods if name in methods else first).places(name if own else names[0]))
+    for name in methods:
+        if name not in found and name not in _TYPES:
+            found.take(methods, name)
+    result, statistics = tree.copy(), tree.get("statistics", Map(mark=mark))
+    result["methods"] = found
+    if len(grid) == 2 and isinstance(statistics, Map) and "two_way" not in statistics:
+        levels = {axis: Items(entries, mark=mark) for axis, entries in grid.items()}
         result = assign(result, "statistics.two_way", Map(levels, mark=mark), mark)
-    problems += grid.problems
     return result
 
 
-class _Grid:
-    """Reads the grid of a configuration and collects its problems."""
+def _is_excluded(methods: Map, names: Sequence[str]) -> bool:
+    cell = dict(zip(methods[GRID], names, strict=True))
+    return any(entry.items() <= cell.items() for entry in methods.get(EXCLUDE) or ())
 
-    def __init__(self, tree: Map, methods: Map) -> None:
-        self._tree, self._methods = tree, methods
-        self.problems: list[Problem] = []
-        self.axes: dict[str, Map] = {}
-        """Axis -> its entries."""
-        grid: Any = methods.get(GRID)
-        if GRID not in methods:
-            self._note([EXCLUDE], "leaves out methods of `methods.grid`, which is not there", key=True)
-        elif not isinstance(grid, Map) or not grid:
-            self._note([GRID], f"must be a mapping from axes to entries (got {shown(grid)}); no method has this name")
-        else:
-            for axis, entries in grid.items():
-                self._read_axis(axis, entries)
-        if (n := prod(map(len, self.axes.values()))) > MAX_METHODS:
-            self._note([GRID], f"there must be at most {MAX_METHODS:,} methods (got {n:,})", key=True)
-        self._excluded = self._read_excluded() if self.axes and len(self.axes) == len(grid) else []
 
-    def _note(self, path: Sequence[str | int], message: str, *, key: bool = False) -> None:
-        self.problems.append(problem_at(self._tree, ["methods", *path], message, key=key))
-
-    def _read_axis(self, axis: str, entries: Any) -> None:
-        path = [GRID, axis]
+def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
+    """Yield the path of a key and what is wrong there, in a grid whose types are right."""
+    grid: Map = methods[GRID]
+    for axis, entries in grid.items():
         if axis not in AXES:
-            message = f"axes of methods.grid are {', '.join(AXES)}; no method is called `grid`"
-            self._note(path, message, key=True)
-        elif not isinstance(entries, Map) or not entries:
-            self._note(path, f"{_ENTRIES} (got {shown(entries)})")
-        else:
-            self.axes[axis] = entries
-            for name, entry in entries.items():
-                if JOINT in name:
-                    self._note([*path, name], f"must not contain {JOINT!r}, which joins names of entries", key=True)
-                if not isinstance(entry, Map):
-                    self._note([*path, name], f"must be a mapping with the keys of the component (got {shown(entry)})")
-                    continue
-                if not isinstance(label := entry.get("label", ""), str):
-                    self._note([*path, name, "label"], f"must be text (got {shown(label)})")
-                if "tune" in entry and not (isinstance(entry["tune"], Map) and entry["tune"]):
-                    self._note([*path, name, "tune"], f"{_TUNE} (got {shown(entry['tune'])})")
+            yield [GRID, axis], f"axes of methods.grid are {', '.join(AXES)}; {_NO_METHOD}"
+        for name, entry in entries.items():
+            if JOINT in name:
+                yield [GRID, axis, name], f"must not contain {JOINT!r}, which joins names of entries"
+            if not isinstance(ranges := entry.get("tune", entry), Map) or not ranges:
+                about = "must be a mapping from paths inside the component, such as {alpha: [0.1, 2]}"
+                yield [GRID, axis, name, "tune"], f"{about} (got {shown(ranges)})"
+    for number, entry in enumerate(methods.get(EXCLUDE) or ()):
+        for axis, name in entry.items():
+            if axis not in grid:
+                yield [EXCLUDE, number, axis], unknown(axis, grid, "axis of methods.grid")
+            elif name not in grid[axis]:
+                yield [EXCLUDE, number, axis], f"excludes no method: {unknown(name, grid[axis], axis)}"
+    if (n := prod(map(len, grid.values()))) > MAX_METHODS:
+        yield [GRID], f"there must be at most {MAX_METHODS:,} methods (got {n:,})"
+    elif all(_is_excluded(methods, names) for names in product(*grid.values())):
+        yield [EXCLUDE], "excludes every method"
+    for method in methods:
+        names = method.split(JOINT)
+        is_cell = len(names) == len(grid) and all(map(dict.__contains__, grid.values(), names))
+        if is_cell and _is_excluded(methods, names):
+            yield [method], "is left out by `methods.exclude`"
 
-    def _read_excluded(self) -> list[dict[str, str]]:
-        given, found = self._methods.get(EXCLUDE, []), list[dict[str, str]]()
-        if not isinstance(given, list):
-            message = "must be a list such as [{estimator: KF, controller: PI}]; no method has this name"
-            self._note([EXCLUDE], f"{message} (got {shown(given)})")
-        for number, entry in enumerate(given if isinstance(given, list) else ()):
-            if not isinstance(entry, Map) or not entry:
-                self._note([EXCLUDE, number], f"must be a mapping from axes to names of entries (got {shown(entry)})")
-                continue
-            found.append({axis: str(name) for axis, name in entry.items()})
-            for axis, name in found[-1].items():
-                if axis not in self.axes:
-                    self._note([EXCLUDE, number, axis], unknown(axis, self.axes, "axis of methods.grid"), key=True)
-                elif name not in self.axes[axis]:
-                    message = unknown(name, self.axes[axis], f"{axis} of methods.grid")
-                    self._note([EXCLUDE, number, axis], f"excludes no method: {message}")
-        return found
 
-    def written_out(self) -> Map:
-        """Return the methods of the grid, the first axis slowest, then those beside it."""
-        given, found = self._methods, Map(mark=self._methods.mark)
-        for names in product(*self.axes.values()) if not self.problems else ():
-            cell, name = dict(zip(self.axes, names, strict=True)), JOINT.join(names)
-            if any(entry.items() <= cell.items() for entry in self._excluded):
-                if name in given:
-                    self._note([name], "is left out by `methods.exclude`", key=True)
-                continue
-            method, own = self._method(cell), given.get(name)
-            if isinstance(own, Map):
-                method = merge(_with_kinds(method), _with_kinds(own))
-            places = given.places(name) if name in given else self.axes[next(iter(cell))].places(names[0])
-            # What is no mapping is refused where methods are read.
-            found.put(name, method if own is None or isinstance(own, Map) else own, *places)
-        if not found and not self.problems:
-            self._note([EXCLUDE], "excludes every method")
-        for name in given:
-            if name not in found and name not in (GRID, EXCLUDE):
-                found.take(given, name)
-        return found
-
-    def _method(self, cell: dict[str, str]) -> Map:
-        """Return one entry of every axis as a method."""
-        of_first = self.axes[next(iter(cell))].places(next(iter(cell.values())))
-        method, tune, labels = Map(mark=of_first[1]), Map(mark=of_first[1]), []
-        for axis, name in cell.items():
-            entry = self.axes[axis][name].copy()
-            method.put(axis, entry, *self.axes[axis].places(name))
-            if "label" in entry:
-                method.put("label", "", *entry.places("label"))
-            labels.append(entry.pop("label", name))
-            ranges = entry.pop("tune", {})
-            for path in ranges:
-                method.put("tune", tune, *entry.places("tune"))
-                tune.put(f"{axis}.{path}", ranges[path], *ranges.places(path))
-        if "label" in method:
-            method["label"] = " + ".join(labels)
-        return method
+def _method(grid: Mapping[str, Map], names: Sequence[str]) -> Map:
+    """Return one entry of every axis as a method."""
+    mark = next(iter(grid.values())).places(names[0])[1]
+    method, tune, labels = Map(mark=mark), Map(mark=mark), []
+    for (axis, entries), name in zip(grid.items(), names, strict=True):
+        entry, places = entries[name].copy(), entries.places(name)
+        method.put(axis, entry, *places)
+        if "label" in entry:
+            method.put("label", entry["label"], *entry.places("label"))
+        labels.append(entry.pop("label", name))
+        ranges = entry.pop("tune", Map(mark=mark))
+        for path in ranges:
+            method.put("tune", tune, *entry.places("tune"))
+            tune.put(f"{axis}.{path}", ranges[path], *ranges.places(path))
+    if "label" in method and all(isinstance(label, str) for label in labels):
+        method["label"] = " + ".join(labels)
+    return method
 
 
 def _with_kinds(method: Map) -> Map:
