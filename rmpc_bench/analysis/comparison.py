@@ -29,6 +29,7 @@ from rmpc_bench.analysis.superiority import (
     superiority_interval,
 )
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.two_way import two_way
 from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, largest_share, verdict
 from rmpc_bench.types import Array, MetricInfo
 
@@ -141,6 +142,10 @@ def levels(trials: Trials) -> Levels:
             chosen, values = _deciding(point, pairs)
             column[np.searchsorted(runs, chosen)] = values
             columns.append(column)
+        if info is not None and (grid := two_way(point, info)) is not None:
+            for values in grid.effects.values():
+                columns.append(np.full(len(runs), np.nan))
+                columns[-1][np.searchsorted(runs, grid.runs)] = values
     held = held_level(np.stack(columns, axis=1), whole, trials.seed) if columns else whole
     return Levels(trials.confidence, held, 1 - (1 - whole) / max(n_failing, 1))
 

@@ -24,13 +24,14 @@ from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark
 from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable, worst_of
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.report.two_way_table import TwoWayTable, two_way_lines, two_way_tables
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
 WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
 MOST_NOTES = 7  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
-_FIRST = "page differs failed note stop claims tuned requirements lost remarks worst driven".split()
+_FIRST = "page differs failed note stop claims two-way tuned requirements lost remarks worst driven".split()
 _AVERAGES = {"geometric": "geometric mean", "mean": "ratio of the means"}
 _PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
 _WHOLE = ("failed", "worst", "page")  # notes whose lines are not broken: a command or a path that is copied
@@ -87,6 +88,11 @@ class Screen:
         infos = [info for info in self.trials.metrics if info.name == metric]
         return in_one_form([result_table(*point, info) for info in infos for point in self.tables.with_runs])
 
+    def _crossed(self) -> list[TwoWayTable]:
+        """Return the table of two axes of methods; none at the points of a sweep."""
+        found = two_way_tables(self.trials) if not self.trials.points else ()
+        return [table for table in found if table.info.name == self.metric]
+
     def _answer(self) -> str:
         primary = self.trials.primary_info
         tables = self._tables(primary.name if primary is not None else self.metric) or self._tables(self.metric)
@@ -104,6 +110,7 @@ class Screen:
             lines = row_lines(tables[0], width) if tables else []
         shows_moments = not lines or len(self.trials.methods) <= MOST_UNSORTED and not self.trials.points
         moments = moment_lines(self.trials, width) if shows_moments else []
+        lines += [line for table in self._crossed() for line in two_way_lines(table, width)]
         return [*lines, *([""] if lines and moments else []), *moments]
 
     def _notes(self, tables: Sequence[ResultTable], table: Sequence[str], room: int, width: int) -> list[str]:
@@ -129,6 +136,7 @@ class Screen:
             yield "note", [self._note(tables, table)]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
+            yield "two-way", [text for table in self._crossed() for text in table.sentences]
             yield "tuned", [*filter(None, [self.tuned.gist])]
             yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()

@@ -9,6 +9,7 @@ FILES: dict[str, str] = {
     "drivers.csv": "share of the variance of the comparison that each uncertain quantity explains",
     "requirements.csv": "runs that meet a requirement, with `statistics: {requirement: ..}`",
     "lost.csv": "share of lost runs with its interval, with `statistics: {lost: ..}`",
+    "two-way.csv": "main effects and interactions of two axes of methods, with `methods: {grid: ..}`",
     "tuning.csv": "tuned parameters: range, default, tuned value, regret and rank, with `tune`",
     "tuning.json": "every value that tuning has tried; searches in it are not made again",
     "tuning/": "trials of tuning, and the times that they took",

@@ -20,6 +20,7 @@ from rmpc_bench.report.page.rows import Cell, Head, Rows, ranked_rows, row_of, r
 from rmpc_bench.report.page.source import PageSource, Table, info_of, tables_of
 from rmpc_bench.report.run_notes import counted, ran_counts
 from rmpc_bench.report.summary import Summary
+from rmpc_bench.report.two_way_table import two_way_tables
 
 # Statements that are not folded, the words of all of them, and those of them and the main table.
 MOST_OPEN, MOST_WORDS, WITH_TABLE = 8, 100, 240
@@ -227,6 +228,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "claims": claims[:opened],
         "more_claims": claims[opened:],
         "claims_note": INFORMATIONAL if informational else "",
+        "two_way": two_way_tables(trials)[:MOST_OPEN],
         "folds": folds_of(source, tables),
         "command": record["command"],
         "foot": _foot(source),

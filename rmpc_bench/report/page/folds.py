@@ -34,6 +34,7 @@ from rmpc_bench.report.run_tables import (
     worst_of,
 )
 from rmpc_bench.report.tuning_table import EXPLANATION
+from rmpc_bench.report.two_way_table import NOTE, two_way_tables
 
 
 def _settings(source: PageSource) -> Fold:
@@ -120,6 +121,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     in_short = "bias, variance and reported covariance by state"
     found = [
         _failures(source),
+        _two_way(source),
         _drivers(source),
         *_points(source, tables),
         _metrics(source),
@@ -161,6 +163,16 @@ def _failures(source: PageSource) -> Fold:
         gist = f"{message} ({f'all {n}' if n == len(failed) else f'{n} of {len(failed)}'}"
         gist += f", {names.pop()})" if len(names) == 1 else ")"
     return Fold("Failures", gist, parts)
+
+
+def _two_way(source: PageSource) -> Fold:
+    """Show main effects and interactions of two axes of methods."""
+    parts, gists, trials = list[Part](), ["main effects and interactions"], source.trials
+    for table in two_way_tables(trials)[:MOST_POINTS]:
+        gists += table.sentences
+        parts += [Part(text=f"{table.title}:"), Part(table=Table(table.columns())), Part(items=table.sentences)]
+    parts += [Part(note=NOTE.format(trials.baseline, trials.baseline))] if parts else []
+    return Fold(" and ".join(trials.two_way or ()).capitalize(), gists[:2][-1], parts)
 
 
 def _drivers(source: PageSource) -> Fold | None:
