@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 import yaml
 from claim_tables import make_trials as make_trials
-from conftest import ROUND
 from scipy import stats
 from small_experiment import cli, ran, text, write
 
@@ -142,9 +141,9 @@ def test_intervals_of_the_primary_metric_hold_together(crossed):
 @pytest.mark.parametrize(
     ("gains", "said"),
     [
-        ((-0.12, -0.02), ["how much EKF gains depends on the controller: MPC \u221212 %, PI \u22122 %"]),
+        ((-0.12, -0.02), ["how much EKF gains depends on the controller: MPC \u221212.0 %, PI \u22122.0 %"]),
         # Both interactions are known to be small, or are not known at all.
-        ((-0.12, -0.118), []),
+        ((-0.12, -0.119), []),
         ((-0.12, None), []),
     ],
 )
@@ -152,7 +151,8 @@ def test_the_sentence_on_an_interaction(crossed, gains, said):
     """Beyond the relevant change of 1 % in both cases or not: by construction."""
     rng = np.random.default_rng(1)
     kf = {b: np.exp(rng.normal(size=50)) for b in ("MPC", "PI")}
-    spread = {b: 1 + 1e-3 * rng.normal(size=50) for b in kf}
+    # The mean of the logarithms is 0, so that the sizes of the gains are exact.
+    spread = {b: np.exp(0.02 * stats.zscore(rng.normal(size=50))) for b in kf}
     noise = np.exp(3 * rng.normal(size=50))
     ekf = {b: kf[b] * (noise if gain is None else (1 + gain) * spread[b]) for b, gain in zip(kf, gains, strict=True)}
     values = {f"{a}+{b}": of[b].tolist() for a, of in (("KF", kf), ("EKF", ekf)) for b in kf}
@@ -162,14 +162,11 @@ def test_the_sentence_on_an_interaction(crossed, gains, said):
 
 def test_signed_differences_have_their_margin_and_unit(crossed):
     """Without a margin of its own any interaction that excludes 0 is relevant; with one only a larger one."""
-    rng = np.random.default_rng(2)
-    values = {
-        name: (5 + shift + 0.01 * rng.normal(size=30)).tolist() for name, shift in zip(CELLS, (0, 1, 0, 3), strict=True)
-    }
+    noise = stats.zscore(np.random.default_rng(2).normal(size=(4, 30)), axis=1)
+    values = {name: (5 + gain + 0.01 * of).tolist() for name, gain, of in zip(CELLS, (0, 1, 0, 3), noise, strict=True)}
     trials = crossed({"bias": values}, directions={"bias": "zero"})
-    assert two_way_tables(trials)[0].sentences == [
-        "how much EKF gains depends on the controller: MPC +0.998, PI +3.005"
-    ]
+    said = "how much EKF gains depends on the controller: MPC +1.000, PI +3.000"
+    assert two_way_tables(trials)[0].sentences == [said]
     assert not two_way_tables(replace(trials, margins={"bias": 2.5}))[0].sentences
 
 
@@ -209,8 +206,10 @@ def test_equal_methods_have_no_effect_and_no_noise(crossed):
 def test_the_screen_takes_what_fits(crossed):
     """With interactions, without them, or not at all."""
     [table] = two_way_tables(crossed({"mse": columns()}))
-    wide, narrow = two_way_lines(table, 200), two_way_lines(table, 80)
-    assert "(x1.3 [0.1, 17.5])" in "\n".join(wide) and "(" not in "\n".join(narrow) and "-44 %" in "\n".join(narrow)
+    wide, narrow = two_way_lines(table, 200), two_way_lines(table, 72)
+    assert (
+        "2.52 (+26 % [-91, +1648])" in "\n".join(wide) and "(" not in "\n".join(narrow) and "-44 %" in "\n".join(narrow)
+    )
     assert two_way_lines(table, 30) == []
 
 
@@ -281,16 +280,18 @@ def test_an_archive_has_the_table_and_verifies(results, tmp_path):
 def test_a_mapping_in_python_and_a_sweep(tmp_path):
     """Columns of a sweep come first; every point has its own table."""
     data = yaml.safe_load(text(methods=GRID, sweep="{grid: {methods.KF+MPC.controller.Hp: [12, 14]}}", runs=3))
-    trials = rmpc_bench.run(data, directory=tmp_path / "out", jobs=1).trials
+    results = rmpc_bench.run(data, directory=tmp_path / "out", jobs=1)
+    rmpc_bench.publish(results)
     frame = pd.read_csv(tmp_path / "out/two-way.csv")
     assert list(frame)[:2] == ["methods.KF+MPC.controller.Hp", "metric"]
-    assert len(two_way_tables(trials)) == 4 and [*frame.iloc[:, 0].unique()] == [12, 14]
+    assert len(two_way_tables(results.trials)) == 4 and [*frame.iloc[:, 0].unique()] == [12, 14]
 
 
-def test_a_run_with_a_failed_method_is_left_out_and_counted(tmp_path):
-    """A range of the state that some runs leave with one of the methods."""
-    plant = "{kind: servo-linear, perturb: {J_l: 1 + eps}, diverged: 1e-9}"
-    path = write(tmp_path, methods=GRID, plant=plant, execution="{max_failures: 1000}")
+def test_runs_with_a_failed_method_are_left_out_and_counted(tmp_path):
+    """From the file on: some runs with the short horizon leave the range of the state."""
+    plant = "{kind: servo-linear, perturb: {J_l: 1 + eps}, diverged: [2.5785, 1e3, 1e3, 1e3]}"
+    path = write(tmp_path, methods=GRID, plant=plant, time="{step: 0.1, steps: 40}", execution="{max_failures: 1000}")
     ran(path, tmp_path / "out")
-    assert not (tmp_path / "out/two-way.csv").exists()
-    np.testing.assert_allclose(1.0, 1.0, **ROUND)
+    trials, frame = (pd.read_csv(tmp_path / f"out/{name}.csv") for name in ("trials", "two-way"))
+    lost = trials.groupby("run")["status"].agg(lambda words: (words != "ok").any()).sum()
+    assert 0 < lost < 6 and {*frame["n_left_out"]} == {lost} and {*frame["n"]} == {6 - lost}
