@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from io import BytesIO, StringIO
 from logging import ERROR, getLogger
 from pathlib import Path
@@ -243,21 +244,24 @@ def small_fonts() -> Iterator[None]:
     """
     from fontTools import subset
 
-    usual = subset.Options
+    usual, loaded = subset.Options, subset.load_font
 
-    def smaller(**settings: Any) -> Any:
-        made = usual(**{**settings, "hinting": False})
-        made.drop_tables = [*made.drop_tables, *LAYOUT_TABLES]
-        return made
+    def without_tables(*arguments: Any, **settings: Any) -> Any:
+        font = loaded(*arguments, **settings)
+        # `drop_tables` would leave them out, too, but only after fontTools has read them.
+        for table in LAYOUT_TABLES:
+            if table in font:
+                del font[table]
+        return font
 
     log = getLogger("fontTools")
     level = log.level
     log.setLevel(ERROR)
-    subset.Options = smaller
+    subset.Options, subset.load_font = partial(usual, hinting=False), without_tables
     try:
         yield
     finally:
-        subset.Options = usual
+        subset.Options, subset.load_font = usual, loaded
         log.setLevel(level)
 
 
