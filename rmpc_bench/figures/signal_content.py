@@ -176,8 +176,9 @@ def thinned(rows: Sequence[tuple[float, Sequence[Cell]]]) -> dict[int, Array]:
 def _fewer(lines: Sequence[tuple[float, Line]], most: int, *, is_last: bool = True) -> dict[int, Array]:
     """Choose points by the first tolerance that gives few of them, else the ends of equal parts of the time."""
     found: dict[int, Array] = {}
+    smallest = {id(line): _smallest_tolerances(line.t, line.values, height) for height, line in lines}
     for tolerance in TOLERANCES:
-        found = {id(line): needed_points(line.t, line.values, height, tolerance) for height, line in lines}
+        found = {name: np.flatnonzero(each > tolerance) for name, each in smallest.items()}
         if sum(map(len, found.values())) <= most:
             return found
     if not is_last:
@@ -199,34 +200,39 @@ def _extremes(values: Array, n: int) -> Array:
 
 def needed_points(t: Array, values: Array, height: float, tolerance: float = TOLERANCES[0]) -> Array:
     """Positions of the points that a line needs in a panel of some height (Douglas, Peucker 1973); gaps stay."""
+    return np.flatnonzero(_smallest_tolerances(t, values, height) > tolerance)
+
+
+def _smallest_tolerances(t: Array, values: Array, height: float) -> Array:
+    """Smallest tolerance that does without each point; 0 where the smallest of `TOLERANCES` does, inf in gaps."""
     finite = np.isfinite(values)
     if not finite.any():
-        return np.zeros(0, dtype=np.int64)
+        return np.zeros(len(t))
     across = ASPECT * (t - t[0]) / ((t[-1] - t[0]) or 1.0)
     points = np.stack([across, np.where(finite, values, 0.0) / (height or 1.0)], axis=1)
     edges = np.flatnonzero(np.diff(finite.astype(np.int64))) + 1
-    keep = ~finite
+    found = np.full(len(t), np.inf)
     for piece in np.split(np.arange(len(t)), edges):
         if finite[piece[0]]:
-            keep[piece] = _needed(points[piece], tolerance)
-    return np.flatnonzero(keep)
+            found[piece] = _of_broken_line(points[piece])
+    return found
 
 
-def _needed(points: Array, tolerance: float) -> Array:
-    """Whether each point of a broken line is needed for a distance of at most the tolerance."""
-    keep = np.zeros(len(points), dtype=bool)
-    keep[[0, -1]] = True
-    parts = [(0, len(points) - 1)]
+def _of_broken_line(points: Array) -> Array:
+    """Smallest tolerances for a line without gaps, whose parts are the same with every tolerance, up to the last."""
+    found = np.zeros(len(points))
+    found[[0, -1]] = np.inf
+    parts = [(0, len(points) - 1, np.inf)]
     while parts:
-        first, last = parts.pop()
+        first, last, of_part = parts.pop()
         if last - first < 2:
             continue
         along = points[last] - points[first]
         gap = points[first + 1 : last] - points[first]
         away = np.abs(along[0] * gap[:, 1] - along[1] * gap[:, 0]) / (np.hypot(*along) or 1.0)
         worst = int(np.argmax(away))
-        if away[worst] > tolerance:
+        if away[worst] > TOLERANCES[0]:
             middle = first + 1 + worst
-            keep[middle] = True
-            parts += [(first, middle), (middle, last)]
-    return keep
+            found[middle] = min(of_part, float(away[worst]))
+            parts += [(first, middle, found[middle]), (middle, last, found[middle])]
+    return found
