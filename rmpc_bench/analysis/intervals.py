@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -281,6 +282,12 @@ def skewness_error(n: int) -> float:
     return math.sqrt(6 * n * (n - 1) / ((n - 2) * (n + 1) * (n + 3))) if n > 2 else math.inf
 
 
+@lru_cache(maxsize=1)
+def _resamples(n: int, seed: int) -> Array:
+    """Which of n values are in every resample; the same for all methods and metrics."""
+    return np.random.Generator(np.random.PCG64(seed)).integers(0, n, (RESAMPLES, n))
+
+
 def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     """Studentised bootstrap interval of a mean, from resamples of whole runs.
 
@@ -291,8 +298,7 @@ def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5.
     """
     n = len(values)
-    rng = np.random.Generator(np.random.PCG64(seed))
-    drawn = values[rng.integers(0, n, (RESAMPLES, n))]
+    drawn = values[_resamples(n, seed)]
     spread = drawn.std(axis=1, ddof=1)
     # A resample of one repeated value has no t statistic; rounding is no spread.
     some = spread > NEGLIGIBLE * np.abs(values).max()
