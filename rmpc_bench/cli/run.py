@@ -7,6 +7,7 @@ import shlex
 import time
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ import click
 
 from rmpc_bench.child_process import held
 from rmpc_bench.cli import exits, shared_options
+from rmpc_bench.cli.light_imports import load_scipy, without_docstrings_of_artists
 from rmpc_bench.cli.run_request import Request, ShardOption, configured
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
@@ -26,9 +28,8 @@ if TYPE_CHECKING:
     from rmpc_bench.publishing.published import Shown
     from rmpc_bench.results.record import StoredStop
 
-_USUAL = gc.get_threshold()
-_RARE = (100_000, 50, 10)
-"""Imports and tables make a million objects that stay; looking for cycles in them took a tenth of a short command."""
+_RARELY = (400_000, 50, 10)
+"""After how many new objects, and how many such looks, a report looks for cycles: a figure leaves some."""
 
 
 @click.command()
@@ -78,7 +79,7 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
-    gc.set_threshold(*_RARE)
+    _look_for_no_cycles(click.get_current_context())
     if options.pop("if_installed") and _is_skipped(options["config"]):
         return 0
     request = Request(**options)
@@ -89,8 +90,7 @@ def run(**options: Any) -> int:
         return _show_again(request, done, time.monotonic() - started)
     # An interrupted import may ignore the interruption, or report a broken library.
     with held():
-        import scipy.linalg  # noqa: F401
-
+        load_scipy()
         import rmpc_bench.config.load  # noqa: F401
         from rmpc_bench.cli.config_text import warning_texts
         from rmpc_bench.received.plain_files import StoreError
@@ -111,6 +111,13 @@ def run(**options: Any) -> int:
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
         return exits.code_of_store(error)
+
+
+def _look_for_no_cycles(context: click.Context) -> None:
+    """Look for no cycles of objects: those of imports stay, and a look passes through all of them."""
+    context.call_on_close(gc.enable)
+    context.call_on_close(partial(gc.set_threshold, *gc.get_threshold()))
+    gc.disable()
 
 
 def _is_skipped(config: Path) -> bool:
@@ -153,8 +160,6 @@ def _run_all(
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()
-    gc.freeze()  # what is loaded stays: no later look passes through it
-    gc.set_threshold(*_USUAL)  # components may make cycles that hold large arrays
     _say_shards(request, directory)
     config = _tuned_config(request, config, directory)
     results = filled(
@@ -166,8 +171,11 @@ def _run_all(
         missing=request.missing,
     )
     computed = time.monotonic()
-    gc.set_threshold(*_RARE)
-    written = publish(results)
+    gc.freeze()
+    gc.set_threshold(*_RARELY)
+    gc.enable()
+    with without_docstrings_of_artists():
+        written = publish(results)
     exits.show(written, time.monotonic() - started, notes=not request.quiet)
     if request.verbose:
         _say_details((loaded - started, computed - loaded, time.monotonic() - computed), written)
@@ -231,7 +239,6 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
         from rmpc_bench.execution.runner import compute
         from rmpc_bench.results.results import load_experiment
 
-    gc.set_threshold(*_USUAL)
     config = _tuned_config(request, config, directory)
     compute(
         config,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Mapping, Sequence
-from contextlib import closing
+import gc
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -66,11 +67,25 @@ def stored_blocks(
     """Compute tasks; yield every block when it is stored, with the queue that further tasks may be added to."""
     experiments = tuple(point.experiment for point in config.points)
     queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
-    with closing(engine(experiments, queue)) as results:
+    with closing(engine(experiments, queue)) as results, cycles_collected():
         for done in results:
             store_block(store, config.points[done.task.point], done)
             queue.note(done)
             yield queue, done
+
+
+@contextmanager
+def cycles_collected() -> Iterator[None]:
+    """Look for cycles of objects as usual where the command has switched that off: those of components may be large."""
+    if gc.isenabled():
+        yield
+        return
+    gc.freeze()  # what is loaded stays: no look passes through it
+    gc.enable()
+    try:
+        yield
+    finally:
+        gc.disable()
 
 
 def store_block(store: Store, point: SweepPoint, done: Done) -> None:

@@ -187,15 +187,19 @@ def test_progress_goes_to_stderr(here, how):
 
 @pytest.mark.parametrize("option", ["--quiet", "--no-report"])
 def test_cycles_of_components_are_collected_as_usual(here, monkeypatch, option):
-    """The command looks for cycles rarely, but not while it simulates: they may hold large arrays."""
+    """The command does not look for cycles, but while it simulates: they may hold large arrays."""
     from rmpc_bench.cli import run as command
     from rmpc_bench.engines import tasks
 
-    seen, simulate = [], tasks.simulate_block
-    monkeypatch.setattr(tasks, "simulate_block", lambda *given: (seen.append(gc.get_threshold()), simulate(*given))[1])
-    monkeypatch.setattr(command, "_USUAL", (701, 11, 12))
+    seen, simulate, load = [], tasks.simulate_block, command.configured
+    monkeypatch.setattr(command, "configured", lambda request: (seen.append(gc.isenabled()), load(request))[1])
+    monkeypatch.setattr(
+        tasks, "simulate_block", lambda *given: (seen.append((gc.isenabled(), gc.get_threshold())), simulate(*given))[1]
+    )
+    usual = gc.get_threshold()
     assert go(write(here), option).exit_code == 0
-    assert {*seen} == {(701, 11, 12)}
+    assert seen[0] is False and {*seen[1:]} == {(True, usual)}
+    assert gc.isenabled() and gc.get_threshold() == usual
 
 
 def test_an_internal_error(here, monkeypatch):
