@@ -27,7 +27,7 @@ from rmpc_bench.publishing.table_files import (
 from rmpc_bench.replaced_file import folder, inside
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.tuning_table import TuningTable
-from rmpc_bench.report.two_way_table import two_way_frame
+from rmpc_bench.report.two_way_table import two_way_content
 from rmpc_bench.results.evaluate import drivers, judge, ranks, requirements, summarise
 from rmpc_bench.results.manifest import note_look, note_report, read
 from rmpc_bench.results.record import StoredExperiment
@@ -180,7 +180,7 @@ def _published(
         *write_table(published.requirements, directory, "requirements"),
         *write_rows(lost_table(results.trials), directory / "lost.csv"),
         *write_table(published.ranks, directory, "ranks"),
-        *write_frame(two_way_frame(results.trials), directory / "two-way.csv"),
+        *write_rows(two_way_content(results.trials), directory / "two-way.csv"),
         *write_table(published.tuning, directory, "tuning"),
         *write_traces(results.stored, directory / "traces.npz"),
         *write_claims(results, published.verdicts, directory, rendering.formats),

@@ -28,7 +28,7 @@ from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, lost_table
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
-from rmpc_bench.report.two_way_table import two_way_frame
+from rmpc_bench.report.two_way_table import two_way_content
 from rmpc_bench.results.evaluate import judge, ranks, requirements, summarise
 from rmpc_bench.results.manifest import read
 from rmpc_bench.results.results import Results
@@ -183,7 +183,7 @@ def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     write_table(requirements(results), directory, "requirements")
     write_rows(lost_table(trials), directory / "lost.csv")
     write_table(ranks(results), directory, "ranks")
-    write_frame(two_way_frame(trials), directory / "two-way.csv")
+    write_rows(two_way_content(trials), directory / "two-way.csv")
     if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
         write_latex(tables, experiment_record(results, file), texts, report)
     if not any(table.groups for table in trials.each):

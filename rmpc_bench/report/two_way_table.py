@@ -6,15 +6,16 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from rmpc_bench.analysis.columns import Columns, columns_of
 from rmpc_bench.analysis.comparison import levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.rounding import rounded, without_noise
+from rmpc_bench.analysis.rounding import without_noise
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts, plain, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.two_way import TwoWay, two_way
+from rmpc_bench.report.point_tables import rounded_columns
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.texts import in_columns, width_of, without_formulas
@@ -106,12 +107,10 @@ def two_way_tables(trials: Trials) -> tuple[TwoWayTable, ...]:
     return tuple(tables)
 
 
-def two_way_frame(trials: Trials) -> pd.DataFrame:
+def two_way_content(trials: Trials) -> Columns:
     """Return the content of two-way.csv; an effect is a ratio, or a difference in the unit of a signed metric."""
-    frame = pd.DataFrame([row for table in two_way_tables(trials) for row in table.rows()])
-    if len(frame):
-        frame[_NUMBERS] = rounded(frame[_NUMBERS].to_numpy(dtype=float))
-    return frame
+    rows = [row for table in two_way_tables(trials) for row in table.rows()]
+    return rounded_columns(columns_of(rows, [*rows[0]]), _NUMBERS) if rows else {}
 
 
 def two_way_lines(table: TwoWayTable, width: int) -> list[str]:

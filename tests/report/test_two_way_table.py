@@ -12,9 +12,10 @@ from scipy import stats
 from small_experiment import cli, ran, text, write
 
 import rmpc_bench
+from rmpc_bench.analysis.columns import data_frame
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.report.two_way_table import two_way_frame, two_way_lines, two_way_tables
+from rmpc_bench.report.two_way_table import two_way_content, two_way_lines, two_way_tables
 
 AXES = {"estimator": ["KF", "EKF"], "controller": ["MPC", "PI"]}
 RUNS = [(4, 2, 8, 4), (1, 0.25, 4, 4), (2, 2, 2, 1)]
@@ -41,7 +42,7 @@ def columns(rows=RUNS, names=CELLS):
 
 def effects(trials, metric="mse"):
     """Return entries of both axes -> value and ends of the interval."""
-    frame = two_way_frame(trials)
+    frame = data_frame(two_way_content(trials))
     frame = frame[(frame["metric"] == metric) & (frame["what"] != "cell")]
     axes = list(trials.two_way)
     return {tuple(row[axes]): row[["value", "low", "high"]].tolist() for _, row in frame.iterrows()}
@@ -61,7 +62,7 @@ def test_the_case_of_the_page(crossed, baseline, other, interaction):
     found = effects(trials)
     np.testing.assert_allclose(found["EKF", ""], [0.561231024, 0.341405, 0.922599], **PAGE)
     np.testing.assert_allclose(found["EKF", other], interaction, **PAGE)
-    cells = two_way_frame(trials).query("metric == 'mse' and what == 'cell'")
+    cells = data_frame(two_way_content(trials)).query("metric == 'mse' and what == 'cell'")
     means = {tuple(row[["estimator", "controller"]]): row["value"] for _, row in cells.iterrows()}
     # By hand: geometric means of (4, 1, 2), (8, 4, 2), (2, 1/4, 2) and (4, 4, 1).
     expected = {("KF", "MPC"): 2, ("KF", "PI"): 4, ("EKF", "MPC"): 1, ("EKF", "PI"): 16 ** (1 / 3)}
@@ -120,7 +121,7 @@ def test_against_plain_loops(crossed, direction, left_out):
     for cell, numbers in expected.items():
         np.testing.assert_allclose(found[cell], numbers, rtol=1e-5, atol=1e-8)
     assert ("UKF", "") not in found or not left_out
-    frame = two_way_frame(trials)
+    frame = data_frame(two_way_content(trials))
     assert {*frame["n"]} == {13} and {*frame["n_left_out"]} == {2}
     assert two_way_tables(trials)[0].title.endswith("13 runs, 2 left out")
 
@@ -130,7 +131,7 @@ def test_intervals_of_the_primary_metric_hold_together(crossed):
     rng = np.random.default_rng(3)
     values = {name: np.exp(rng.normal(size=40)).tolist() for name in CELLS}
     trials = crossed({"mse": values, "other": values})
-    frame = two_way_frame(trials).groupby("metric")["ci_level"].unique()
+    frame = data_frame(two_way_content(trials)).groupby("metric")["ci_level"].unique()
     held = levels(trials).held
     assert frame["other"].tolist() == [0.95] and frame["mse"].tolist() == pytest.approx([held], rel=1e-5)
     assert {*comparisons(trials).query("metric == 'mse'")["ci_level"]} == {held}
@@ -184,7 +185,7 @@ def test_signed_differences_have_their_margin_and_unit(crossed):
 def test_no_table(crossed, change):
     """Without two axes of at least two entries, and in a smoke run, there is none."""
     trials = replace(crossed({"mse": columns()}), **change)
-    assert two_way_tables(trials) == () and not len(two_way_frame(trials))
+    assert two_way_tables(trials) == () and not two_way_content(trials)
 
 
 def test_metrics_without_an_average_have_none(crossed):
