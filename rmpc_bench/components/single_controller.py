@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.user_class import UserClass
 from rmpc_bench.components.user_runs import CRASHED, Failed, Reports, UserRuns, at, finite_rows, numbers
-from rmpc_bench.types import Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
 from rmpc_bench.types.metric import Direction, MetricLayout
 
 
@@ -81,17 +81,10 @@ class SingleRunController(SingleDesign, Controller):
         return state, Command(u, state.objects.failed.copy(), answer.info)
 
     def control_ahead(
-        self,
-        k: int,
-        state: RunInputs,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "ahead ny"],
-        y_hat: Float[Array, "d runs ny"],
-        acts: int,
+        self, k: int, state: RunInputs, y: Array, estimate: Estimate, r: Array, ahead: Ahead
     ) -> tuple[RunInputs, Command]:
         """Call `control` at k with the predicted estimate and the reference of the sample where u(k) acts."""
-        return self.control(k, state, y, estimate, r[len(y_hat) :])
+        return self.control(k, state, y, estimate, r[len(ahead.y_hat) :])
 
     def applied(self, k: int, state: RunInputs, u: Float[Array, "runs nu"]) -> RunInputs:
         """Keep the input that acts as `u_previous`; one that nothing has changed keeps its bits."""

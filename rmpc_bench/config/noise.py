@@ -386,11 +386,14 @@ def with_prediction(
     method = method._replace(u_before=() if point is None else tuple(point.u.tolist()))
     if not method.delay.input or controller is None:
         return method
-    if not law.allows_delay:
+    try:
+        if law.allows_delay:
+            return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
         what, key = ("lp-noise", "tuning.kind") if controller.kind == "gpc" else (controller.kind, "kind")
-        problems.append(controller.problem(f"{what} needs a model without delay", key))
+        raise DesignError(f"{what} needs a model without delay", key)
+    except DesignError as error:
+        problems.append(controller.problem(str(error), error.parameter))
         return None
-    return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
 
 
 def _input_delay(draft: DraftConfig, nu: int) -> int | str:

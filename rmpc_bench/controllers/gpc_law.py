@@ -24,7 +24,7 @@ from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_ou
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.tracking import TrackingLaw, track
-from rmpc_bench.types import Array, Command, Controller, Estimate, LinearLaw, Status
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw, Status
 
 OK = np.int8(Status.OK)
 
@@ -135,18 +135,11 @@ class Gpc(Controller):
         return GpcState(x_hat, command.u), self._physical(command, info)
 
     def control_ahead(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "ahead ny"],
-        y_hat: Float[Array, "d runs ny"],
-        acts: int,
+        self, k: int, state: Any, y: Array, estimate: Estimate, r: Array, ahead: Ahead
     ) -> tuple[Any, Command]:
         """Apply the law at k + d; the first call has no earlier estimate to linearise at."""
         state = state if k else state._replace(x_previous=estimate.x_hat)
-        return super().control_ahead(k, state, y, estimate, r, y_hat, acts)
+        return super().control_ahead(k, state, y, estimate, r, ahead)
 
     def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Keep the input that acts; one that nothing has changed keeps its bits."""

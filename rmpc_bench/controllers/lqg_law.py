@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.limits import AntiWindup, Bounds, common_limits
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint, Status
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint, Status
 
 OK = np.int8(Status.OK)
 
@@ -87,21 +87,15 @@ class Lqg(Controller):
         return LqgState(q, self._errors(outputs, r[0]), v, u), Command(u, np.full(len(u), OK), {})
 
     def control_ahead(
-        self,
-        k: int,
-        state: LqgState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "ahead ny"],
-        y_hat: Float[Array, "d runs ny"],
-        acts: int,
+        self, k: int, state: LqgState, y: Array, estimate: Estimate, r: Array, ahead: Ahead
     ) -> tuple[LqgState, Command]:
-        """Apply the law with the predicted errors in its sums; the sums keep those of the estimates up to k only."""
+        """Apply the law with the predicted errors in its sums, which keep the errors up to k only."""
         if self.K_q.shape[1] == 0:
-            return self.control(acts, state, y, estimate, r[len(y_hat) :])
-        q = self.sums(state)
-        ahead = q + sum(self._errors(*pair) for pair in zip(y_hat, r, strict=False))
-        after, command = self.control(acts, LqgState(ahead, 0.0 * q, state.u, state.u), y, estimate, r[len(y_hat) :])
+            return super().control_ahead(k, state, y, estimate, r, ahead)
+        q, y_hat = self.sums(state), ahead.y_hat
+        expected = q + sum(self._errors(*pair) for pair in zip(y_hat, r, strict=False))
+        there = LqgState(expected, 0.0 * q, state.u, state.u)
+        after, command = self.control(ahead.acts, there, y, estimate, r[len(y_hat) :])
         return after._replace(q=q, error=self._errors(y if self.C is None else y_hat[0], r[0])), command
 
     def _errors(self, outputs: Float[Array, "runs ny"], r: Float[Array, " ny"]) -> Float[Array, "runs nq"]:

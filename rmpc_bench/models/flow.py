@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -246,39 +246,17 @@ class StateFlow(Flow):
         return self.model.measure(x) if self.model.has_offsets else mv(self.model.C, x)
 
 
-@dataclass(frozen=True, eq=False)
-class DisturbedFlow(Flow):
-    """Predictions of a nonlinear model of [x; d]: f(x, u + S d) + N d and h(x) + C_d d, with the same d."""
-
-    flow: Flow
-    entry: Any
-
-    def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
-        """Return [x; d](k+1)."""
-        x, d = self._parts(x)
-        return np.hstack([self.flow.advance(k, x, u + mv(self.entry.S, d)) + mv(self.entry.N, d), d])
-
-    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
-        """Return y(k)."""
-        x, d = self._parts(x)
-        return self.flow.measure(k, x) + mv(self.entry.C_d, d)
-
-    def _parts(self, x: Array) -> tuple[Array, Array]:
-        nx = x.shape[1] - self.entry.nd
-        return np.ascontiguousarray(x[:, :nx]), np.ascontiguousarray(x[:, nx:])
-
-
 def prediction_flow(model: Model) -> Flow:
-    """Return any design model as maps of many of its states, for predictions."""
+    """Return any design model as maps of its states, for predictions; a DesignError where it gives none.
+
+    A nonlinear model with disturbances, or whose flow has further states, gives its linear model.
+    """
     if model.flow is not None and len(model.flow.Q_w_at(0)) == model.nx:
         found: Flow = model.flow
         return found
     if isinstance(model, StateDependentModel):
         return StateFlow(model)
-    inner = model.undisturbed.flow
-    # A flow may have more states than its design model.
-    if model.n_disturbances and inner is not None and len(inner.Q_w_at(0)) == model.undisturbed.nx:
-        return DisturbedFlow(inner, cast(Any, model).entry)
+    model.at(0)
     return LinearFlow(model)
 
 

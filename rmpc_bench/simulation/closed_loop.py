@@ -21,6 +21,7 @@ from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
 from rmpc_bench.types import (
     NO_WATCH,
+    Ahead,
     Array,
     Command,
     Controller,
@@ -241,7 +242,7 @@ class _Loop(NamedTuple):
             # The mean of the process noise is held over the horizon of a law, too.
             x = x + estimate.info["w_mean"] if method.estimator.estimates_mean else x
         predicted = estimate._replace(x_hat=x, P=None, M=None)
-        return predicted, np.array(y_hat), min(k + len(y_hat), last)
+        return predicted, Ahead(np.array(y_hat), min(k + len(y_hat), last))
 
 
 def _recorded(

@@ -23,7 +23,7 @@ from rmpc_bench.types.basics import (
     UserFunctionOrText,
     attribute,
 )
-from rmpc_bench.types.controller import Controller, KnownDelay, Method
+from rmpc_bench.types.controller import Ahead, Controller, KnownDelay, Method
 from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
@@ -84,6 +84,7 @@ from rmpc_bench.types.run_info import NO_WATCH, Journal, PassedOn, RunFailure, R
 from rmpc_bench.types.signals import NamedSignals, Signals
 
 __all__ = [
+    "Ahead",
     "DISTURBANCES",
     "NO_WATCH",
     "Array",

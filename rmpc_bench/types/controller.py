@@ -13,6 +13,15 @@ from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.records import DISTURBANCES, Command, CompiledLaw, Estimate, LinearLaw
 
 
+class Ahead(NamedTuple):
+    """What a law gets besides where its input acts d samples later."""
+
+    y_hat: Float[Array, "d runs ny"]
+    """Predicted outputs at k..k+d-1."""
+    acts: int
+    """k + d, at most N - 1."""
+
+
 class Controller(Design):
     """A control law: a frozen design, shared by all runs.
 
@@ -108,26 +117,13 @@ class Controller(Design):
         raise NotImplementedError("control")
 
     def control_ahead(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "ahead ny"],
-        y_hat: Float[Array, "d runs ny"],
-        acts: int,
+        self, k: int, state: Any, y: Array, estimate: Estimate, r: Array, ahead: Ahead
     ) -> tuple[Any, Command]:
-        """Choose u(k) where it acts at k + d, by default as `control` would choose it there.
+        """Choose u(k), which acts at k + d, by default as `control` would choose it there.
 
-        Parameters
-        ----------
-        k, state, y : as of `control`
-        estimate : prediction of x(k+d), without P and M
-        r : reference from r(k) on, d samples more than `control` takes
-        y_hat : predicted outputs at k..k+d-1
-        acts : k + d, at most N - 1
+        The estimate is the prediction of x(k+d), without P and M, and r begins at k.
         """
-        return self.control(acts, state, y, estimate, r[len(y_hat) :])
+        return self.control(ahead.acts, state, y, estimate, r[len(ahead.y_hat) :])
 
     def applied(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Return the state that `control` has returned at k, with what becomes of its u(k).
