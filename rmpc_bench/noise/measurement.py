@@ -85,7 +85,7 @@ class Missing(Noise):
     every: int = 1
     first: int = 0
     known: bool | None = None
-    """Whether a method is told that its input is held; None where this is not said."""
+    """Whether a method knows that its input is held; None where this is not said."""
     alters_output = True
     omits_measurements = True
 
@@ -187,7 +187,7 @@ def missing(
     every : m measures at k = first + i m only, as a slow sensor; without it every sample is measured
     first : first sample that is measured, with `every` (default: 0)
     only : names or indices (from 0) of the outputs or inputs that are concerned (default: all)
-    known : whether a method is told that its input is held; of the channel `input` only (default: true)
+    known : whether a method knows that its input is held; of the channel `input` only (default: true)
 
     Raises
     ------
