@@ -11,6 +11,7 @@ from rmpc_bench import load_config
 from rmpc_bench.estimators import kalman
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
+from rmpc_bench.simulation.episode import Episode
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.types import Estimate, Estimator, InvalidReturnValue, KnownDelay, Status
 
@@ -291,3 +292,14 @@ def test_objects_of_single_runs_are_copied(load, tmp_path):
     assert [Status(each).word for each in blocks["locked"].status] == ["crashed"] * 3
     failures = blocks["locked"].journal.failures
     assert "late measurements need a copy of the object: TypeError" in failures[0].message
+
+
+@pytest.mark.parametrize("delay", ["same", "none"])
+def test_an_episode_is_the_run(load, delay):
+    """Oracle: the estimates of the loop, bit for bit, with its inputs; y is what arrives."""
+    experiment = load(RANDOM, delay, time={"steps": 30}).experiment
+    [method], found = experiment.methods, record(experiment, range(2, 3))
+    episode = Episode(experiment, 2, estimator=method.estimator, delay=method.delay)
+    samples = [episode.sample, *(episode.step(u) for u in found.u[0])]
+    np.testing.assert_array_equal([each.x_hat for each in samples], found.x_hat[0])
+    assert np.isnan([each.y[0] for each in samples]).sum() > 3
