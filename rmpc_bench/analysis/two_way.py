@@ -27,16 +27,14 @@ class TwoWay(NamedTuple):
     axes: Sequence[str]
     entries: tuple[list[str], list[str]]
     """Names on both axes."""
+    reference: tuple[int, int]
+    """Places of the entries that the others are compared with."""
     values: Array
     """(first, second, runs) logarithms, or distances from the best value if signed; NaN where a method is left out."""
-    gains: Array
-    """(first, second, runs) differences from the method with the entry of the baseline on the first axis."""
     effects: Mapping[tuple[str, str], Array]
     """Entries of both axes -> interaction of every run; of a main effect the entry of the other axis is empty."""
     runs: Array
     """Indices of the runs that all methods finished."""
-    n_left_out: int
-    """Number of the other runs."""
     signed: bool
     """Whether differences have the unit of the metric."""
     scale: float
@@ -50,37 +48,28 @@ def two_way(trials: Trials, info: MetricInfo) -> TwoWay | None:
     """
     if trials.two_way is None or len(trials.two_way) != 2 or info.may_not_occur:
         return None
-    axes = [*trials.two_way.values()]
     named = {name: name.partition("+")[::2] for name in trials.methods}
-    cells = {cell: name for name, cell in named.items() if cell[0] in axes[0] and cell[1] in axes[1]}
-    first, second = ([name for name in axis if name in {cell[k] for cell in cells}] for k, axis in enumerate(axes))
+    given, signed = [*trials.two_way.values()], is_signed(trials, info)
+    cells = {cell: name for name, cell in named.items() if cell[0] in given[0] and cell[1] in given[1]}
+    first, second = ([name for name in axis if name in {cell[k] for cell in cells}] for k, axis in enumerate(given))
     if min(len(first), len(second)) < 2:
         return None
-    values = np.full((len(first), len(second), len(trials.runs)), np.nan)
-    has_value, signed = np.ones(len(trials.runs), dtype=bool), is_signed(trials, info)
-    for (a, b), name in cells.items():
-        column = distance_from_best(trials.column(info.name, name), info.direction)
-        values[first.index(a), second.index(b)] = column
-        has_value &= np.isfinite(column)
-    values = values[:, :, has_value]
-    if not has_value.any() or (not signed and (values <= 0).any()):
+    columns = {cell: distance_from_best(trials.column(info.name, name), info.direction) for cell, name in cells.items()}
+    has_value = np.isfinite([*columns.values()]).all(axis=0)
+    values = np.full((len(first), len(second), int(has_value.sum())), np.nan)
+    for (a, b), column in columns.items():
+        values[first.index(a), second.index(b)] = column[has_value]
+    if not values.shape[-1] or (not signed and (values <= 0).any()):
         return None
-    reference = named.get(trials.baseline)
-    a0, b0 = reference if reference in cells else next(iter(cells))
-    scale = float(np.nanmean(np.abs(values))) if signed else 1.0
-    values = values if signed else np.log(values)
+    scale, values = (float(np.nanmean(np.abs(values))), values) if signed else (1.0, np.log(values))
+    a0, b0 = found if (found := named.get(trials.baseline)) in cells else next(iter(cells))
     i0, j0 = first.index(a0), second.index(b0)
-    gains, over = values - values[i0], values - values[:, [j0]]
-    effects = {(a, ""): gains[i].mean(axis=0) for i, a in enumerate(first) if i != i0}
-    effects |= {("", b): over[:, j].mean(axis=0) for j, b in enumerate(second) if j != j0}
-    effects |= {(a, b): gains[i, j] - gains[i, j0] for i, a in enumerate(first) for j, b in enumerate(second)
-                if i != i0 and j != j0}  # fmt: skip
-    kept = {
-        cell: np.where(np.abs(each) <= NEGLIGIBLE * scale, 0.0, each)
-        for cell, each in effects.items()
-        if not np.isnan(each).any()
-    }
-    left_out = int((~has_value).sum())
-    return TwoWay(
-        [*trials.two_way], (first, second), values, gains, kept, trials.runs[has_value], left_out, signed, scale
-    )
+    rows, over = values.mean(axis=1), values - values[:, [j0]]
+    effects = {(a, ""): rows[i] - rows[i0] for i, a in enumerate(first) if i != i0}
+    for j, b in ((j, b) for j, b in enumerate(second) if j != j0):
+        effects |= {("", b): over[:, j].mean(axis=0)}
+        effects |= {(a, b): over[i, j] - over[i0, j] for i, a in enumerate(first) if i != i0}
+    known = {cell: each for cell, each in effects.items() if not np.isnan(each).any()}
+    known = {cell: np.where(np.abs(each) <= NEGLIGIBLE * scale, 0.0, each) for cell, each in known.items()}
+    axes, runs = [*trials.two_way], trials.runs[has_value]
+    return TwoWay(axes, (first, second), (i0, j0), values, known, runs, signed, scale)

@@ -92,8 +92,6 @@ def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
                 yield [EXCLUDE, number, axis], f"excludes no method: {unknown(name, grid[axis], axis)}"
     if (n := prod(map(len, grid.values()))) > MAX_METHODS:
         yield [GRID], f"there must be at most {MAX_METHODS:,} methods (got {n:,})"
-    elif all(_is_excluded(methods, names) for names in product(*grid.values())):
-        yield [EXCLUDE], "excludes every method"
     for method in methods:
         names = method.split(JOINT)
         is_cell = len(names) == len(grid) and all(map(dict.__contains__, grid.values(), names))

@@ -22,8 +22,8 @@ from rmpc_bench.types.texts import in_columns, width_of, without_formulas
 
 NOTE = (
     "Cells: mean of the runs that all of these methods finished, geometric where the metric is compared by ratios. "
-    "Effects: against the entries of {}, averaged over the other axis. Brackets behind a cell: its interaction, by "
-    "which the effect of its row in this column differs from that in the column of {}."
+    "Effects: against {0} and {1}, averaged over the other axis. Behind a cell: its interaction, by which the effect "
+    "of its row differs from that in the column {1}. Intervals of the primary metric are simultaneous."
 )
 _NUMBERS = ["value", "low", "high", "ci_level"]
 
@@ -51,10 +51,20 @@ class TwoWayTable(NamedTuple):
         return " ".join(filter(None, texts[: 1 + interval]))
 
     @property
+    def n_left_out(self) -> int:
+        """Count the runs in which a method failed or has no value."""
+        return len(self.trials.runs) - len(self.found.runs)
+
+    @property
+    def note(self) -> str:
+        """What the table means."""
+        return NOTE.format(*(of[k] for of, k in zip(self.found.entries, self.found.reference, strict=True)))
+
+    @property
     def title(self) -> str:
         """Name the point, the quantity and the runs."""
         quantity = name_of_distance(self.info, self.info.words) + (f" [{self.info.unit}]" if self.info.unit else "")
-        left = f", {n} left out" if (n := self.found.n_left_out) else ""
+        left = f", {self.n_left_out} left out" if self.n_left_out else ""
         return f"{': '.join(filter(None, [self.trials.title, quantity]))}, {counted(len(self.found.runs), 'run')}{left}"
 
     def columns(self, *, interactions: bool = True) -> dict[str, list[str]]:
@@ -74,7 +84,7 @@ class TwoWayTable(NamedTuple):
         (first, second), found = self.found.entries, list[str]()
         margin = self.trials.relevant_of(self.info.name, default=0.0 if self.found.signed else None)
         low, high = (-margin, margin) if self.found.signed else (1 / (1 + margin), 1 + margin)
-        for a, gains in zip(first, self.found.gains, strict=True):
+        for a, gains in zip(first, self.found.values - self.found.values[self.found.reference[0]], strict=True):
             each = [self.estimate(of) for (of_a, b), of in self.found.effects.items() if of_a == a and b]
             if any(x.low > high or x.high < low for x in each):
                 texts = [(b, self.effect(of, interval=False)) for b, of in zip(second, gains, strict=True)]
@@ -90,7 +100,7 @@ class TwoWayTable(NamedTuple):
         return [
             {**self.trials.point, "metric": self.info.name, "what": what, **dict(zip(found.axes, cell, strict=True))}
             | dict(zip(_NUMBERS, [*self.estimate(of), self.level], strict=True))
-            | {"n": len(found.runs), "n_left_out": found.n_left_out}
+            | {"n": len(found.runs), "n_left_out": self.n_left_out}
             for cell, of, what in cells
         ]
 

@@ -435,30 +435,21 @@ def _methods() -> Schema:
     about += "`default`, or {budget: 9, runs: 50} for values that another configuration has tuned"
     keys["parameters"] = {**schema_of(Source), "description": about}
     method: Schema = {"type": ["object", "null"], "properties": keys, "additionalProperties": False}
-    names: Schema = {"type": "object", "properties": {axis: {"type": "string"} for axis in AXES}}
-    grid: dict[str, Schema] = {
-        GRID: {
-            "type": "object",
-            "description": "every entry of an axis with every other one, as methods whose names are joined by +",
-            "properties": {axis: {"type": "object", "additionalProperties": _entry(f"{axis}s")} for axis in AXES},
-            "additionalProperties": False,
-        },
-        EXCLUDE: {
-            "type": "array",
-            "description": "methods of the grid that are left out, by some of their entries",
-            "items": {**names, "additionalProperties": False, "minProperties": 1},
-        },
-    }
+    closed: Schema = {"type": "object", "additionalProperties": False}
+    entries = {axis: {"type": "object", "additionalProperties": _entry(f"{axis}s")} for axis in AXES}
+    about = "every entry of an axis with every other one, as methods whose names are joined by +"
+    grid: dict[str, Schema] = {GRID: {**closed, "properties": entries, "description": about}}
+    point = {**closed, "properties": dict.fromkeys(AXES, {"type": "string"}), "minProperties": 1}
+    about = "methods of the grid that are left out, by some of their entries"
+    grid[EXCLUDE] = {"type": "array", "items": point, "description": about}
     return {"type": "object", "properties": grid, "additionalProperties": method}
 
 
 def _entry(group: str) -> Schema:
     """Schema of an entry of a grid: the keys of a component beside a label and ranges for tuning."""
     about = "path inside the component, such as radius -> its range [low, high], or a mapping with further keys"
-    own: dict[str, Schema] = {
-        "label": {"type": "string", "description": "text for tables and figures; labels are joined by +"},
-        "tune": {"type": "object", "additionalProperties": schema_of(Range), "description": about},
-    }
+    tune: Schema = {"type": "object", "additionalProperties": schema_of(Range), "description": about}
+    own: dict[str, Schema] = {"label": {"type": "string", "description": "labels are joined by +"}, "tune": tune}
     kinds = [_definitions()[f"{group}.{kind}"] for kind in _usable(group)]
     closed = [{**kind, "properties": {**kind["properties"], **own}} for kind in kinds]
     return {"anyOf": [*closed, *_one_of(group, partly=True)["anyOf"][len(closed) :]]}

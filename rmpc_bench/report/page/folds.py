@@ -34,7 +34,7 @@ from rmpc_bench.report.run_tables import (
     worst_of,
 )
 from rmpc_bench.report.tuning_table import EXPLANATION
-from rmpc_bench.report.two_way_table import NOTE, two_way_tables
+from rmpc_bench.report.two_way_table import two_way_tables
 
 
 def _settings(source: PageSource) -> Fold:
@@ -167,12 +167,12 @@ def _failures(source: PageSource) -> Fold:
 
 def _two_way(source: PageSource) -> Fold:
     """Show main effects and interactions of two axes of methods."""
-    parts, gists, trials = list[Part](), ["main effects and interactions"], source.trials
-    for table in two_way_tables(trials)[:MOST_POINTS]:
-        gists += table.sentences
+    tables, parts = two_way_tables(source.trials), list[Part]()
+    for table in tables[:MOST_POINTS]:
         parts += [Part(text=f"{table.title}:"), Part(table=Table(table.columns())), Part(items=table.sentences)]
-    parts += [Part(note=NOTE.format(trials.baseline, trials.baseline))] if parts else []
-    return Fold(" and ".join(trials.two_way or ()).capitalize(), gists[:2][-1], parts)
+    parts += [Part(note=table.note) for table in tables[:1]]
+    gist = next((text for table in tables for text in table.sentences), "main effects and interactions")
+    return Fold(" and ".join(source.trials.two_way or ()).capitalize(), gist, parts)
 
 
 def _drivers(source: PageSource) -> Fold | None:
