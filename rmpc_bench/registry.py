@@ -69,6 +69,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "mixed": "rmpc_bench.estimators.mixed:design",
         "set-membership": "rmpc_bench.estimators.set_membership:design",
         "moving-horizon": "rmpc_bench.estimators.moving_horizon:design",
+        "nonlinear-moving-horizon": "rmpc_bench.estimators.nonlinear_moving_horizon:design",
         "kalman-disturbance": "rmpc_bench.estimators.kalman_disturbance:design",
         "extended-kalman": "rmpc_bench.estimators.extended_kalman:design",
         "unscented-kalman": "rmpc_bench.estimators.unscented_kalman:design",
@@ -170,7 +171,7 @@ RENAMED_FIGURES = {
 """Earlier kind of a figure -> what takes its place."""
 
 NONLINEAR: Mapping[str, frozenset[str]] = {
-    "estimators": frozenset({"extended-kalman", "unscented-kalman"}),
+    "estimators": frozenset({"extended-kalman", "nonlinear-moving-horizon", "unscented-kalman"}),
     "controllers": frozenset({"pid"}),
 }
 """Kinds that take a nonlinear design model, too; the others of these groups need a linear one."""
@@ -178,6 +179,7 @@ BRIDGING = (
     *("control-lqe", "correntropy-kalman", "directional-kalman", "enhanced-robust", "extended-kalman"),
     *("fading-kalman", "gated-kalman", "h-infinity", "huber-kalman", "kalman", "kalman-disturbance"),
     *("kalman-predictor", "lmmse", "lp-window", "mixed", "moving-horizon", "oracle", "risk-sensitive"),
+    "nonlinear-moving-horizon",
     *("robust-h-infinity", "robust-kalman", "sayed-bdu", "set-membership", "student-kalman", "unscented-kalman"),
     "wasserstein-kalman",
 )

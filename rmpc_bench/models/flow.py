@@ -39,13 +39,17 @@ class Flow:
         raise NotImplementedError("advance")
 
     def advance_points(
-        self, k: int, x: Float[Array, "runs points n"], u: Float[Array, "runs nu"]
+        self, k: int, x: Float[Array, "runs points n"], u: Float[Array, "runs nu"], leading: int | None = None
     ) -> Float[Array, "runs points n"]:
-        """Return x(k+1) of several points of every run, the first of which is its estimate."""
-        runs, points, n = x.shape
-        return self._moved(k, x.reshape(-1, n), np.repeat(u, points, axis=0), points).reshape(runs, points, n)
+        """Return x(k+1) of several points of every run, the first of which is its estimate.
 
-    def _moved(self, k: int, x: Array, u: Array, points: int) -> Float[Array, "columns n"]:
+        The first `leading` of them, otherwise all, decide on the intervals of the integration.
+        """
+        runs, points, n = x.shape
+        moved = self._moved(k, x.reshape(-1, n), np.repeat(u, points, axis=0), points, leading)
+        return moved.reshape(runs, points, n)
+
+    def _moved(self, k: int, x: Array, u: Array, points: int, leading: int | None) -> Float[Array, "columns n"]:
         """Return x(k+1) of points of all runs; those of a run come one after the other."""
         return self.advance(k, x, u)
 
@@ -80,6 +84,16 @@ class Flow:
         """Bounds of the states; None where there are none."""
         return None
 
+    @property
+    def varies(self) -> bool:
+        """Whether the maps depend on k."""
+        return False
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the points of a run decide together on the intervals of the integration."""
+        return False
+
     def warm_up(self) -> None:
         """Compile."""
 
@@ -89,6 +103,11 @@ class LinearFlow(Flow):
     """A linear model, which may depend on k."""
 
     model: Model
+
+    @property
+    def varies(self) -> bool:
+        """Whether the matrices depend on k."""
+        return self.model.varies
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return A x + B u + f0."""
@@ -151,18 +170,20 @@ class PlantFlow(Flow):
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where the plant is not defined."""
-        return self._moved(k, x, u, 1)
+        return self._moved(k, x, u, 1, None)
 
-    def _moved(self, k: int, x: Array, u: Array, points: int) -> Float[Array, "columns n"]:
-        """Return x(k+1) of points of all runs, which use the intervals that all of the run need."""
+    def _moved(self, k: int, x: Array, u: Array, points: int, leading: int | None) -> Float[Array, "columns n"]:
+        """Return x(k+1) of points of all runs, which use the intervals that all of the run, or the first, need."""
         dynamics = self.dynamics
         if isinstance(dynamics, LinearDynamics):
             return mv(dynamics.A, x) + driven(dynamics.B, u)
         if self.compiled is not None:
             states, inputs = (each.reshape(len(x) // points, points, each.shape[1]) for each in (x, u))
-            return _each(lambda i: self.compiled.points(k, states[i], inputs[i]), states.shape).reshape(x.shape)
+            return _each(lambda i: self.compiled.points(k, states[i], inputs[i], leading), states.shape).reshape(
+                x.shape
+            )
         with np.errstate(all="ignore"):
-            return dynamics.advance(k, x, u, self.Ts, self.substeps, points, strict=False)
+            return dynamics.advance(k, x, u, self.Ts, self.substeps, points, leading, strict=False)
 
     def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
         """Return y(k) without noise; NaN where it is not defined."""
@@ -197,6 +218,16 @@ class PlantFlow(Flow):
         if isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.output is None:
             return np.eye(len(self.Q_w))
         return None
+
+    @property
+    def varies(self) -> bool:
+        """Whether the equation depends on the time."""
+        return isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.timed
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether error control acts."""
+        return self.dynamics.continuous and not self.substeps
 
     @property
     def limits(self) -> Interval | None:

@@ -105,9 +105,11 @@ class NonlinearModel(OfPlant, Model):
             moved = self._moved(k, rows, inputs, (lead, np.tile(u0, (len(lead), 1))))
         return moved[0] if x.ndim == 1 else moved
 
-    def points(self, k: int, x: Float[Array, "points nx"], u: Float[Array, "points nu"]) -> Float[Array, "points nx"]:
-        """Return x(k+1) of points that all decide on the same intervals; the first is the estimate."""
-        return self._moved(k, x, u, (x, u))
+    def points(
+        self, k: int, x: Float[Array, "points nx"], u: Float[Array, "points nu"], leading: int | None = None
+    ) -> Float[Array, "points nx"]:
+        """Return x(k+1) of points that all, or the first of them, decide on the same intervals."""
+        return self._moved(k, x, u, (x[:leading], u[:leading]))
 
     def _moved(self, k: int, x: Array, u: Array, lead: tuple[Array, Array] | None) -> Array:
         """Return x(k+1) of rows, with the intervals of `lead`, or of every row alone."""

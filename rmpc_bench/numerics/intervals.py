@@ -34,8 +34,10 @@ class Interval(NamedTuple):
         return Interval(self.low + by, self.high + by)
 
 
-def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False) -> Interval:
+def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False, required: bool = True) -> Interval:
     """Return bounds of n coordinates, infinite without pairs; with `distinct` no lower bound equals the upper one.
+
+    Pairs without any number are refused if a bound is `required`.
 
     Examples
     --------
@@ -55,6 +57,6 @@ def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False
             raise DesignError(f"the lower bound {low:g} must {relation} the upper bound {high:g}", key)
         if low == np.inf or high == -np.inf:
             raise DesignError(f"no number satisfies the bounds [{low:g}, {high:g}]", key)
-    if not np.isfinite(filled).any():
+    if required and not np.isfinite(filled).any():
         raise DesignError("has no bound; give a number in place of a null, or leave the key out", key)
     return Interval(*np.ascontiguousarray(np.array(filled, dtype=float).T))

@@ -16,8 +16,8 @@ Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); me
          sticking; a tiny one does not.  Without it h_i is 6e-6 of |x_i| or sqrt(P_ii), the larger one, where truncation
          and rounding are least: ten digits.
 Bounds   Points stay inside the bounds of the states: each one, also the centre, is moved to the nearest state inside.
-         Deviations are those of the moved points.  Differences are divided by the distance that is left.  What the
-         deviations of sigma points then lack of P, as far as it is positive, is independent of f(x).
+         Differences are divided by the distance that is left, and f(x) outside is that of the tangent.  Deviations of
+         sigma points are those of the moved ones; what they lack of P, as far as it is positive, is independent of f(x).
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """
 
@@ -128,25 +128,35 @@ class CentralDifferences(MomentRule):
     ) -> Moments:
         """Return the moments of f(x) with f linearised at `x`; the root also sets the steps."""
         at_mean, J = self.slopes(f, x, np.sqrt(np.einsum("rij,rij->ri", root, root)), limits)
+        inside = x if limits is None else np.clip(x, *limits)
+        for i in np.flatnonzero((x != inside).any(axis=1)) if limits is not None else ():
+            # The tangent goes on outside, so that a linear f is exact there, too.
+            at_mean[i] += J[i] @ (x[i] - inside[i])
         return Moments(at_mean, J @ root, root)
 
     def slopes(
         self, f: Map, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None
     ) -> tuple[Float[Array, "runs m"], Float[Array, "runs m n"]]:
         """Return f(x) and its Jacobian; x has the given standard deviations."""
-        n, size = x.shape[1], np.abs(x)
+        n, points = x.shape[1], self.points(x, deviation, limits)
+        values = f(points)
+        # The step that the rounded points really have; a state whose bounds are equal has none.
+        step = np.einsum("rii->ri", points[:, 1 : n + 1] - points[:, n + 1 :])
+        step = np.where(step == 0.0, 1.0, step)
+        return values[:, 0], np.ascontiguousarray(((values[:, 1 : n + 1] - values[:, n + 1 :]) / step[:, :, None]).mT)
+
+    def points(
+        self, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None
+    ) -> Float[Array, "runs points n"]:
+        """Return x, then x with a step up, then with a step down, in every state."""
+        size = np.abs(x)
         if self.spread is None:
             size = np.maximum(size, deviation)
             h = BEST_STEP * np.where(size > 0.0, size, 1.0)
         else:
             h = self.spread * deviation
             h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
-        points, _ = _points(x, h[:, :, None] * np.eye(n), limits)
-        values = f(points)
-        # The step that the rounded points really have; a state whose bounds are equal has none.
-        step = np.einsum("rii->ri", points[:, 1 : n + 1] - points[:, n + 1 :])
-        step = np.where(step == 0.0, 1.0, step)
-        return values[:, 0], np.ascontiguousarray(((values[:, 1 : n + 1] - values[:, n + 1 :]) / step[:, :, None]).mT)
+        return _points(x, h[:, :, None] * np.eye(x.shape[1]), limits)[0]
 
 
 def _points(

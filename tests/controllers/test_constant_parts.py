@@ -149,6 +149,7 @@ ESTIMATORS = {
     "extended-kalman": {},
     "unscented-kalman": {},
     "moving-horizon": {"window": 3},
+    "nonlinear-moving-horizon": {"window": 3},
     "control-lqe": {},
 }
 """Keys of every registered estimator; a new kind gets a line here."""

@@ -53,6 +53,7 @@ ESTIMATORS = {
     "extended-kalman": [{}],
     "unscented-kalman": [{}],
     "moving-horizon": [{"window": 3}],
+    "nonlinear-moving-horizon": [{"window": 3}],
     "control-lqe": [{}],
 }
 """Parameters of the estimators that support an operating point."""

@@ -79,6 +79,9 @@ e_k^\top S_k^{-1} e_k \le g, \quad \mathrm{else} \quad \hat x_{k|k} = \hat x_{k|
 + \sum_j \Vert w_j \Vert^2_{Q_w^{-1}} + \sum_j \Vert y_j - C x_j \Vert^2_{R_v^{-1}}, \quad
 w_j \in [\underline w, \overline w], \quad v_j \in [\underline v, \overline v], \quad
 x_j \in [\underline x, \overline x]""",
+    ("estimators", "nonlinear-moving-horizon"): r"""\min \Vert x_{k-N} - \bar x \Vert^2_{\bar P^{-1}}
++ \sum_j \Vert x_{j+1} - f(x_j, u_j) \Vert^2_{Q_w^{-1}} + \sum_j \Vert y_j - h(x_j) \Vert^2_{R_v^{-1}}, \quad
+x_j \in [\underline x, \overline x]""",
     ("estimators", "control-lqe"): r"\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1}), \quad"
     + "\n"
     + r"P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}",

@@ -106,7 +106,7 @@ ESTIMATOR_KEYS = {
     "robust-kalman": {"c": 0.1},
     "wasserstein-kalman": {"radius": 0.1},
 }
-NONLINEAR = ("extended-kalman", "unscented-kalman")
+NONLINEAR = ("extended-kalman", "nonlinear-moving-horizon", "unscented-kalman")
 """Estimators for nonlinear models."""
 LINEAR = [
     *(("estimators", kind) for kind in registry.names("estimators") if kind not in NONLINEAR),
