@@ -356,13 +356,15 @@ class _ExperimentBuilder:
         if method is None:
             return None
         laws, schedule = exact_laws(plant, method, scenario), method.estimator.gain_schedule
+        if not isinstance(laws, str) and laws.u is not None:
+            laws = "there is an input"
         n_disturbances = method.n_disturbances
         if isinstance(laws, str) or schedule is None:
             self.draft.note(path, f"{name}: {laws}")
             return None
         components = self.draft.methods[name]
         described = self.methods.key("opposed", [components.model, components.estimator], of_plant=True)
-        key = [*described, [each.tolist() for each in laws]]
+        key = [*described, [each.tolist() for each in laws[:4]]]
         try:
             made = self.cache.get(
                 key, lambda: plant.against(worst_sequence(plant, schedule, laws, self.n_steps, radius, n_disturbances))

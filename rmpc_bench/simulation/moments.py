@@ -2,7 +2,8 @@
 
 Model   [x(k+1); y(k)] = (M + sum of H F G) [x; n],  n = [w; v] white with mean n_bar and covariance U, the F white with
         mean F_bar and independent diagonal entries of one variance;
-        x_pred(k+1) = F_k x_pred + f_k + K_k e,  x_hat = x_pred + L_k e,  e = y - C_k x_pred - d_k;  no input.
+        x_pred(k+1) = F_k x_pred + f_k + K_k e,  x_hat = x_pred + L_k e,  e = y - C_k x_pred - d_k.  A known input u,
+        the same in all runs, adds B u to x(k+1) and B_k u to x_pred(k+1), which moves the means.
 Method  mean and covariance of (x, x_pred) follow a closed recursion: M is replaced by its mean, and every F adds
         H diag(variance (G E[q q'] G')_ii) H' to the covariance of [x(k+1); y], q = [x; n].
 Limit   without uncertainty and with the filter's own model the covariance of x - x_hat is the filter's P.
@@ -18,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.simulation.open_loop import Rest
+from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Array, GainSchedule, Method, Period, Plant
 
@@ -34,12 +35,18 @@ class Laws(NamedTuple):
     """Mean of [w; v]."""
     U: Float[Array, "nn nn"]
     """Its covariance."""
+    u: Float[Array, "steps nu"] | None = None
+    """Known input; None where there is none."""
+
+
+SEVERAL = range(8)
+"""Runs whose inputs are compared, since an input of a user's file may be random."""
 
 
 def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
     """Gather the laws that exact moments need, or return the reason why there are none.
 
-    They need a filter with given gains, and `Rest` as controller.
+    They need a filter with given gains, and no input or one that is the same in all runs.
     """
     if not plant.has_period:
         return "the plant is not linear"
@@ -47,8 +54,11 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "the uncertainty is drawn per run, so it is not white"
     if method.estimator.gain_schedule is None:
         return "the gains of the estimator depend on the run"
-    if not isinstance(method.controller, Rest):
-        return "there is an input"
+    if not isinstance(method.controller, Rest | OpenLoop):
+        return "there is a controller"
+    u = None if isinstance(method.controller, Rest) else _known_input(method.controller, plant)
+    if isinstance(u, str):
+        return u
     if any(method.delay.measurement or ()):
         return "the design model has late measurements"
     start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)
@@ -61,7 +71,16 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "a law of noise is correlated over time, so it is not white"
     if start is None or noises is None:
         return f"the moments of a law of {'the initial state' if start is None else 'noise'} are not known"
-    return Laws(*start, *noises)
+    return Laws(*start, *noises, u)
+
+
+def _known_input(law: OpenLoop, plant: Plant) -> Float[Array, "steps nu"] | str:
+    """Return the input of all runs within the bounds of the plant; the reason where there is none."""
+    of_runs = law.signal.sample(SEVERAL, law.n_steps) if law.signal.n_runs is None else None
+    if of_runs is None or (of_runs != of_runs[:1]).any():
+        return "every run has an input of its own"
+    applied: Array = plant.applied_inputs(of_runs[0])
+    return applied
 
 
 class Moments(NamedTuple):
@@ -109,6 +128,8 @@ def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int
                 covs.append(cov)
             joint = predicted(reached, schedule, k, nx)
             mean, cov = _mean(joint, mean, laws.n), moved(joint, cov, laws.U, added)
+            if laws.u is not None and k < n_steps:
+                mean = mean + np.concatenate([period.B, at_sample(schedule.B, k)]).dot(laws.u[k])
     n = nx + n_hat - n_disturbances
     return Moments(np.array(means)[:, :n], np.array(covs)[:, :n, :n])
 

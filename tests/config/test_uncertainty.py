@@ -59,7 +59,7 @@ WRONG = {
     ),
     "a controller": (
         {"plant": B.replace(LAW, "{law: greedy, against: KF}"), "controller": MPC, "methods": ONE},
-        AGAINST + "KF: there is an input",
+        AGAINST + "KF: there is a controller",
     ),
     "nobody": (
         {"plant": law("{law: greedy}")},
