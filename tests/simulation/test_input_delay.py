@@ -6,7 +6,11 @@ import scipy.linalg as la
 from conftest import ROUND, within_stat
 
 from rmpc_bench import load_config
+from rmpc_bench.models.flow import prediction_flow
+from rmpc_bench.models.moving_slide import SlideNoise
+from rmpc_bench.models.moving_slide import design as moving_slide
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
+from rmpc_bench.types import Command, Controller
 
 A, B, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]]), np.array([[1.0, 0.0]])
 Q, R, QX, RU = np.diag([1e-5, 1e-3]), np.array([[4e-3]]), np.diag([1.0, 0.1]), np.array([[0.1]])
@@ -209,3 +213,128 @@ def test_sums_of_lqg_have_the_predicted_errors(tmp_path):
         q = np.sum(x[: k + 2, 0] - r[: k + 2])
         expected = gains.K_r[0, 0] * r[k + 2] - gains.K_x[0] @ x[k + 2] - gains.K_q[0, 0] * q
         np.testing.assert_allclose(u[k + 2, 0], expected, rtol=1e-10, atol=1e-12)
+
+
+class Watch(Controller):
+    """Sends given inputs and keeps the estimates that it gets."""
+
+    def __init__(self, u):
+        self.sent, self.x_hat, self.info = u, [], []
+
+    def init(self, n_runs):
+        return None
+
+    def control(self, k, state, y, estimate, r):
+        self.x_hat.append(estimate.x_hat)
+        return state, Command(np.tile(self.sent[len(self.x_hat) - 1], (len(y), 1)))
+
+
+def watched(experiment, **changes):
+    """Simulate without noise with given inputs; return the record and the predicted estimates of run 0."""
+    plant, [method], n = experiment.plant, experiment.methods, experiment.n_steps
+    law = Watch(np.random.default_rng(1).standard_normal((n, plant.nu)))
+    draws = experiment.scenario.draw(plant, range(2), n)
+    draws = draws._replace(w=0.0 * draws.w, v=0.0 * draws.v, **changes)
+    record, status = simulate(plant, method._replace(controller=law), draws, np.zeros((n + 9, plant.ny)), n)
+    assert not status.any()
+    return record, np.array(law.x_hat)[:, 0]
+
+
+PENDULUM = """
+import math
+
+def rhs(t, x, u, p):
+    return [x[1], -math.sin(x[0]) - 0.2 * x[1] + u[0] + 0.5 * math.sin(3.0 * t)]
+
+def out(x, p):
+    return [x[0]]
+"""
+NONLINEAR = """
+version: 1
+name: pendulum
+runs: 2
+time: {step: 0.1, steps: 30}
+plant: {ode: eq.py:rhs, output: eq.py:out, states: [th, om], inputs: [m], outputs: [angle]}
+model: {MODEL, noise: {process: 1e-4, measurement: 1e-2}}
+noise: {input: {delayed: 3}}
+initial: {x: [0.5, -1], x_hat: [0.5, -1], P: 0.1}
+reference: {kind: constant, value: 0}
+estimator: {kind: ESTIMATOR}
+controller: {kind: gpc, Np: 5, Q_yw: 1, Q_u: 1}
+methods: {M: {}}
+metrics: [mse]
+"""
+
+
+@pytest.mark.parametrize(
+    ("model", "filter_"),
+    [("nonlinear: plant, at: {x: [0, 0], u: 0}", "extended-kalman"), ("linearise: plant, at: trajectory", "kalman")],
+)
+def test_nonlinear_models_predict_by_their_equation(tmp_path, model, filter_):
+    """Oracle: without noise the filter is exact, and so are its predictions, also of an equation with the time."""
+    (tmp_path / "eq.py").write_text(PENDULUM)
+    path = tmp_path / "late.yaml"
+    path.write_text(NONLINEAR.replace("MODEL", model).replace("ESTIMATOR", filter_))
+    experiment = load_config(path).experiment
+    assert experiment.methods[0].delay.input == 3
+    record, ahead = watched(experiment)
+    np.testing.assert_allclose(record.x_hat, record.x, rtol=1e-5, atol=1e-5)  # error control of plant and model
+    np.testing.assert_allclose(ahead[:-2], record.x[0, 3:], rtol=1e-5, atol=1e-5)
+    method = experiment.methods[0]
+    block = simulate_block(experiment, method, range(2))  # the law itself: every sample linearised where it predicts
+    assert not block.status.any() and np.isfinite(block.metrics).all()
+
+
+def test_disturbances_and_means_are_held(tmp_path):
+    """Oracle: the exact prediction with the estimated disturbance, and with the estimated mean of the noise."""
+    model = "model: {disturbance: {at: input, drift: 1e-3}}"
+    experiment = load(tmp_path, delay=2, methods=f"{{K: {{{model}, controller: {{{MPC}, Hp: 9}}}}}}")
+    record, ahead = watched(experiment, x0=np.array([[1.0, 2.0]] * 2))
+    x = record.x_hat[0, 10]
+    for j in (10, 11):
+        x = A @ x + B[:, 0] * (record.u[0, j, 0] + ahead[10, 2])
+    assert ahead.shape[1] == 3 and abs(ahead[10, 2]) > 1e-3
+    np.testing.assert_allclose(ahead[10, :2], x, rtol=1e-12, atol=1e-12)
+    filter_ = "estimator: {kind: kalman-disturbance, drift: 1e-3}"
+    experiment = load(tmp_path, delay=2, methods=f"{{K: {{{filter_}, controller: {{{MPC}, Hp: 9}}}}}}")
+    method = experiment.methods[0]
+    assert method.estimator.estimates_mean
+    draws = experiment.scenario.draw(experiment.plant, range(2), 60)
+    law = Watch(np.ones((60, 1)))
+    record, _ = simulate(
+        experiment.plant, method._replace(controller=law), draws, np.zeros((70, 1)), 60, info={"w_mean"}
+    )
+    x = record.x_hat[:, 10]
+    for j in (10, 11):
+        x = x @ A.T + record.u[:, j] @ B.T + record.info["w_mean"][:, 10]
+    np.testing.assert_allclose(law.x_hat[10], x, rtol=1e-12, atol=1e-12)
+
+
+def test_a_model_that_depends_on_the_state_predicts_with_its_matrices(rng):
+    """Oracle: the matrices at the state, sample by sample."""
+    slide = moving_slide(0.01, noise=SlideNoise(process=1.0, measurement=1e-6))
+    flow, x = prediction_flow(slide), 0.1 * rng.standard_normal((3, slide.nx))
+    u = rng.standard_normal((3, slide.nu))
+    pair = slide.at_state(x)
+    expected = [a @ z + b @ v for a, b, z, v in zip(pair.A, pair.B, x, u, strict=True)]
+    np.testing.assert_allclose(flow.advance(0, x, u), expected, **ROUND, atol=1e-15)
+    np.testing.assert_allclose(flow.measure(0, x), x @ slide.C.T, **ROUND)
+
+
+def test_pid_uses_y_as_it_is(tmp_path):
+    """`on: y` is the law without the key; `on: estimate` controls the prediction.  Oracle: P control written out."""
+    law = "kind: pid, Kp: 2"
+    methods = ", ".join(
+        f"{name}: {{model: {{delay: {delay}}}, controller: {{{law}, on: {on}}}}}"
+        for name, delay, on in (("K", "same", "y"), ("N", "none", "y"), ("P", "same", "estimate"))
+    )
+    keys = {"START": "[1, 0]", "REFERENCE": "{kind: square, values: [0, 1], period: 10}"}
+    experiment = load(tmp_path, delay=2, methods=f"{{{methods}}}", **keys)
+    known, unknown, predicted = (simulate_block(experiment, each, range(2)).traces for each in experiment.methods)
+    np.testing.assert_array_equal(known["u"], unknown["u"])
+    r = experiment.scenario.reference.sample(70)[:, 0]
+    for k in range(2, 58):
+        x = predicted["x_hat"][:, k]
+        for j in (k, k + 1):
+            x = x @ A.T + predicted["u"][:, j] @ B.T
+        np.testing.assert_allclose(predicted["u_command"][:, k, 0], 2.0 * (r[k + 2] - x[:, 0]), rtol=1e-9, atol=1e-12)
