@@ -48,14 +48,7 @@ DelayKey: Any = Annotated[Literal["same", "none"] | Delay, BeforeValidator(_refu
 
 
 def known_delay(given: str | Delay, of_input: int | str, outputs: Sequence[str]) -> KnownDelay:
-    """Return the delays that the key gives.
-
-    Parameters
-    ----------
-    given : value of the key
-    of_input : delay of the input in the noise; words where it is no number for all inputs
-    outputs : names of the outputs of the plant
-    """
+    """Return the delays that the key gives; `of_input` is that of the noise, in words where it is not one number."""
     if given == NONE:
         return KnownDelay(0, (0,) * len(outputs))
     if isinstance(given, Delay):

@@ -25,26 +25,17 @@ Stage = Callable[[int, Array], Array]
 
 
 class ActingInput(NamedTuple):
-    """The input at k."""
+    """The input that acts at k, what the method knows of it, and what a law is told of the input that it returned."""
 
     u: Float[Array, "runs nu"]
-    """What acts."""
     known: Float[Array, "runs nu"]
-    """What the method knows of it."""
     sent: Float[Array, "runs nu"]
-    """What a law is told of its own input."""
 
 
 class InputChannel:
-    """The input of a block of runs, sample by sample.
+    """The input of a block of runs, sample by sample; those beyond the bounds of the plant are counted in `runs`.
 
-    Parameters
-    ----------
-    plant : limits its inputs
-    laws : laws of `noise.input`, each with its random numbers
-    delay : what the design model knows
-    before : input before k = 0; 0 where it is empty
-    runs : where inputs beyond the bounds of the plant are counted
+    `laws` have their random numbers, `delay` is that of the design model, and `before` is empty for 0.
     """
 
     def __init__(

@@ -123,7 +123,7 @@ class Estimator(Design):
 
     @abstractmethod
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
-        """Go to k+1 with the applied u(k), which is within the bounds of the plant."""
+        """Go to k+1 with u(k) as the method knows it: the input that acts, without noise and with the known delay."""
         raise NotImplementedError("predict")
 
     def copied(self, state: Any) -> Any:
