@@ -48,7 +48,7 @@ class InputChannel:
         self._laws = _stages(laws, start)
         first = next((i for i, (law, _) in enumerate(laws) if law.longest_delay), len(laws))
         before_delay, after = ([each for each in part if _is_known(each[0])] for part in (laws[:first], laws[first:]))
-        constant: list[Stage] = [_Late(np.full((1, 1, 1), delay.input), start)] if delay.input else []
+        constant: list[Stage] = [_Late(np.full((1, 1, 1), float(delay.input)), start)] if delay.input else []
         self._known = [*_stages(before_delay, start), *constant, *_stages(after, start)]
         self._sent = _stages([*before_delay, *(each for each in after if not each[0].omits_measurements)], start)
 
