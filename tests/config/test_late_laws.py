@@ -69,6 +69,7 @@ class Blind:
     def update(self, y):
         return [0.0, 0.0]
 """
+NUMBER = "{from: plant, P_w: 0.1, P_v: 1, delay: {measurement: 1}}"
 KNOWN = {"model": "{from: plant, P_w: 0.1, P_v: 1, delay: same}"}
 UNFIT = "the estimator of 'A' cannot use late measurements: `delay: none` gives it y as it arrives"
 
@@ -82,6 +83,7 @@ UNFIT = "the estimator of 'A' cannot use late measurements: `delay: none` gives 
         ({"noise": "{process: {delayed: 1}}"}, "noise.process.delayed", "alters a"),
         ({"noise": "{measurement: {missing: {every: 2, known: true}}}"}, "noise.measurement.missing.known", "input"),
         ({"evaluate": "moments"}, "evaluate", "no exact moments"),
+        ({"evaluate": "moments", "noise": "{measurement: {gaussian: {cov: 1}}}", "model": NUMBER}, "evaluate", "late"),
         (KNOWN | {"methods": "{A: {estimator: {file: own.py:Blind}}}"}, "methods.A", UNFIT),
         (KNOWN | {"methods": "{A: {estimator: {file: own.py:Own, on_failure: hold}}}"}, "methods.A", UNFIT),
     ],

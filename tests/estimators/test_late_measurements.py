@@ -66,8 +66,9 @@ def exact(k, p0, *, uses_newest):
     return gain @ Y[there], cov[k, k] - gain @ cov[there, k]
 
 
-WALK = {"A": [[1.0]], "B": [[0.0]], "C": [[1.0]]}
-UNCERTAIN = {"Bw": [[1.0]], "Dv": [[1.0]], "H_A": [[0.0]], "G_x": [[0.0]]}
+WALK = {"A": [[1.0]], "B": [[0.0]]}
+OUTPUTS = {1: [[1.0]], 2: [[1.0], [0.5]]}
+UNCERTAIN = {"Bw": [[1.0]], "H_A": [[0.0]], "G_x": [[0.0]]}
 LIMITS = {
     "control-lqe": {}, "correntropy-kalman": {"sigma": 1e6}, "directional-kalman": {"q": 0.0, "direction": 1.0},
     "enhanced-robust": {}, "extended-kalman": {}, "fading-kalman": {"alpha": 1.0}, "gated-kalman": {"gate": 1e6},
@@ -84,26 +85,32 @@ PREDICTORS = {"enhanced-robust", "kalman-predictor", "oracle", "robust-h-infinit
 NEED_UNCERTAINTY = {"enhanced-robust", "lmmse", "oracle", "robust-h-infinity", "sayed-bdu"}
 
 
-def made(kind, p0=1.0, **keys):
+def oracle_plant(ny):
+    """Return the random walk as a plant whose matrices the oracle reads."""
+    given = WALK | UNCERTAIN | {"C": OUTPUTS[ny], "Dv": np.eye(ny).tolist()}
+    return plants.design(1.0, STEPS, **given, uncertainty=Uncertainty())
+
+
+def made(kind, p0=1.0, ny=1):
     """Return a kind for the random walk."""
-    keys = (LIMITS | OTHERS)[kind] | keys
+    keys, walk = (LIMITS | OTHERS)[kind], WALK | {"C": OUTPUTS[ny]}
     if kind in NEED_UNCERTAINTY:
-        model = uncertain_model(STEPS, **WALK, **UNCERTAIN, W=1.0, V=1.0)
+        model = uncertain_model(STEPS, **walk, **UNCERTAIN, Dv=np.eye(ny).tolist(), W=1.0, V=1.0)
     elif kind == "set-membership":
-        model, keys = mixed_model(STEPS, **WALK, M_w=1.0, M_v=1.0), keys | {"M0": np.eye(1)}
+        model, keys = mixed_model(STEPS, **walk, M_w=1.0, M_v=1.0), keys | {"M0": np.eye(1)}
     else:
-        model = LinearModel(**WALK, Q_w=[[1.0]], R_v=[[1.0]])
+        model = LinearModel(**walk, Q_w=[[1.0]], R_v=np.eye(ny))
     if kind == "oracle":
-        keys = {**keys, "plant": plants.design(1.0, STEPS, **WALK, **UNCERTAIN, uncertainty=Uncertainty())}
+        keys = {**keys, "plant": oracle_plant(ny)}
     start = {} if kind in ("control-lqe", "lp-window") else {"P0": p0 * np.eye(1)}
     return estimator(kind, model, n_steps=STEPS, x0=np.zeros(1), **start, **keys)
 
 
-def revealed(kind, n_runs):
+def revealed(kind, n_runs, ny=1):
     """Return what the oracle knows of its runs; nothing for other kinds."""
     if kind != "oracle":
         return ()
-    plant = plants.design(1.0, STEPS, **WALK, **UNCERTAIN, uncertainty=Uncertainty())
+    plant = oracle_plant(ny)
     nominal = {name: np.full(n_runs, value) for name, value in plant.nominal.items()}
     return (plant.draw(nominal, [np.random.default_rng(i) for i in range(n_runs)], STEPS),)
 
@@ -137,10 +144,11 @@ def test_known_random_delays_in_the_limit_that_is_kalman(kind):
 
 
 @pytest.mark.parametrize("kind", [*LIMITS, *OTHERS])
-def test_a_filter_repeats_what_late_measurements_change(kind, rng):
-    """Oracle: the same filter from the start on what has arrived by k, with random delays in blocks of four runs."""
-    d, y = rng.integers(0, 3, (4, STEPS + 1, 1)), rng.standard_normal((4, STEPS + 1, 1))
-    design, delta = made(kind), revealed(kind, 4)
+@pytest.mark.parametrize("ny", OUTPUTS)
+def test_a_filter_repeats_what_late_measurements_change(kind, ny, rng):
+    """Oracle: the same filter from the start on what has arrived by k; random delays of every output, in four runs."""
+    d, y = rng.integers(0, 3, (4, STEPS + 1, ny)), rng.standard_normal((4, STEPS + 1, ny))
+    design, delta = made(kind, ny=ny), revealed(kind, 4, ny)
     for k, each in enumerate(late(design, d, y, delta=delta)):
         expected = by_hand(design, d, y, k, delta)
         np.testing.assert_allclose(each.x_hat, expected.x_hat, **ROUND)
