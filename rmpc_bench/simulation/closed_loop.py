@@ -226,8 +226,8 @@ class _Loop(NamedTuple):
         self.start.note_steps(command.step_status, self.runs)
         command = command._replace(u=np.array(command.u))
         acting = self.channel.step(k, command.u)
-        told = acting.known if self.method.controller.takes_acting_input else acting.sent
-        return self.timed.applied(k, state, told.copy()), command, acting, status
+        own = acting.known if self.method.controller.takes_acting_input else acting.sent
+        return self.timed.applied(k, state, own.copy()), command, acting, status
 
     def _ahead(self, k: int, estimate: Estimate) -> tuple[Any, ...]:
         """Predict the estimate over the delay of the input, for a law that uses it; also return what it takes then."""

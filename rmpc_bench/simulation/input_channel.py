@@ -5,7 +5,7 @@ Model   u_c(k) is what the controller returns.  u(k), what acts, is u_c after th
         lets u_c(j) with the largest j + d(j) <= k act, so that an older command never replaces a newer one.
         u_m(k), what the method knows of u(k), has no law that adds, no holding with `known: false`, and the delay of
         the design model in place of the first delay, or after all laws where there is none.
-        A law that remembers its input is told u_c as limited by bounds, rounding and known holding before any delay.
+        A law that remembers its input gets u_c as limited by bounds, rounding and known holding before any delay.
 Start   The input before k = 0 is that of the operating point of the design model, else 0.
 """
 
@@ -25,7 +25,7 @@ Stage = Callable[[int, Array], Array]
 
 
 class ActingInput(NamedTuple):
-    """The input that acts at k, what the method knows of it, and what a law is told of the input that it returned."""
+    """The input that acts at k, what the method knows of it, and what a law gets as its last input."""
 
     u: Float[Array, "runs nu"]
     known: Float[Array, "runs nu"]
@@ -44,7 +44,7 @@ class InputChannel:
         self._plant, self._runs, n_runs = plant, runs, len(runs.alive)
         start = np.tile(np.asarray(before or [0.0] * plant.nu), (n_runs, 1))
         self.on_way = [start] * delay.input
-        """What a law was told at k-d..k-1, which acts at k..k+d-1 as far as the method knows."""
+        """What a law has sent at k-d..k-1, which acts at k..k+d-1 as far as the method knows."""
         self._laws = _stages(laws, start)
         first = next((i for i, (law, _) in enumerate(laws) if law.longest_delay), len(laws))
         before_delay, after = ([each for each in part if _is_known(each[0])] for part in (laws[:first], laws[first:]))
@@ -58,7 +58,7 @@ class InputChannel:
         if not self._laws and not self.on_way:
             return ActingInput(acting, acting, acting)
         known = self._plant.applied_inputs(_through(self._known, k, u))
-        # Without a delay the law is told what the method knows, holding included.
+        # Without a delay a law gets what the method knows, holding included.
         sent = self._plant.applied_inputs(_through(self._sent, k, u)) if self.on_way else known
         self.on_way = [*self.on_way[1:], sent] if self.on_way else []
         return ActingInput(acting, known, sent)
