@@ -8,6 +8,7 @@ from small_experiment import cli, ran
 from rmpc_bench import load_config, single_run
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
+from rmpc_bench.simulation.episode import Episode
 from rmpc_bench.simulation.input_channel import InputChannel, newest
 from rmpc_bench.simulation.linear_loop import applies
 from rmpc_bench.types import Command, ConfigError, Controller, Estimate, Estimator, Journal, KnownDelay, RunInfo
@@ -376,3 +377,19 @@ def test_moments_refuse_laws_of_the_input(tmp_path):
     path.write_text("\n".join([*lines, "metrics: [estimation_mse]"]))
     result = cli("check", path)
     assert result.exit_code == 2 and "a law acts on the input" in result.stderr
+
+
+def test_an_episode_is_the_run(tmp_path):
+    """With the commands of the loop; oracle: its inputs that act, its estimates and states, bit for bit."""
+    experiment = load(tmp_path, RANDOM, MODEL=", delay: {input: 1}", PLANT=", bounds: {f: [-0.01, 0.01]}")
+    method, run = experiment.methods[0], 2
+    traces = simulate_block(experiment, method, range(6)).traces
+    episode = Episode(experiment, run, estimator=method.estimator, delay=method.delay, u_before=method.u_before)
+    acting = []
+    samples = [episode.sample]
+    for u in traces["u_command"][run]:
+        samples.append(episode.step(u))
+        acting.append(episode.u)
+    np.testing.assert_array_equal(acting, traces["u"][run])
+    for signal in ("x", "x_hat"):
+        np.testing.assert_array_equal([getattr(each, signal) for each in samples], traces[signal][run])
