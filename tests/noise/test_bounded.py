@@ -24,6 +24,7 @@ KEYS = {
     "half-normal": {"std": 1.0},
     "missing": {"probability": 0.4, "gap": 3.0},
     "outliers": {"std": 1.0, "probability": 0.1, "factor": 10.0},
+    "delayed": {"samples": [0, 3]},
     "quantised": {"step": 1.0},
     "student-t": {"dof": 3.0, "scale": 1.0},
 }

@@ -267,7 +267,7 @@ LAWS = {
     "uniform": {"radius": 1.0, "center": 2.0},
 }
 """Laws whose deviation from 2 is multiplied in bursts."""
-WITHOUT = {"drift", "missing", "quantised"}
+WITHOUT = {"delayed", "drift", "missing", "quantised"}
 """Laws whose bursts enlarge increments, and those that add nothing."""
 
 
