@@ -154,6 +154,7 @@ b \sim \mathrm{Bernoulli}(p)""",
     ("noises", "coloured"): r"""w_{k+1} = a w_k + \sqrt{1 - a^2} s z_k, \quad z_k \sim \mathcal{N}(0, \Sigma), \quad
 a = e^{-T_s / \tau}""",
     ("noises", "quantised"): r"y = o + q \mathrm{round} \left( \frac{y - o}{q} \right)",
+    ("noises", "delayed"): r"y_j \ \mathrm{arrives\ at\ } k = j + d_j, \quad 0 \le d_j \le D",
     ("noises", "missing"): r"P(y_k \ \mathrm{is\ missing}) = p",
     ("noises", "corners"): r"w = c + \mathrm{diag}(\rho) u, \quad u_i = \pm 1",
     ("noises", "ellipsoid"): r"w = c + s L u, \quad L L^\top = M, \quad (w - c)^\top M^{-1} (w - c) \le s^2",
