@@ -213,7 +213,7 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
     yield from (*metric_remarks(experiment), *unlimited_inputs(experiment.plant, laws))
     for name, part in config.first_point["methods"].items():
         if part["estimator"].get("kind") == "moving-horizon" and "at" in part["model"]:
-            yield f"{name}: moving-horizon is a linear filter, of the model at its operating point"
+            yield f"moving-horizon of {name!r} is linear, around `at`; without active bounds it is `kalman`"
     forms: dict[bool, list[str]] = {True: [], False: []}
     for method in experiment.methods:
         if method.estimator.form is not None:

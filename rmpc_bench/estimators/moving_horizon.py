@@ -1,4 +1,4 @@
-"""Moving-horizon estimator: a least-squares fit to a window of samples under bounds of noises and states.
+"""Linear moving-horizon estimator: a least-squares fit to a window of samples under bounds of noises and states.
 
 Model   x(k+1) = A x(k) + B u(k) + f0 + G w(k),  y(k) = C x(k) + v(k),  w ~ N(w_mean, W), v ~ N(v_mean, R_v), white.
         x_hat(k) is the last state of the window x(k-N)..x(k) that minimises
@@ -75,7 +75,7 @@ class HorizonState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingHorizon(Estimator):
-    """Moving-horizon estimator of a linear model.
+    """Linear moving-horizon estimator.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def design(
     x: Pairs | None = None,
     use_y0: bool = True,
 ) -> MovingHorizon:
-    """Moving-horizon estimator: least squares over a window, with bounds of noises and states.
+    """Linear moving-horizon estimator: least squares over a window, with bounds of noises and states.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); me
          and rounding are least: ten digits.
 Bounds   Points stay inside the bounds of the states: each one, also the centre, is moved to the nearest state inside.
          Differences are divided by the distance that is left, and f(x) outside is that of the tangent.  Deviations of
-         sigma points are those of the moved ones; what they lack of P, where it is positive, is independent of f(x).
+         sigma points are those of the moved ones.  What they lack of P, where it is positive, is independent of f(x).
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """
 

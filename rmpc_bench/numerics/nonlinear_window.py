@@ -120,6 +120,7 @@ class WindowSolver:
     tolerance: float
     iterations: int
 
+    @np.errstate(all="ignore")  # trial points may overflow
     def solve(self, maps: WindowMaps, data: Windows, start: Float[Array, "runs samples n"]) -> Fits:
         """Return the states of all windows."""
         runs = len(start)
@@ -201,9 +202,8 @@ class WindowSolver:
     def _step(self, now: _Linearised, x: Array, lam: Float[Array, " runs"]) -> tuple[Array, Array]:
         """Return the size of the step in standard deviations, and the step; NaN where there is none."""
         runs, m, n = x.shape
-        with np.errstate(all="ignore"):
-            s = 1.0 / np.sqrt(np.einsum("rii->ri", now.H))
-            H, g = now.H * s[:, :, None] * s[:, None], now.g * s
+        s = 1.0 / np.sqrt(np.einsum("rii->ri", now.H))
+        H, g = now.H * s[:, :, None] * s[:, None], now.g * s
         H += lam[:, None, None] * np.eye(m * n)
         z = -_solved(H, g)
         if self.limits is not None:
@@ -254,12 +254,10 @@ class WindowSolver:
 
 def _cost(maps: WindowMaps, data: Windows, x: Array, f: Array, h: Array) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return the cost, and the weighted residuals of x(0), of the process noise and of the measurements."""
-    with np.errstate(all="ignore"):
-        terms = (x[:, 0] - data.x_bar, x[:, 1:] - f, h - data.y)
-        weights = (data.P_inv, maps.Q_inv, data.R_inv)
-        a, q, v = ((W @ each[..., None])[..., 0] for W, each in zip(weights, terms, strict=True))
-        runs = len(x)
-        sums = [(d * w).reshape(runs, -1).sum(axis=1) for d, w in zip(terms, (a, q, v), strict=True)]
+    terms = (x[:, 0] - data.x_bar, x[:, 1:] - f, h - data.y)
+    weights = (data.P_inv, maps.Q_inv, data.R_inv)
+    a, q, v = ((W @ each[..., None])[..., 0] for W, each in zip(weights, terms, strict=True))
+    sums = [(d * w).reshape(len(x), -1).sum(axis=1) for d, w in zip(terms, (a, q, v), strict=True)]
     return sums[0] + sums[1] + sums[2], (a, q, v)
 
 

@@ -128,9 +128,9 @@ def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
     shown = cli("check", write(tmp_path, methods=methods, model=linearised, figures="[]")).stdout
     remarks = [line for line in shown.splitlines() if line.startswith(" -  ") and "warning" not in line]
     assert remarks[0] == " -  B is the same as A"
-    assert " -  MHE: moving-horizon is a linear filter, of the model at its operating point" in remarks
+    assert " -  moving-horizon of 'MHE' is linear, around `at`; without active bounds it is `kalman`" in remarks
     shown = cli("check", write(tmp_path, methods=methods)).stdout
-    assert "MHE: moving-horizon is a linear" not in shown and "C is the same" not in shown
+    assert "is linear, around" not in shown and "C is the same" not in shown
 
 
 def test_remarks_on_mixed_units():
