@@ -13,6 +13,7 @@ Fails   Design error if the covariance of the innovation is singular.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +53,11 @@ class DisturbanceFilter(Estimator):
         """Covariance of x_hat - x, axis 0 = k."""
         covariance: Array = _of(self.full.P)[:, : self.nx, : self.nx]
         return covariance
+
+    @property
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """The innovation and its covariance."""
+        return self.full.reports
 
     def init(self, n_runs: int) -> Any:
         """Start every run at ``x0`` with d = 0."""

@@ -63,7 +63,8 @@ def design(
     if gain == "steady":
         K, P = _steady(models, given)
         schedule = predictor_schedule(models, x0, [K] * len(models), [P] * len(models))
-        return replace(schedule, root=root_of(P)[None], recursion=own)
+        S = _innovation(models[0], given, root_of(P))[None]
+        return replace(schedule, S=S, root=root_of(P)[None], recursion=own)
     gains, roots = [], [root_of(P0)]
     last, M, J = None, np.zeros(()), np.zeros(())
     for now in models:
@@ -75,13 +76,19 @@ def design(
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
     schedule = predictor_schedule(models, x0, gains, list(P_pred[:-1]))
-    return replace(schedule, root=np.array(roots[:-1]), recursion=own)
+    S = np.array([_innovation(now, given, root) for now, root in zip(models, roots[:-1], strict=True)])
+    return replace(schedule, S=S, root=np.array(roots[:-1]), recursion=own)
 
 
 def _of_one_run(models: list[LinearModel], R: Array | None, k: int, root: Array, there: Array) -> Gains:
     """Return the gains of a run in which measurements are missing."""
     step = predictor_step(*with_outputs(*_joint(models[k], R), there), root)
-    return Gains(step.K, step.K, step.root_next, covariance_of(root))
+    return Gains(step.K, step.K, step.root_next, covariance_of(root), _innovation(models[k], R, root))
+
+
+def _innovation(now: LinearModel, R: Array | None, root: Array) -> Float[Array, "ny ny"]:
+    """Return the covariance of the innovation."""
+    return covariance_of(now.C @ root) + (now.R_v if R is None else R)
 
 
 def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:

@@ -118,8 +118,9 @@ class MovingHorizon(Estimator):
 
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
-        """The innovation, and whether a quadratic program was solved (1) or the closed form is the minimum (0)."""
-        return {"e": (self.model.C.shape[1],), "solved": ()}
+        """The innovation with its covariance, and whether a program was solved (1) or the closed form suffices (0)."""
+        ny = self.model.C.shape[1]
+        return {"e": (ny,), "S": (ny, ny), "solved": ()}
 
     def series(self) -> dict[str, Array]:
         """Gains and covariances of the Kalman filter over k."""
@@ -144,8 +145,9 @@ class MovingHorizon(Estimator):
             fit, P, root_next = self._of_own_runs(k, state, fit)
             state = state._replace(root_next=root_next)
         status = np.array([STATUS[each] for each in fit.status], dtype=np.int8)
-        e = y - mv(at_sample(self.model.C, k), state.x_pred[:, -1])
-        info = {"e": e, "solved": fit.solved.astype(float)}
+        C, R_v = at_sample(self.model.C, k), at_sample(self.model.R_v, k)
+        e, S = y - mv(C, state.x_pred[:, -1]), covariance_of(C @ state.roots[:, -1]) + R_v
+        info = {"e": e, "S": S, "solved": fit.solved.astype(float)}
         return state._replace(x_hat=fit.x), Estimate(fit.x, P, None, status, info)
 
     def predict(self, k: int, state: HorizonState, u: Float[Array, "runs nu"]) -> HorizonState:

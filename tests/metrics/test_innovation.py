@@ -96,6 +96,27 @@ def test_a_consistent_filter_has_nis_1_white_innovations_and_the_mean_square_of_
     assert slow["whiteness"].mean() > 2.0 * consistent["whiteness"].mean()
 
 
+def test_estimators_that_are_the_kalman_filter_have_its_innovations(tmp_path):
+    """Also where measurements are missing, and in the predictor, whose x_hat is the prediction."""
+    kinds = {
+        "KF": "kalman",
+        "predictor": "kalman-predictor",
+        "disturbance": "kalman-disturbance, D0: 0, drift: 0",
+        "linear": "moving-horizon, window: 4",
+        "nonlinear": "nonlinear-moving-horizon, window: 4",
+    }
+    methods = ", ".join(f"{name}: {{estimator: {{kind: {kind}}}}}" for name, kind in kinds.items())
+    measured = "{sum: [{gaussian: {cov: 0.25}}, {missing: {probability: 10%}}]}"
+    keys = {"methods": f"{{{methods}}}", "runs": "4", "time": "{steps: 60}",
+            "noise": f"{{process: {{gaussian: {{cov: 0.04}}}}, measurement: {measured}}}"}  # fmt: skip
+    config = load_config(write_estimation(tmp_path, **(CONSISTENT | keys)))
+    frame = run(config, directory=tmp_path / "results", jobs=1).trials.frame
+    table = {name: group[["nis", "innovation_mse", "whiteness"]].to_numpy() for name, group in frame.groupby("method")}
+    assert np.isfinite(table["KF"]).all()
+    for name in kinds:
+        np.testing.assert_allclose(table[name], table["KF"], **ROUND, err_msg=name)
+
+
 def test_an_estimator_that_reports_no_covariance_of_the_innovation_is_named(tmp_path):
     methods = "{ERP: {estimator: {kind: enhanced-robust, rule: state, gamma: 5}}}"
     with pytest.raises(ConfigError, match=r"needs the covariance S of the innovation, .* 'ERP' does not report"):
