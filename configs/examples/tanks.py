@@ -1,4 +1,4 @@
-"""Components of two-tanks.yaml: plant, noise, controller and estimator of two tanks in series.
+"""Components of two-tanks.yaml: plant, noise and controller of two tanks in series.
 
 Plant   A pump with flow u [m^3/s] fills the first tank, whose orifice empties into the second one.  With the cross
         section A of the tanks and the orifices a_i, Torricelli's law v = sqrt(2 g h) gives
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench import single_run
-from rmpc_bench.types import Count, Noise, Positive
+from rmpc_bench.types import Noise
 
 GRAVITY = 9.81  # m/s^2
 
@@ -86,80 +86,3 @@ class PI:
         if u == wanted:  # anti-windup: no integration while the input is at a limit
             self.integral += self.rate * error
         return [u]
-
-
-@single_run
-class MHE:
-    """Moving-horizon estimator of a nonlinear model, with a Huber loss and bounds of the states.
-
-    The states x(k-Ne), .., x(k) of the window minimise
-        |x(k-Ne) - x_bar|^2_(P^-1) + sum |x(j+1) - f(x(j), u(j))|^2_(Q_w^-1) + 2 sum huber((y(j) - h(x(j))) / s),
-    where s are the standard deviations of R_v and huber(r) is r^2 / 2 up to |r| = delta and linear beyond.  x_bar is
-    the prediction f(x_hat(k-Ne-1), u(k-Ne-1)), and P its covariance by the Riccati equation along the estimates, as in
-    an extended Kalman filter.
-
-    Method: Gauss-Newton from the last solution, with the weights min(1, delta / |r|) of the Huber loss; after each
-    iteration the states are projected onto their bounds.  One iteration per sample is usual: a state is improved at
-    every sample while it is in the window.
-
-    Limit: a linear model, a large `delta` and no active bound give the Kalman filter, for any Ne and one iteration.
-
-    Parameters
-    ----------
-    Ne : length of the window [samples]
-    delta : residual beyond which the loss is linear [standard deviations]
-    iterations : Gauss-Newton iterations per sample
-    """
-
-    def __init__(self, model, Ne: Count = 6, delta: Positive = 1.5, iterations: Count = 1):
-        self.model, self.Ne, self.delta, self.iterations = model, Ne, delta, iterations
-        self.Q_inv = np.linalg.inv(model.Q_w)
-        self.noise = np.sqrt(np.diag(model.R_v))
-
-    def start(self, x0, P0):
-        """Begin with the prediction of x(0) and its covariance; they move along with the window."""
-        self.x_bar, self.P = [x0], P0
-        self.x, self.y, self.u = [x0], [], []
-
-    def update(self, y, u_previous):
-        """Return x_hat(k) from y(k) and u(k-1)."""
-        model = self.model
-        if u_previous is not None:
-            self.u.append(u_previous)
-            self.x.append(model.f(self.x[-1], u_previous))
-            self.x_bar.append(self.x[-1])
-        self.y.append(y)
-        if len(self.y) > self.Ne + 1:
-            self._move()
-        for _ in range(self.iterations):
-            self.x = list(np.clip(np.array(self.x) + self._change(), *model.limits))
-        return self.x[-1]
-
-    def _move(self):
-        """Drop the oldest sample; the covariance of x_bar follows the Riccati equation."""
-        model, P = self.model, self.P
-        F, H = model.F(self.x[0], self.u[0]), model.H(self.x[0])
-        S = H @ P @ H.T + model.R_v
-        P = P - P @ H.T @ np.linalg.solve(S, H @ P)
-        self.P = F @ P @ F.T + model.Q_w
-        for series in (self.x_bar, self.x, self.y, self.u):
-            del series[0]
-
-    def _change(self):
-        """Return the Gauss-Newton change of the states of the window, one row per sample."""
-        model, m, n, ny = self.model, len(self.y), len(self.P), len(self.noise)
-        # Rows of `motion` change x(0) and x(j+1) - f(x(j), u(j)); rows of `output` change h(x(j)) / s.
-        motion, output = np.eye(m * n), np.zeros((m * ny, m * n))
-        information = np.kron(np.eye(m), self.Q_inv)
-        information[:n, :n] = np.linalg.inv(self.P)
-        for j in range(m):
-            output[j * ny : (j + 1) * ny, j * n : (j + 1) * n] = model.H(self.x[j]) / self.noise[:, None]
-        for j in range(m - 1):
-            motion[(j + 1) * n : (j + 2) * n, j * n : (j + 1) * n] = -model.F(self.x[j], self.u[j])
-        predicted = [model.f(x, u) for x, u in zip(self.x[:-1], self.u, strict=True)]
-        missing = np.concatenate([self.x_bar[0], *predicted]) - np.concatenate(self.x)
-        residual = np.concatenate([(y - model.h(x)) / self.noise for x, y in zip(self.x, self.y, strict=True)])
-        weight = np.minimum(1.0, self.delta / np.maximum(np.abs(residual), 1e-12))
-        normal = motion.T @ information @ motion + output.T @ (weight[:, None] * output)
-        right = motion.T @ information @ missing + output.T @ (weight * residual)
-        return np.linalg.solve(normal, right).reshape(m, n)

@@ -260,5 +260,5 @@ def _others() -> list[str]:
     parts = [heading(2, "Systems of the literature", SYSTEMS), about, _overview(configurations(SYSTEMS))]
     for group, (title, introduction) in FURTHER.items():
         parts += [heading(2, title, group), introduction, *_additional(group)]
-    about = "Two experiments with own components, explained in [examples.md](examples.md)."
+    about = "Experiments with functions or components of a user, explained in [examples.md](examples.md)."
     return [*parts, "## Examples", about, _overview(configurations("examples"))]
