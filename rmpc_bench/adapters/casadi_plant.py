@@ -177,6 +177,7 @@ def plant(
     options: dict[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     x0: Any = None,
+    angles: Mapping[str, float] | None = None,
     time_unit: str = "s",
 ) -> ode.OdePlant:
     """CasADi function, or differential-algebraic equation, as a plant.
@@ -202,6 +203,7 @@ def plant(
     options : of this integrator, such as ``{reltol: 1e-10}``
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
+    angles : name of a state or an output that counts modulo a period -> this period
     time_unit : unit of the time in texts
     """
     made, nominal = named_object(casadi), parameters or {}
@@ -226,7 +228,7 @@ def plant(
         return ode.design(
             Ts, n_steps, ode=rhs, output=output, outputs=outputs, parameters=nominal, bounds=bounds, x0=x0,
             states=sizes["x"] if states is None else states, inputs=sizes.get("u", 0) if inputs is None else inputs,
-            solver=solver or Solver(), discrete=discrete or has_z, time_unit=time_unit,
+            solver=solver or Solver(), discrete=discrete or has_z, angles=angles, time_unit=time_unit,
         )  # fmt: skip
     except DesignError as error:
         raise DesignError(str(error), "casadi" if error.parameter == "ode" else error.parameter) from error

@@ -173,6 +173,7 @@ def plant(
     solver: Solver | None = None,
     bounds: Any = None,
     x0: Any = None,
+    angles: Any = None,
     time_unit: str = "s",
 ) -> Plant:
     """System of python-control, linear or nonlinear, with the names of its states, inputs and outputs.
@@ -187,12 +188,13 @@ def plant(
     solver : integration of a nonlinear continuous system, as for `ode`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
+    angles : name of a state or an output that counts modulo a period -> this period
     time_unit : unit of the time in texts
     """
     found = nonlinear(control, parameters or {}, Ts)
     if found is not None:
         with blamed(KEY):
-            keys = {**found.keys(KEY, x0), "solver": solver or Solver(), "bounds": bounds, "x0": x0}
+            keys = {**found.keys(KEY, x0), "solver": solver or Solver(), "bounds": bounds, "x0": x0, "angles": angles}
             return ode_plant.design(Ts, n_steps, **keys, time_unit=time_unit)
     if solver is not None:
         raise DesignError("has no effect: a linear system is sampled exactly", "solver")

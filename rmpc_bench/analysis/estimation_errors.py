@@ -93,7 +93,7 @@ def recorded_errors(point: Trials, method: str) -> ErrorRuns | None:
         # A method that reports none has recorded NaN only.
         P = matrices if np.isfinite(matrices).any() else P
     size = np.maximum(np.abs(x[rows]), np.abs(x_hat[rows])).max(axis=1, initial=0.0)[:, None, :]
-    return ErrorRuns(traces.runs[rows], x_hat[rows] - x[rows], P, size, n_failed)
+    return ErrorRuns(traces.runs[rows], traces.difference("x", x_hat[rows], x[rows]), P, size, n_failed)
 
 
 def recorded_innovations(point: Trials, method: str) -> ErrorRuns | None:

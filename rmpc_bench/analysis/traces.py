@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rmpc_bench.types import Array
+from rmpc_bench.types.angles import period_of, wrapped
 
 COVARIANCE = "P"
 """Recorded signal: the covariance of x_hat - x that a method reports, row by row."""
@@ -40,6 +41,14 @@ class Traces(NamedTuple):
     """(samples, ny) reference at k = 0..N."""
     shapes: Mapping[str, tuple[int, ...]] = {}
     """Signal that the method reports -> shape of an entry, whose components follow each other row by row."""
+    angles: Mapping[str, float] = {}
+    """Component that is an angle, such as x.0 -> its period."""
+
+    def difference(self, signal: str, one: Array, other: Array, first: int = 0) -> Array:
+        """Subtract two series (runs, samples, components) of a signal from `first` on; that of an angle is wrapped."""
+        error = one - other
+        names = [f"{signal.removesuffix('_hat')}.{first + i}" for i in range(error.shape[-1])]
+        return wrapped(error, period_of(self.angles, names))
 
     def until(self, last: Mapping[int, int]) -> Traces:
         """Return the runs with NaN after the last sample of those that failed, run -> sample."""
@@ -61,9 +70,11 @@ class Traces(NamedTuple):
         rows, estimate = np.isin(self.runs, finished), self.signals.get("x_hat")
         if "x" not in self.signals:
             return None
-        return RunGroups.of_trajectories(
-            self.runs[rows], self.signals["x"][rows], None if estimate is None else estimate[rows]
-        )
+        x = self.signals["x"][rows]
+        estimate = None if estimate is None else estimate[rows]
+        if self.angles and estimate is not None and estimate.shape == x.shape:
+            estimate = x + self.difference("x", estimate, x)
+        return RunGroups.of_trajectories(self.runs[rows], x, estimate)
 
 
 MAX_GROUPS = 100

@@ -19,6 +19,7 @@ from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged, with_
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
+    angles_of,
     build_range,
     given_bounds,
     mean_start,
@@ -56,6 +57,7 @@ from rmpc_bench.types import (
     Problem,
     Reference,
 )
+from rmpc_bench.types.angles import period_of, places
 
 
 class DesignCache:
@@ -98,6 +100,8 @@ class MethodBuilder:
         self.n_steps: int = self.time.n_steps
         self.plant: Plant | None = None
         """The nominal plant, for models made from it; set once it has been built."""
+        self.angles: Mapping[str, float] = {}
+        """Places of its angles with their periods."""
 
     def key(
         self, role: str, parts: Sequence[Component | None], *, of_plant: bool = False, start: Sequence[str] = START
@@ -188,7 +192,7 @@ class MethodBuilder:
         # Recorded runs have their inputs in the plant.
         is_recorded = plant is not None and plant.recorded is not None
         parts, delay = [*components.named.values(), self.draft.input], delay_of(self.draft, components.model, plant)
-        key = [name, delay, *self.key("method", parts, of_plant=is_recorded)]
+        key = [name, delay, *self.key("method", parts, of_plant=is_recorded), self.draft.plant_range.get("angles")]
         return cast("Method | None", self.cache.get(key, lambda: self._method(name, components, plant, delay)))
 
     def _method(
@@ -219,7 +223,11 @@ class MethodBuilder:
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
+        own = model.undisturbed.y_period
+        period = period_of(self.angles, places("y", model.ny)) if own is None else own
         made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
+        if period is not None:
+            made = made._replace(controller=controller.with_period(period), period=period, model=model)
         return with_prediction(made, model, components.controller, problems)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
@@ -317,6 +325,7 @@ class _ExperimentBuilder:
             cut_windows=self.smoke,
             state_range=state_range,
             time_unit=self.time.unit,
+            angles=self.methods.angles,
         )
         draft.warnings += warnings_of(draft, experiment, self.methods.undisturbed, self.methods.start)
         if first:
@@ -329,13 +338,18 @@ class _ExperimentBuilder:
         if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
-        range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
+        range_of = {
+            "x0": mean_start(self.draft),
+            "bounds": given_bounds(self.draft),
+            "angles": self.draft.plant_range.get("angles"),
+        }
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
         described = self.methods.key("plant", [], of_plant=True, start=())
         plant: Plant | None = self.cache.get(described, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
             refuse_runs(self.draft, plant.recorded and plant.recorded.n_runs, "plant.data")
             refuse_start(self.draft, plant)
+            self.methods.angles = angles_of(self.draft, plant)
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
                     message = unknown(name, plant.nominal, f"parameter of {component.kind}")

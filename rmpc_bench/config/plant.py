@@ -28,7 +28,8 @@ from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment, RunParameter
 from rmpc_bench.simulation.state_range import LARGEST, StateRange
-from rmpc_bench.types import Array, Metric, Model, Plant
+from rmpc_bench.types import Array, Metric, Model, Plant, Positive
+from rmpc_bench.types.angles import places
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def gap_warnings(draft: DraftConfig, experiment: Experiment) -> Iterator[tuple[l
         yield ["plant"], f"{message} does not bridge them: these runs diverge there"
 
 
-RANGE_KEYS = ("bounds", "diverged")
+RANGE_KEYS = ("bounds", "diverged", "angles")
 """Keys of a plant that are no parameters of its design."""
 
 
@@ -132,14 +133,18 @@ Entry = Annotated[Any, BeforeValidator(_number)]
 Bounds: Any = dict[str, Annotated[list[Entry], Len(2, 2)]]
 Limit = Annotated[float, Gt(0), Lt(LARGEST)]
 Limits: Any = Limit | list[Limit] | dict[str, Limit]
+Angles: Any = list[str] | dict[str, Positive]
 
 
 def read_range(draft: DraftConfig) -> None:
     """Validate the keys as far as the plant need not be known; sets `plant_range` and `bound_units` of the draft."""
     tree = draft.tree["plant"]
-    for key, annotation in zip(RANGE_KEYS, (Bounds, Limits), strict=True):
+    for key, annotation in zip(RANGE_KEYS, (Bounds, Limits, Angles), strict=True):
         if isinstance(tree, Map) and key in tree:
             draft.plant_range[key] = draft.checked(annotation, ["plant", key])
+    angles = draft.plant_range.get("angles")
+    if isinstance(angles, list):
+        draft.plant_range["angles"] = dict.fromkeys(angles, 2.0 * np.pi)
     bounds = draft.plant_range.get("bounds")
     if bounds:
         pairs = {name: [None if each is None else each.value for each in pair] for name, pair in bounds.items()}
@@ -200,6 +205,22 @@ def refuse_start(draft: DraftConfig, plant: Plant) -> None:
     if plant.has_own_start and plant.recorded is None and "x" in (draft.values["initial"] or {}):
         way_out = "leave `x` out, or let the plant start from it (`plant.start: initial`)"
         draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
+
+
+def angles_of(draft: DraftConfig, plant: Plant) -> dict[str, float]:
+    """Return the periods of the angles of a plant by the places of their components; unknown names are noted."""
+    found, known = dict[str, float](), dict[str, list[str]]()
+    names = {"x": state_names(plant), "y": () if plant.signals is None else plant.signals.outputs}
+    for place in (*places("x", plant.nx), *places("y", plant.ny)):
+        letter, number = place[0], int(place[2:])
+        own = names[letter][number] if names[letter] else plant.names.get(place, place)
+        for name in {place, own}:
+            known.setdefault(name, []).append(place)
+    for name, period in (draft.plant_range.get("angles") or {}).items():
+        if name not in known:
+            draft.note(["plant", "angles"], unknown(name, known, "state or output of this plant"))
+        found |= dict.fromkeys(known.get(name, ()), period)
+    return found
 
 
 def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRange:

@@ -43,7 +43,7 @@ from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime, Probl
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
 _NO_KEYS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 PROVIDED: dict[str, frozenset[str]] = {
-    "plants": frozenset({"Ts", "n_steps", "x0", "bounds", "time_unit"}),
+    "plants": frozenset({"Ts", "n_steps", "x0", "bounds", "angles", "time_unit"}),
     "models": frozenset({"Ts", "n_steps", "plant", "time_unit"}),
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant", "Ts", "plant_info"}),
     "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),

@@ -71,6 +71,8 @@ class Gpc(Controller):
     uses_mean: bool
     limits: GpcLimits | None = field(default=None, kw_only=True)
 
+    compares_estimate = True
+
     @property
     def preview(self) -> int:
         """Samples r(k)..r(k+Np)."""

@@ -51,6 +51,8 @@ class Lqg(Controller):
     d0: Float[Array, " ny"] | None
     point: OperatingPoint | None
 
+    compares_estimate = True
+
     @property
     def input_limits(self) -> tuple[float, float] | Bounds | None:
         """Lower and upper limit of the inputs; None without limits."""

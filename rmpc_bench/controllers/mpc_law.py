@@ -43,6 +43,8 @@ class Mpc(Controller):
     du: Bounds | None = None
     """Bounds of the increment; None without."""
 
+    compares_estimate = True
+
     @property
     def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]]:
         """Lower and upper limit of all inputs, or of each."""

@@ -22,8 +22,8 @@ Fails   Design error: the numbers of inputs and outputs differ and `outputs` doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -44,6 +44,7 @@ from rmpc_bench.types import (
     Positive,
     Status,
 )
+from rmpc_bench.types.angles import wrapped
 
 OK = np.int8(Status.OK)
 Gains: TypeAlias = Float[Array, " nu"]
@@ -91,6 +92,10 @@ class Pid(Controller):
     """Output matrix of the model where the loops use the output of the estimate, None where they use y."""
     d0: Float[Array, " ny"] | None
     point: OperatingPoint | None
+    model: Model | None = None
+    """Nonlinear design model whose output of the estimate the loops use."""
+    period: Gains | None = None
+    """Period of the output of every loop, 0 of one that is no angle."""
 
     @property
     def input_limits(self) -> tuple[float, float] | Bounds | None:
@@ -126,13 +131,13 @@ class Pid(Controller):
         r: Float[Array, "preview ny"],
     ) -> tuple[PidState, Command]:
         """Add up the three parts and clip."""
-        measured = self._controlled(y, estimate)
-        measured = np.where(np.isnan(measured), state.y, measured)
-        target, deviation = self.rows @ r[0] - self.y_op, measured - self.y_op
+        measured = self._controlled(k, y, estimate)
+        measured = self._turned(np.where(np.isnan(measured), state.y, measured), state.y)
+        target, deviation = self._turned(self.rows @ r[0], measured) - self.y_op, measured - self.y_op
         first = np.isnan(state.error)
         proportional = self.Kp * (self.b * target - deviation)
         error = self.c * target - deviation
-        change = np.where(first, 0.0, error - state.error)
+        change = wrapped(np.where(first, 0.0, error - state.error), self.period)
         derivative = (self.Tf * state.derivative + self.Kd * change) / (self.Tf + self.Ts)
         step = self.Ki * self.Ts * (target - deviation)
         integral = self.integral(state) + step
@@ -148,9 +153,18 @@ class Pid(Controller):
         """Keep the input that acts, for the anti-windup."""
         return state._replace(u=u)
 
-    def _controlled(self, y: Float[Array, "runs ny"], estimate: Estimate) -> Float[Array, "runs nu"]:
+    def with_period(self, period: Float[Array, " ny"]) -> Pid:
+        """Return the loops with outputs of which some are angles."""
+        return replace(self, period=self.rows @ period)
+
+    def _turned(self, value: Array, centre: Float[Array, "runs nu"]) -> Array:
+        """Return an output, or its reference, within half a period of the last output."""
+        return value if self.period is None else centre + wrapped(value - centre, self.period)
+
+    def _controlled(self, k: int, y: Float[Array, "runs ny"], estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the controlled output of every loop."""
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
+        outputs = outputs if self.model is None else self.model.measured(k, estimate.x_hat)
         # Chosen, not multiplied by `rows`: 0 times a missing measurement of another loop is NaN.
         return outputs[:, self.rows.argmax(axis=1)]
 
@@ -163,8 +177,10 @@ class Pid(Controller):
             return state.integral - np.where(state.step * cut < 0.0, state.step, 0.0)
         return state.integral
 
-    def linear_law(self) -> LinearLaw:
-        """Return the gains without limits."""
+    def linear_law(self) -> LinearLaw | None:
+        """Return the gains without limits; None where the output of the estimate is not linear."""
+        if self.model is not None:
+            return None
         affine = self.point is not None or bool(self.d0 is not None and self.d0.any())
         nu = len(self.Kp)
         K_s, K, A_s, B = _as_state(self)
@@ -226,7 +242,8 @@ def design(
     Tf : time constant of the filter of the derivative [s], 0 for none
     b : weight of the reference in the proportional part
     c : weight of the reference in the derivative; with 0 a step of the reference causes no jump of u
-    on : `y` controls the measured output, `estimate` the output C x_hat + d0 of the estimate
+    on : `y` controls the measured output, `estimate` the output C x_hat + d0 of the estimate, h(x_hat) of a
+        nonlinear model
     outputs : output of the loop of every input, counted from 0 (default: input i controls output i)
     limits : bounds of the input, `{u: [low, high]}` or one pair per input
     anti_windup : treatment of the integral while a limit acts: `back-calculation`, `clamping` or `none`
@@ -249,7 +266,7 @@ def design(
     tracking = _tracking_time(sized, Ts) if Tt is None else as_vector(Tt, nu, "Tt")
     if (tracking < Ts).any():
         raise DesignError(f"must be at least the sampling time {Ts:g} (got {tracking.min():g})", "Tt")
-    constant = model.at(0) if on == "estimate" else None
+    constant = _linear(model) if on == "estimate" else None
     C, d0 = (None, None) if constant is None else (constant.C, constant.d0)
     return Pid(
         Ts,
@@ -263,7 +280,18 @@ def design(
         C=C,
         d0=d0,
         point=model.operating_point,
+        model=model if on == "estimate" and constant is None else None,
     )
+
+
+def _linear(model: Model) -> Any:
+    """Return the linear model of the output; None for a nonlinear one without an operating point."""
+    try:
+        return model.at(0)
+    except DesignError:
+        if model.flow is None:
+            raise
+    return None
 
 
 def _loops(outputs: list[int] | None, nu: int, ny: int) -> list[int]:

@@ -5,6 +5,7 @@ Model   As models/flow.py, with additive noise.  The moments of f(x) and h(x) co
         points are placed anew:  S = covariance of h + R_v,  L = cross-covariance of x and h times S^-1.  Where the
         model or its output is linear, its matrix is used and no points are needed.  Covariances are kept as roots.
         Points stay inside the state bounds of the model.  The estimate itself does not know them.
+        Differences of angles, such as the innovation, are wrapped.
         A missing measurement (NaN) is left out of the correction; without any, the filter predicts only.
         Where the flow has more states than the design model, the estimate has those of the design model, and all are in
         the info `x_all`.
@@ -28,6 +29,7 @@ from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of, without_missing
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
+from rmpc_bench.types.angles import wrapped
 
 OK, SINGULAR = np.int8(Status.OK), np.int8(Status.SINGULAR)
 INDEFINITE_TWICE = 2
@@ -142,7 +144,8 @@ class GaussianFilter(Estimator):
         A, Q_w = self.flow.A_at(k), self.flow.Q_w_at(k)
         if A is not None:
             return state._replace(x=self.flow.advance(k, state.x, u), root=predicted_root(A, Q_w, state.root))
-        found = self.rule.moments(lambda x: self.flow.advance_points(k, x, u), state.x, state.root, self.limits)
+        f, limits, period = self.flow.advance_points, self.limits, self.flow.x_period
+        found = self.rule.moments(lambda x: f(k, x, u), state.x, state.root, limits, period)
         Q_root = np.broadcast_to(root_of(Q_w), (len(u), *Q_w.shape))
         both, indefinite = _without(np.concatenate([found.image, Q_root], axis=2), found.minus)
         return GaussianState(found.mean, lower_root(both), state.indefinite + indefinite)
@@ -151,14 +154,15 @@ class GaussianFilter(Estimator):
         """Compare y(k) with its prediction."""
         C = self.flow.C_at(k)
         if C is not None:
-            return Innovation(innovation(y, self.flow.measure(k, state.x)), C @ state.root, state.root)
+            e = wrapped(innovation(y, self.flow.measure(k, state.x)), self.flow.y_period)
+            return Innovation(e, C @ state.root, state.root)
 
         def h(x: Array) -> Array:
             runs, points, n = x.shape
             return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
 
-        found = self.rule.moments(h, state.x, state.root, self.limits)
-        return Innovation(innovation(y, found.mean), *found[1:])
+        found = self.rule.moments(h, state.x, state.root, self.limits, self.flow.y_period)
+        return Innovation(wrapped(innovation(y, found.mean), self.flow.y_period), *found[1:])
 
 
 def _corrected(before: GaussianState, given: Innovation, R_v: Array, missing: Array) -> GaussianState:

@@ -99,7 +99,8 @@ class LpWindow(Estimator):
     def correct(self, k: int, state: WindowState, y: Float[Array, "runs ny"]) -> tuple[WindowState, Estimate]:
         """Use y(k): solve LP1."""
         check_signal("y", y, len(state.x_pred), self.C.shape[1])
-        state = state._replace(y=_pushed(state.y, y - at_sample(self.d, k)))
+        y = y - at_sample(self.d, k)
+        state = state._replace(y=_pushed(state.y, y))
         points = min(k, self.Ne) + 1 if self.start == "free" else min(k, self.Ne + 1)
         enough = k > 0 and points >= self.least + 1
         fits = self._fit(k, state, points) if enough else _nothing(state)
@@ -108,6 +109,7 @@ class LpWindow(Estimator):
         fallback = ~fits.solved if enough else ~np.isfinite(y).all(axis=1)
         sound = (missed <= PATIENCE) & ~(np.abs(x_hat) > self._largest).any(axis=1)
         info = {"rho": fits.rho, "r": fits.r, "fallback": fallback.astype(float)}
+        info["e"] = y - mv(at_sample(self.C, k), state.x_pred)
         estimate = Estimate(x_hat, None, None, np.where(sound, OK, DIVERGED), info)
         return state._replace(x_hat=x_hat, missed=missed), estimate
 

@@ -119,6 +119,7 @@ class _Layout:
             names={**names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
             random_besides=random_besides(experiment),
             limitations=(*plant.limitations, *remarks),
+            angles=dict(experiment.angles),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:

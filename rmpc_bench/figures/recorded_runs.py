@@ -89,7 +89,9 @@ def signal_of(traces: Traces, name: str, component: int) -> Array | None:
     """Return a component of a signal, (runs, samples), None if not recorded; a held one has none at the last sample."""
     recorded = traces.signals.get(OUTPUT if name == ERROR else name)
     values = None if recorded is None else recorded[:, :, component]
-    return np.asarray(traces.r[:, component] - values) if values is not None and name == ERROR else values
+    if values is None or name != ERROR:
+        return values
+    return traces.difference(OUTPUT, traces.r[:, [component]], values[:, :, None], component)[:, :, 0]
 
 
 def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:
@@ -125,7 +127,7 @@ def differences(point: Trials, methods: Sequence[str]) -> Trials:
             raise DesignError(f"'{name}' and the baseline '{point.baseline}' share no recorded run", "difference")
         rows, others = np.searchsorted(own.runs, shared), np.searchsorted(base.runs, shared)
         signals = {
-            signal: values[rows] - base.signals[signal][others]
+            signal: own.difference(signal, values[rows], base.signals[signal][others])
             for signal, values in own.signals.items()
             if signal in base.signals and base.signals[signal].shape[1:] == values.shape[1:]
         }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.curves import limits_of
 from rmpc_bench.figures.labels import at_point, joined, name_of, sentence, short_title, unit_of
@@ -116,6 +117,12 @@ def paths_content(keys: SignalPlane, points: Sequence[Trials]) -> PathContent:
     return PathContent(keys, point, title, (x, y), window, paths)
 
 
+def _error(traces: Traces, quantities: Sequence[Quantity], values: Array, reference: Array) -> Array:
+    """Return the distances of two outputs from the reference."""
+    columns = ((each.number, values[:, [i]], reference[:, [i]]) for i, each in enumerate(quantities))
+    return np.hstack([traces.difference(OUTPUT, value, r, number) for number, value, r in columns])
+
+
 def _path(
     keys: SignalPlane, point: Trials, name: str, quantities: tuple[Quantity, Quantity], window: TimeWindow
 ) -> Path:
@@ -128,7 +135,11 @@ def _path(
     if all(each.name == OUTPUT for each in quantities):
         reference = traces.r[window.slice][:, [each.number for each in quantities]]
         with np.errstate(over="ignore", invalid="ignore"):
-            values = values if keys.magnify == 1.0 else reference + keys.magnify * (values - reference)
+            values = (
+                values
+                if keys.magnify == 1.0
+                else reference + keys.magnify * _error(traces, quantities, values, reference)
+            )
     return Path(drawable(values), reference, failure)
 
 

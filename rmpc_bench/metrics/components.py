@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.means import moving_mean
 from rmpc_bench.types import Array, DesignError, Issue, MetricLayout, Positive, Record, WindowMetric, issues_of
+from rmpc_bench.types.angles import period_of, places, wrapped
 from rmpc_bench.types.errors import unknown
 
 Chosen: TypeAlias = str | Annotated[int, Ge(0)]
@@ -161,9 +162,9 @@ def _labels(layout: MetricLayout, letter: str, indices: Sequence[int]) -> list[s
 
 
 def output_error(record: Record) -> Float[Array, "runs samples ny"]:
-    """Return y - r at all samples."""
+    """Return y - r at all samples; that of an angle is wrapped."""
     error: Array = record.y - record.r
-    return error
+    return wrapped(error, period_of(record.layout.angles, places("y", error.shape[2])))
 
 
 def smoothed(error: Float[Array, "runs samples n"], smooth: float, Ts: float) -> Float[Array, "runs samples n"]:

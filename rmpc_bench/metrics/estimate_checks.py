@@ -18,6 +18,7 @@ from rmpc_bench.types import (
     as_estimate,
     without_disturbances,
 )
+from rmpc_bench.types.angles import period_of, places, wrapped
 
 ReportedMatrix = Literal["P", "M"]
 DESCRIPTIONS: dict[ReportedMatrix, str] = {"P": "the covariance P", "M": "the set M"}
@@ -80,7 +81,7 @@ def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "") 
 
 
 def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:
-    """x_hat - x at all samples.
+    """x_hat - x at all samples; that of an angle is wrapped.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:
     """
     if record.x_hat.shape != record.x.shape:
         raise DesignError(_other_lengths("", record.x_hat.shape[2], record.x.shape[2]))
-    return record.x_hat - record.x
+    return wrapped(record.x_hat - record.x, period_of(record.layout.angles, places("x", record.x.shape[2])))
 
 
 def _other_lengths(of: str, n_hat: int, n: int) -> str:

@@ -196,7 +196,9 @@ class SettlingTime(ComponentMetric):
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Find the first sample after which the output stays in the band."""
         window = self.samples(record)
-        y, r = (self.chosen(each, record.layout) for each in (record.y, record.r))
+        # Of an angle, y is taken with the turns that are nearest to the reference.
+        y = record.r + output_error(record) if record.layout.angles else record.y
+        y, r = (self.chosen(each, record.layout) for each in (y, record.r))
         return settling_times(y[:, window.slice], r[window.slice], r[max(window.first - 1, 0)], self.band, record.Ts)
 
 

@@ -7,6 +7,7 @@ have no effect.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from rmpc_bench.models.ode_functions import alone, slopes
 from rmpc_bench.numerics.integration import Tolerance, apply_map, halve, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, OperatingPoint, Plant, SolverError
+from rmpc_bench.types.angles import near, period_of
 
 RTOL = 1e-6
 """Tolerance of error control of a design model, relative to the range of a state."""
@@ -50,6 +52,10 @@ class Dynamics:
     names: Names
     continuous: bool
     """Whether `rest` is x', in contrast to x(k+1) - x(k)."""
+    x_period: Float[Array, " nx"] | None = None
+    """Period of every state, 0 of one that is no angle; None where none is."""
+    y_period: Float[Array, " ny"] | None = None
+    """The same of the outputs."""
 
     A_c: Float[Array, "nx nx"] | None = None
     """A of x' = A x + B u, of which a period is a sample; None of any other plant."""
@@ -98,23 +104,37 @@ class Dynamics:
     def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices at a point."""
         nx = len(x)
-        J = jacobian(lambda z: self.rest(z[:nx], z[nx:], t), np.concatenate([x, u]))
-        return Tangent(J[:, :nx], J[:, nx:], jacobian(self.output, x))
+        J = jacobian(self.rest_near(x, u, t), np.concatenate([x, u]))
+        return Tangent(J[:, :nx], J[:, nx:], jacobian(self.output_near(x), x))
+
+    def rest_near(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Callable[[Array], Array]:
+        """Return `rest` of [x, u] for differences around a point: angles of a map do not jump there."""
+        nx, period = len(x), None if self.continuous else self.x_period
+        return near(lambda z: self.rest(z[:nx], z[nx:], t), np.concatenate([x, u]), period)
+
+    def output_near(self, x: Float[Array, " nx"]) -> Callable[[Array], Array]:
+        """Return `output` for differences around a point: angles do not jump there."""
+        return near(self.output, x, self.y_period)
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
         """Return the matrices at a point, and the names of the coordinates with a kink there."""
         nx = len(x)
-        moves = derivative(lambda z: self.rest(z[:nx], z[nx:]), np.concatenate([x, u]))
-        seen: Derivative = derivative(self.output, x)
+        moves = derivative(self.rest_near(x, u), np.concatenate([x, u]))
+        seen: Derivative = derivative(self.output_near(x), x)
         every = (*self.names.states, *self.names.inputs)
         kinks = tuple(every[i] for i in sorted({*moves.kinks, *seen.kinks}))
         return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J), kinks
 
 
 class OfPlant:
-    """Sizes of a design model that is made from a plant."""
+    """Sizes and angles of a design model that is made from a plant."""
 
     dynamics: Dynamics
+
+    @property
+    def y_period(self) -> Float[Array, " ny"] | None:
+        """Period of every output."""
+        return self.dynamics.y_period
 
     @property
     def nx(self) -> int:
@@ -147,6 +167,16 @@ class OdeDynamics(Dynamics):
     def names(self) -> Names:  # type: ignore[override]
         """Names of the equation."""
         return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
+
+    @property
+    def x_period(self) -> Float[Array, " nx"] | None:  # type: ignore[override]
+        """Period of every state of the equation."""
+        return period_of(self.ode.angles, self.ode.states)
+
+    @property
+    def y_period(self) -> Float[Array, " ny"] | None:  # type: ignore[override]
+        """Period of every output of the equation."""
+        return period_of(self.ode.angles, self.ode.outputs)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x', or x(k+1) - x(k)."""
@@ -212,7 +242,7 @@ class OdeDynamics(Dynamics):
             return super().slopes(x, u, t)
         A, *B = rhs.jacobian(*([t] if self.ode.timed else []), x, u, p)
         by_x = getattr(output, "jacobian", None)
-        C = jacobian(self.output, x) if by_x is None else by_x(x, p)[0]
+        C = jacobian(self.output_near(x), x) if by_x is None else by_x(x, p)[0]
         return Tangent(A - np.eye(nx) if self.ode.discrete else A, B[0] if B else np.zeros((nx, 0)), C)
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:

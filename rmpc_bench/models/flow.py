@@ -33,6 +33,10 @@ class Flow:
 
     cost_per_point: float = 0.0
     """Time of `advance` per state in a large block [s]."""
+    x_period: Float[Array, " n"] | None = None
+    """Period of every state, 0 of one that is no angle; None where none is: see `types.angles.wrapped`."""
+    y_period: Float[Array, " ny"] | None = None
+    """The same of the outputs."""
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where it is not defined."""
@@ -159,6 +163,16 @@ class PlantFlow(Flow):
     Q_w: Float[Array, "n n"]
     R_v: Float[Array, "ny ny"]
     compiled: Any = None
+
+    @property
+    def x_period(self) -> Float[Array, " n"] | None:  # type: ignore[override]
+        """Period of every state of the plant."""
+        return self.dynamics.x_period
+
+    @property
+    def y_period(self) -> Float[Array, " ny"] | None:  # type: ignore[override]
+        """Period of every output of the plant."""
+        return self.dynamics.y_period
 
     @property
     def cost_per_point(self) -> float:  # type: ignore[override]

@@ -111,6 +111,7 @@ class LinearisedModel(LinearModel):
     drift : (nx,) x(k+1) - x(k) at the operating point; 0 in a steady state
     known : what `facts` returns
     remarks : notes that `check` prints
+    y_period : period of every output; None where none is an angle
     """
 
     def __init__(
@@ -125,11 +126,12 @@ class LinearisedModel(LinearModel):
         drift: Float[Array, " nx"] | None = None,
         known: tuple[tuple[str, str], ...] = (),
         remarks: tuple[str, ...] = (),
+        y_period: Float[Array, " ny"] | None = None,
     ) -> None:
         drift = np.zeros(len(point.x)) if drift is None else drift
         f0 = point.x + drift - A @ point.x - B @ point.u
         super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=point.y - C @ point.x)
-        own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks}
+        own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks, "y_period": y_period}
         for name, value in own.items():
             object.__setattr__(self, name, value)
 
@@ -158,7 +160,8 @@ def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobi
     known = tuple(_facts(dynamics, found, tangent, A))
     if isinstance(dynamics, OdeDynamics) and dynamics.ode.timed:
         remarks += ("rhs depends on the time: the linear model is that of t = 0",)
-    return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, known=known, remarks=remarks)
+    facts: dict[str, Any] = {"known": known, "remarks": remarks, "y_period": dynamics.y_period}
+    return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, **facts)
 
 
 def _tangent(dynamics: Dynamics, point: OperatingPoint, jacobian: Any) -> tuple[Tangent, tuple[str, ...]]:

@@ -123,6 +123,10 @@ class NonlinearModel(OfPlant, Model):
         states, inputs, n = np.vstack([lead[0], x]), np.vstack([lead[1], u]), len(lead[0])
         return self.dynamics.advance(k, states, inputs, self.Ts, 0, n + len(x), n)[n:]
 
+    def measured(self, k: int, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
+        """Return y(k) of states without noise."""
+        return self.flow.measure(k, x)
+
     def h(self, x: ArrayLike) -> Float[Array, "*n ny"]:
         """Return y without noise, of a state or of one per row."""
         x = np.asarray(x, dtype=float)
@@ -134,7 +138,7 @@ class NonlinearModel(OfPlant, Model):
 
     def H(self, x: ArrayLike) -> Float[Array, "ny nx"]:
         """Return the Jacobian of h."""
-        return jacobian(self.h, np.asarray(x, dtype=float))
+        return jacobian(self.dynamics.output_near(np.asarray(x, dtype=float)), np.asarray(x, dtype=float))
 
     @property
     def deviation(self) -> Model:

@@ -6,7 +6,10 @@ Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), w
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
+
+import numpy as np
 
 from rmpc_bench.models.dynamics import OdeDynamics
 from rmpc_bench.models.linearised import linearised, relinearised
@@ -14,7 +17,8 @@ from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import nonlinear_model
 from rmpc_bench.models.ode_functions import Names, check_output, is_timed, names_of, refuse_shared
 from rmpc_bench.models.operating_point import At
-from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, UserFunction
+from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, Positive, UserFunction
+from rmpc_bench.types.errors import unknown
 
 
 def design(
@@ -33,6 +37,7 @@ def design(
     substeps: Count | None = None,
     numba: bool = False,
     discrete: bool = False,
+    angles: list[str] | dict[str, Positive] | None = None,
     time_unit: str = "s",
 ) -> Model:
     """Design model with an equation of its own; linear with `at`, nonlinear without.
@@ -54,6 +59,7 @@ def design(
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
     numba : whether to compile rhs of a nonlinear model
     discrete : whether rhs returns x(k+1) in place of time derivatives
+    angles : states and outputs that count modulo 2 pi, or with their periods, as of the plant (default: those of it)
     time_unit : unit of the time in texts
 
     Raises
@@ -68,7 +74,14 @@ def design(
             f"{plant.ny}; give inputs, outputs and `output`",
             "ode",
         )
-    dynamics = OdeDynamics(equation)
+    own = {} if plant.ode is None else plant.ode.angles
+    if angles is not None:
+        own = angles if isinstance(angles, dict) else dict.fromkeys(angles, 2.0 * np.pi)
+        for name in own:
+            if name not in (*equation.states, *equation.outputs):
+                known = dict.fromkeys((*equation.states, *equation.outputs))
+                raise DesignError(unknown(name, known, "state or output of this model"), "angles")
+    dynamics = OdeDynamics(replace(equation, angles=own))
     if at == "trajectory":
         return relinearised(dynamics, Ts, noise, substeps)
     if at is not None:

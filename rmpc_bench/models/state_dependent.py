@@ -80,6 +80,10 @@ class StateDependentModel(Model):
         """Return y of the model without linearisation; only with `has_offsets`."""
         raise NotImplementedError("measure")
 
+    def measured(self, k: int, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
+        """Return y(k) of states without noise."""
+        return self.measure(x) if self.has_offsets else np.einsum("ij,rj->ri", self.C, x)
+
 
 def pair_at(model: Model | StateDependentModel, k: int, x: Float[Array, "runs nx"]) -> Pair:
     """Return the matrices from k to k+1 for every run; those of a linear model are the same for all runs.

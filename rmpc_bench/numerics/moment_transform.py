@@ -18,6 +18,7 @@ Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i); me
 Bounds   Points stay inside the bounds of the states: each one, also the centre, is moved to the nearest state inside.
          Differences are divided by the distance that is left, and f(x) outside is that of the tangent.  Deviations of
          sigma points are those of the moved ones.  What they lack of P, where it is positive, is independent of f(x).
+Angles   Differences of components of f(x) with a period are wrapped; a mean then is within half a period of f(x).
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """
 
@@ -34,6 +35,7 @@ from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array
+from rmpc_bench.types.angles import wrapped
 
 INDEFINITE = 1e-12
 """A P whose smallest eigenvalue is below minus this share of the largest is indefinite, not only rounded."""
@@ -68,9 +70,17 @@ class MomentRule:
         return 2 * n + 1
 
     def moments(
-        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+        self,
+        f: Map,
+        x: Float[Array, "runs n"],
+        root: Float[Array, "runs n n"],
+        limits: Interval | None = None,
+        period: Array | None = None,
     ) -> Moments:
-        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
+        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits.
+
+        `period` is that of f(x).
+        """
         raise NotImplementedError("moments")
 
 
@@ -90,14 +100,19 @@ class SigmaPoints(MomentRule):
     kappa: float = 0.0
 
     def moments(
-        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+        self,
+        f: Map,
+        x: Float[Array, "runs n"],
+        root: Float[Array, "runs n n"],
+        limits: Interval | None = None,
+        period: Array | None = None,
     ) -> Moments:
         """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
         n = x.shape[1]
         c = self.alpha**2 * (n + self.kappa)
         points, moved = _points(x, np.sqrt(c) * root.mT, limits)
         values = f(points)
-        at_mean, d = values[:, 0], values[:, 1:] - values[:, :1]
+        at_mean, d = values[:, 0], wrapped(values[:, 1:] - values[:, :1], period)
         m = 0.5 / c * np.einsum("rpi->ri", d)
         source = np.sqrt(0.5) * np.concatenate([root, -root], axis=2)
         less = self.alpha**2 - self.beta
@@ -124,10 +139,15 @@ class CentralDifferences(MomentRule):
     spread: float | None = None
 
     def moments(
-        self, f: Map, x: Float[Array, "runs n"], root: Float[Array, "runs n n"], limits: Interval | None = None
+        self,
+        f: Map,
+        x: Float[Array, "runs n"],
+        root: Float[Array, "runs n n"],
+        limits: Interval | None = None,
+        period: Array | None = None,
     ) -> Moments:
         """Return the moments of f(x) with f linearised at `x`; the root also sets the steps."""
-        at_mean, J = self.slopes(f, x, np.sqrt(np.einsum("rij,rij->ri", root, root)), limits)
+        at_mean, J = self.slopes(f, x, np.sqrt(np.einsum("rij,rij->ri", root, root)), limits, period)
         inside = x if limits is None else np.clip(x, *limits)
         for i in np.flatnonzero((x != inside).any(axis=1)) if limits is not None else ():
             # The tangent goes on outside, so that a linear f is exact there, too.
@@ -135,7 +155,12 @@ class CentralDifferences(MomentRule):
         return Moments(at_mean, J @ root, root)
 
     def slopes(
-        self, f: Map, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None
+        self,
+        f: Map,
+        x: Float[Array, "runs n"],
+        deviation: Float[Array, "runs n"],
+        limits: Interval | None = None,
+        period: Array | None = None,
     ) -> tuple[Float[Array, "runs m"], Float[Array, "runs m n"]]:
         """Return f(x) and its Jacobian; x has the given standard deviations."""
         n, points = x.shape[1], self.points(x, deviation, limits)
@@ -143,7 +168,8 @@ class CentralDifferences(MomentRule):
         # The step that the rounded points really have; a state whose bounds are equal has none.
         step = np.einsum("rii->ri", points[:, 1 : n + 1] - points[:, n + 1 :])
         step = np.where(step == 0.0, 1.0, step)
-        return values[:, 0], np.ascontiguousarray(((values[:, 1 : n + 1] - values[:, n + 1 :]) / step[:, :, None]).mT)
+        d = wrapped(values[:, 1 : n + 1] - values[:, n + 1 :], period)
+        return values[:, 0], np.ascontiguousarray((d / step[:, :, None]).mT)
 
     def points(
         self, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None

@@ -342,6 +342,7 @@ def design(
     discrete: bool = False,
     extra_signal: UserFunction = None,
     extra_signals: Names | None = None,
+    angles: Mapping[str, float] | None = None,
     time_unit: str = "s",
 ) -> OdePlant:
     """Ordinary differential equation in a Python function.
@@ -366,6 +367,7 @@ def design(
     extra_signal : ``PATH.py:NAME`` of extra_signal(x, p), which returns signals that are not measured, such as a
         torque; metrics and `record` may name them
     extra_signals : their names, such as ``{torque: N m}``
+    angles : name of a state or an output that counts modulo a period -> this period
     time_unit : unit of the time in texts
 
     Raises
@@ -382,7 +384,7 @@ def design(
     """
     start = None if x0 is None else np.atleast_1d(np.asarray(x0, dtype=float))
     given = states, inputs, outputs, parameters or {}, bounds or {}
-    record, reasons = equation(ode, output, *given, start, discrete, time_unit)
+    record, reasons = equation(ode, output, *given, start, discrete, time_unit, angles)
     stepping, remarks, cost = stepping_of(record, float(Ts), n_steps, solver, events, reasons, start)
     scale = tuple(stepping.scale.tolist())
     record = replace(record, substeps=stepping.substeps, scale=scale, equal_steps=stepping.equal_steps)

@@ -313,6 +313,7 @@ def equation(
     x0: Float[Array, " n"] | None,
     discrete: bool,
     time_unit: str,
+    angles: Mapping[str, float] | None,
 ) -> tuple[Ode, dict[str, str]]:
     """Return the equation, and the reasons for which its functions are called run by run, by their name."""
     x_names, units = names_of(states, "states", "x")
@@ -333,6 +334,7 @@ def equation(
     every_unit, timed = {**y_units, **u_units, **units}, is_timed(rhs)
     named = x_names, u_names, y_names
     record = Ode(rhs, output, *named, nominal, every_unit, own, timed, discrete=discrete, time_unit=time_unit)
+    record = replace(record, angles=angles or {})
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):

@@ -107,6 +107,7 @@ class StoredPoint:
     random_besides : what is random in a run besides the uncertain quantities, in words; None where it is not known,
         as an earlier version wrote the record
     limitations : what a comparison with this plant cannot show
+    angles : component that is an angle, such as x.0 -> its period
     """
 
     coordinates: Mapping[str, str]
@@ -127,6 +128,7 @@ class StoredPoint:
     names: Mapping[str, str] = field(default_factory=dict)
     random_besides: tuple[str, ...] | None = None
     limitations: tuple[str, ...] = ()
+    angles: Mapping[str, float] = field(default_factory=dict)
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""
@@ -233,7 +235,12 @@ class StoredExperiment(ComparisonKeys):
 
 def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:
     """Store what reports need of an experiment in place of what is there, with the arrays that it names."""
-    store.set_layout(KEY, json.dumps(asdict(experiment)), arrays)
+    data = asdict(experiment)
+    for point in data["points"]:
+        if not point["angles"]:
+            # The bytes of experiments without angles stay those of earlier versions.
+            del point["angles"]
+    store.set_layout(KEY, json.dumps(data), arrays)
 
 
 def added_methods(store: Store) -> dict[str, str]:

@@ -283,7 +283,7 @@ def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
     if COVARIANCE in signals and COVARIANCE not in shapes:
         n = math.isqrt(signals[COVARIANCE].shape[2])
         shapes[COVARIANCE] = (n, n)
-    return Traces(np.array(runs, dtype=np.int64), signals, r, shapes) if runs else None
+    return Traces(np.array(runs, dtype=np.int64), signals, r, shapes, point.angles) if runs else None
 
 
 def _check(point: StoredPoint, signals: Mapping[str, Array], r: Array, shapes: Mapping[str, tuple[int, ...]]) -> None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.angles import turned_calls
 from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values, signals_read
 from rmpc_bench.simulation.ensemble import Group, groups
@@ -38,6 +39,7 @@ from rmpc_bench.types import (
     as_motion,
     without_disturbances,
 )
+from rmpc_bench.types.angles import period_of, places, wrapped
 
 _WITH_CODE = re.compile(r"(?!rmpc_bench\.)|rmpc_bench\.(components|adapters)\.")
 """Modules of designs that run code of a user or of another library."""
@@ -94,8 +96,16 @@ def simulate_block(
         for name in recording.signals
         if n_recorded and (trace := _signal(record, name, plant)) is not None
     }
-    ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
+    ensemble = groups(record.x, _nearest(record), ok, runs) if recording.ensemble else ()
     return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble, start.journal)
+
+
+def _nearest(record: Record) -> Array:
+    """Return x_hat with the turns of x in angles, since moments of x_hat - x are computed from those of both."""
+    period = period_of(record.layout.angles, places("x", record.x.shape[2]))
+    if period is None or record.x.shape != record.x_hat.shape:
+        return record.x_hat
+    return record.x + wrapped(record.x_hat - record.x, period)
 
 
 def metric_remarks(experiment: Experiment) -> list[str]:
@@ -153,7 +163,8 @@ def simulate(
     x = plant.first_state(draws.delta, x)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
-    moving, filter_, law = checked_calls(plant, method, alive, start.journal)
+    moving, *own = checked_calls(plant, method, alive, start.journal)
+    filter_, law = own if method.period is None else turned_calls(method, *own)
     arrivals = Arrivals(draws, method.delay)
     timed = BlockTimes(arrivals.used_by(filter_), law)
     known = r[: n_steps + 1].copy()

@@ -52,6 +52,7 @@ class Episode:
     preview : number of samples of the reference, r(k) included
     delay : delays that the estimator knows; None for none
     u_before : input before k = 0; 0 where it is empty
+    calls : calls of the estimator in place of its own; None for those
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Episode:
         preview: int = 1,
         delay: KnownDelay | None = None,
         u_before: tuple[float, ...] = (),
+        calls: Any = None,
     ) -> None:
         self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
         self.estimator, self.n_disturbances, self.preview, self.k = estimator, n_disturbances, preview, 0
@@ -79,7 +81,7 @@ class Episode:
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
         mixes = self.plant.mixes_noise
         self._draws, self._arrivals = draws, Arrivals(draws, delay or KnownDelay())
-        self._filter: Any = self._arrivals.used_by(estimator)
+        self._filter: Any = self._arrivals.used_by(calls or estimator)
         self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
         if estimator is not None:
             self._e = start.estimator(estimator, 1, self._delta, self._runs)

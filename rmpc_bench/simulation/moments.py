@@ -54,6 +54,8 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "the uncertainty is drawn per run, so it is not white"
     if method.estimator.gain_schedule is None:
         return "the gains of the estimator depend on the run"
+    if method.period is not None:
+        return "innovations of angles are wrapped"
     if not isinstance(method.controller, Rest | OpenLoop):
         return "there is a controller"
     u = None if isinstance(method.controller, Rest) else _known_input(method.controller, plant)

@@ -7,7 +7,7 @@ the worker or the number of runs, so that every method has the same plants and t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -335,6 +335,7 @@ class Experiment:
     cut_windows : whether windows of metrics that reach beyond the last sample end there
     state_range : limits of the state beyond which a run has failed
     time_unit : unit of the time in texts
+    angles : place of a component that is an angle, such as x.0 or y.0 -> its period
     """
 
     plant: Plant
@@ -348,13 +349,22 @@ class Experiment:
     cut_windows: bool = False
     state_range: StateRange = StateRange()
     time_unit: str = "s"
+    angles: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def metric_layout(self) -> MetricLayout:
         """What metrics need to know of the experiment."""
         units = self.plant.y_unit, self.plant.u_unit
-        unit = self.time_unit
-        return MetricLayout(self.n_steps, self.tick, *units, self.cut_windows, self.plant, self.methods, time_unit=unit)
+        return MetricLayout(
+            self.n_steps,
+            self.tick,
+            *units,
+            self.cut_windows,
+            self.plant,
+            self.methods,
+            time_unit=self.time_unit,
+            angles=self.angles,
+        )
 
     @property
     def metric_infos(self) -> tuple[MetricInfo, ...]:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array, Design, attribute
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.model import Model
 from rmpc_bench.types.records import DISTURBANCES, Command, CompiledLaw, Estimate, LinearLaw
 
 
@@ -42,6 +43,11 @@ class Controller(Design):
     def preview(self) -> int:
         """Number of samples of the reference that `control` takes, r(k) included."""
         return 1
+
+    @attribute
+    def compares_estimate(self) -> bool:
+        """Whether the law compares the reference with the output of the estimate, so that angles need equal turns."""
+        return False
 
     @attribute
     def regulates(self) -> bool:
@@ -134,6 +140,10 @@ class Controller(Design):
         """
         return state
 
+    def with_period(self, period: Float[Array, " ny"]) -> Controller:
+        """Return the law for outputs of which some are angles; a law that does not compare them stays as it is."""
+        return self
+
     def linear_law(self) -> LinearLaw | None:
         """Return the gains of a law that is linear apart from limits of the input; None of any other law."""
         return None
@@ -177,6 +187,10 @@ class Method(NamedTuple):
     """Design model as maps of many states (`models.flow.Flow`), for predictions over the delay of the input."""
     u_before: tuple[float, ...] = ()
     """Input before k = 0, that of the operating point of the design model; empty for 0."""
+    period: Float[Array, " ny"] | None = None
+    """Period of every output, 0 of one that is no angle; None where none is."""
+    model: Model | None = None
+    """Design model, for the output of an estimate, where outputs are angles."""
 
     @property
     def preview(self) -> int:

@@ -103,6 +103,8 @@ class MetricLayout(NamedTuple):
     r: Float[Array, "samples ny"] | None = None
     """Reference at k = 0..N, known before the runs; None where it is not."""
     time_unit: str = "s"
+    angles: Mapping[str, float] = {}
+    """Place of a component that is an angle, such as x.0 or y.0 -> its period."""
 
     def around(self, bound: float) -> tuple[int, int]:
         """Return the last sample that is not after a time and the first that is not before it, equal on a sample.

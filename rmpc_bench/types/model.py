@@ -165,6 +165,17 @@ class Model:
         """The model as maps of many states at once (`models.flow.Flow`); None for a model that is linear at every k."""
         return None
 
+    @attribute
+    def y_period(self) -> Float[Array, " ny"] | None:
+        """Period of every output of a model with its own `angles`, 0 without one; None for those of the plant."""
+        return None
+
+    def measured(self, k: int, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
+        """Return y(k) of states without noise."""
+        now = self.at(k)
+        y: Array = np.einsum("ij,rj->ri", now.C, x) + now.d0
+        return y
+
     def start(self, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> dict[str, Array]:
         """Return x0, P0 and M0 of estimators: the disturbances have mean 0, covariance D0 and no bounded part.
 

@@ -84,6 +84,7 @@ class Ode(NamedSignals):
         About half of the steps of error control are kept; the others estimate the error
     discrete : whether rhs is a map, which returns x(k+1)
     time_unit : unit of the time in texts
+    angles : name of a state or an output that is an angle -> its period
     """
 
     rhs: Callable[..., Any]
@@ -102,6 +103,7 @@ class Ode(NamedSignals):
     equal_steps: int = 0
     discrete: bool = False
     time_unit: str = "s"
+    angles: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def p(self) -> Parameters:

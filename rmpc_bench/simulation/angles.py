@@ -1,0 +1,102 @@
+"""Estimators and controllers with outputs that are angles: measurement and reference are turned by whole periods.
+
+Method  An innovation beyond half a period is wrapped: the estimator gets y - p rint(e / p).  A law that follows a
+        reference gets y_hat + wrap(r - y_hat), with the output y_hat of the estimate.  Runs with equal turns of
+        the reference are computed together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rmpc_bench.types import Array, Command, Estimate, Method, as_estimate
+from rmpc_bench.types.angles import turns, wrapped
+
+MOST = 3
+"""Corrections of a sample until its innovation is within half a period; one that depends on y may need a second."""
+_T = TypeVar("_T", bound=tuple[Any, ...])
+
+
+def turned_calls(method: Method, estimator: Any, controller: Any) -> tuple[Any, Any]:
+    """Return estimator and controller for the loop; those of a user and of other libraries wrap angles themselves."""
+    calls = TurnedCalls(method, estimator, controller)
+    return (
+        calls if type(method.estimator).__module__.startswith("rmpc_bench.estimators.") else estimator,
+        calls if method.controller.compares_estimate else controller,
+    )
+
+
+class TurnedCalls:
+    """The calls of the built-in estimator and controller of a method in the loop."""
+
+    def __init__(self, method: Method, estimator: Any, controller: Any) -> None:
+        assert method.period is not None
+        self._period, self._method = method.period, method
+        self._estimator, self._controller = estimator, controller
+
+    def correct(self, k: int, state: Any, y: Array) -> Any:
+        """Correct with the measurement that is nearest to its prediction."""
+        answer = self._estimator.correct(k, state, y)
+        for _ in range(MOST - 1):
+            e = as_estimate(answer[1]).info.get("e")
+            n = np.zeros_like(y) if e is None else turns(e, self._period)
+            if not n.any():
+                break
+            y = y - self._period * n
+            answer = self._estimator.correct(k, state, y)
+        return answer
+
+    def predict(self, k: int, state: Any, u: Array) -> Any:
+        """Call the estimator with u(k)."""
+        return self._estimator.predict(k, state, u)
+
+    def control(self, k: int, state: Any, y: Array, estimate: Estimate, r: Array) -> tuple[Any, Command]:
+        """Call the controller with y and r that are nearest to the output of the estimate."""
+        assert self._method.model is not None
+        centre = self._method.model.measured(k, estimate.x_hat)
+        y = centre + wrapped(y - centre, self._period)
+        n = turns(r - centre[:, None], self._period)
+        patterns, group = np.unique(n.reshape(len(n), -1), axis=0, return_inverse=True)
+        if len(patterns) == 1:
+            shifted = r - self._period * patterns[0].reshape(r.shape)
+            return self._controller.control(k, state, y, estimate, shifted)  # type: ignore[no-any-return]
+        found, order = [], np.argsort(group.ravel(), kind="stable")
+        for number, pattern in enumerate(patterns):
+            rows = np.flatnonzero(group.ravel() == number)
+            shifted = r - self._period * pattern.reshape(r.shape)
+            parts = _chosen(state, rows, len(y)), y[rows], _chosen(estimate, rows, len(y)), shifted
+            found.append(self._controller.control(k, *parts))
+        back = np.argsort(order, kind="stable")
+        states, commands = zip(*found, strict=True)
+        return _joined(states, back), _joined(commands, back)
+
+    def applied(self, k: int, state: Any, u: Array) -> Any:
+        """Pass the u(k) that acts to the controller."""
+        return self._controller.applied(k, state, u)
+
+
+def _chosen(record: _T, rows: Array, n_runs: int) -> _T:
+    """Return a record of arrays for some runs; matrices that all runs share stay as they are."""
+
+    def part(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: part(each) for name, each in value.items()}
+        return value[rows] if isinstance(value, np.ndarray) and value.ndim and len(value) == n_runs else value
+
+    matrices = {name: value for name, value in zip(getattr(record, "_fields", ()), record, strict=False)}
+    kept = {name: value for name, value in matrices.items() if name in ("P", "M") and np.ndim(value) == 2}
+    return type(record)(**{name: part(value) for name, value in matrices.items() if name not in kept}, **kept)
+
+
+def _joined(records: tuple[_T, ...], back: Array) -> _T:
+    """Put the records of groups of runs together, in the order of the runs."""
+
+    def whole(values: tuple[Any, ...]) -> Any:
+        if isinstance(values[0], Mapping):
+            return {name: whole(tuple(each[name] for each in values)) for name in values[0]}
+        return np.concatenate(values)[back] if np.ndim(values[0]) else values[0]
+
+    return type(records[0])(*map(whole, zip(*records, strict=True)))
