@@ -10,8 +10,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-import numpy as np
-
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
@@ -25,8 +23,10 @@ from rmpc_bench.config.plant import (
     mean_start,
     metric_problem,
     refuse_other_sizes,
+    refuse_reference,
     refuse_runs,
     refuse_start,
+    refuse_unreachable,
 )
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.diagnostics.stability import loop_remarks
@@ -118,15 +118,8 @@ class MethodBuilder:
             # Only such a plant depends on it; others are shared by all starts.
             nominal += [mean_start(self.draft)] if plant.takes("x0") else []
         given = [None if part is None else part.resolved() for part in parts]
-        return [
-            role,
-            self.time.step,
-            self.time.unit,
-            self.n_steps,
-            given,
-            nominal,
-            [self.draft.initial[key] for key in start],
-        ]
+        time = self.time.step, self.time.unit, self.n_steps
+        return [role, *time, given, nominal, [self.draft.initial[key] for key in start]]
 
     def model(self, component: Component | None) -> Any:
         """Build a design model; methods with equal models share one."""
@@ -223,11 +216,9 @@ class MethodBuilder:
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
-        own = model.undisturbed.y_period
-        period = period_of(self.angles, places("y", model.ny)) if own is None else own
-        made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
-        if period is not None:
-            made = made._replace(controller=controller.with_period(period), period=period, model=model)
+        made, period = Method(name, estimator, controller, model.n_disturbances, remarks, delay), model.undisturbed.y_period
+        period = period_of(self.angles, places("y", model.ny)) if period is None else period
+        made = made if period is None else made.with_angles(period, model)
         return with_prediction(made, model, components.controller, problems)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
@@ -268,10 +259,6 @@ def _takes_plant(component: Component) -> bool:
     return component.takes("plant") or _is_informed(component)
 
 
-AT_POINT = 1e-6
-"""Relative difference up to which a reference is the output of an operating point."""
-
-
 class _ExperimentBuilder:
     """Makes the designs of a draft; the errors of those that cannot be made are added to its problems.
 
@@ -304,8 +291,9 @@ class _ExperimentBuilder:
         metrics = self.metrics(plant, methods, scenario)
         if reference is None:
             return None
-        self.refuse_reference(reference, methods)
-        self.refuse_unreachable(reference, plant, scenario)
+        r = reference.sample(self.n_steps + 1)
+        refuse_reference(draft, r, methods)
+        refuse_unreachable(draft, r, plant, None if scenario is None else scenario.x0)
         state_range = build_range(draft, plant, None if scenario is None else scenario.x0)
         if scenario is None:
             return None
@@ -337,12 +325,9 @@ class _ExperimentBuilder:
         component = self.draft.plant
         if component is None:
             return None
-        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit}
-        range_of = {
-            "x0": mean_start(self.draft),
-            "bounds": given_bounds(self.draft),
-            "angles": self.draft.plant_range.get("angles"),
-        }
+        angles = self.draft.plant_range.get("angles")
+        size = {"Ts": self.time.step, "n_steps": self.n_steps, "time_unit": self.time.unit, "angles": angles}
+        range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
         described = self.methods.key("plant", [], of_plant=True, start=())
         plant: Plant | None = self.cache.get(described, lambda: component.build(self.draft.problems, **size))
@@ -434,19 +419,10 @@ class _ExperimentBuilder:
         """Build the metrics; two of the same name are refused."""
         invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
         bursts = None if scenario is None or invalid else has_bursts(scenario)
-        units = plant.y_unit, plant.u_unit
+        units, unit = (plant.y_unit, plant.u_unit), (self.time.unit,)
         r = None if scenario is None else scenario.reference.sample(self.n_steps + 1)
         layout = MetricLayout(
-            self.n_steps,
-            self.time.tick,
-            *units,
-            self.smoke,
-            plant,
-            methods,
-            bursts,
-            self.first_estimates,
-            r,
-            self.time.unit,
+            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, *unit
         )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()
@@ -463,32 +439,6 @@ class _ExperimentBuilder:
                 self.draft.note(["metrics", number], f"{name!r} is no name: letters, digits and _, since claims use it")
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
-
-    def refuse_reference(self, reference: Reference, methods: Sequence[Method]) -> None:
-        """Refuse a reference other than 0, or than the output of the operating point, for a regulator."""
-        r = reference.sample(self.n_steps + 1)
-        wrong: dict[str, list[str]] = {}
-        for each in methods:
-            if not each.controller.regulates:
-                continue
-            y = each.controller.regulates_to
-            if y is None and r.any():
-                wrong.setdefault("the state to 0", []).append(each.name)
-            elif y is not None and not np.allclose(r, y, rtol=AT_POINT, atol=AT_POINT * float(np.abs(y).max())):
-                numbers = ", ".join(f"{value:.9g}" for value in y)
-                wrong.setdefault(f"to the operating point, y = {numbers},", []).append(each.name)
-        for where, names in wrong.items():
-            message = f"the controller of {', '.join(map(repr, names))} regulates {where} and follows no reference"
-            self.draft.note(["reference"], message)
-
-    def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
-        """Refuse a reference or an initial state outside the workspace of the plant."""
-        reason = plant.unreachable(reference.sample(self.n_steps + 1))
-        if reason is not None:
-            self.draft.note(["reference"], reason)
-        reason = plant.unreachable(scenario.x0[None, : plant.ny]) if scenario is not None else None
-        if reason is not None:
-            self.draft.note(["initial", "x"], reason)
 
     def recording(self, scenario: Scenario) -> Recording:
         """Return which signals of which runs are recorded."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -28,7 +28,7 @@ from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment, RunParameter
 from rmpc_bench.simulation.state_range import LARGEST, StateRange
-from rmpc_bench.types import Array, Metric, Model, Plant, Positive
+from rmpc_bench.types import Array, Method, Metric, Model, Plant, Positive
 from rmpc_bench.types.angles import places
 
 
@@ -205,6 +205,37 @@ def refuse_start(draft: DraftConfig, plant: Plant) -> None:
     if plant.has_own_start and plant.recorded is None and "x" in (draft.values["initial"] or {}):
         way_out = "leave `x` out, or let the plant start from it (`plant.start: initial`)"
         draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
+
+
+AT_POINT = 1e-6
+"""Relative difference up to which a reference is the output of an operating point."""
+
+
+def refuse_reference(draft: DraftConfig, r: Float[Array, "samples ny"], methods: Sequence[Method]) -> None:
+    """Refuse a reference other than 0, or than the output of the operating point, for a regulator."""
+    wrong: dict[str, list[str]] = {}
+    for each in methods:
+        if not each.controller.regulates:
+            continue
+        y = each.controller.regulates_to
+        if y is None and r.any():
+            wrong.setdefault("the state to 0", []).append(each.name)
+        elif y is not None and not np.allclose(r, y, rtol=AT_POINT, atol=AT_POINT * float(np.abs(y).max())):
+            numbers = ", ".join(f"{value:.9g}" for value in y)
+            wrong.setdefault(f"to the operating point, y = {numbers},", []).append(each.name)
+    for where, names in wrong.items():
+        message = f"the controller of {', '.join(map(repr, names))} regulates {where} and follows no reference"
+        draft.note(["reference"], message)
+
+
+def refuse_unreachable(draft: DraftConfig, r: Float[Array, "samples ny"], plant: Plant, x0: Array | None) -> None:
+    """Refuse a reference or an initial state outside the workspace of the plant."""
+    reason = plant.unreachable(r)
+    if reason is not None:
+        draft.note(["reference"], reason)
+    reason = None if x0 is None else plant.unreachable(x0[None, : plant.ny])
+    if reason is not None:
+        draft.note(["initial", "x"], reason)
 
 
 def angles_of(draft: DraftConfig, plant: Plant) -> dict[str, float]:

@@ -43,8 +43,8 @@ def test_no_plant_has_a_parameter_of_these_names():
     """Oracle: the registry; the keys are those of every plant."""
     for kind in registry.names("plants"):
         assert not {*RANGE_KEYS} & {*model_of("plants", kind).model_fields}
-    # A plant may ask for its bounds; they are validated as those of every plant.
-    assert {*RANGE_KEYS} & PROVIDED["plants"] <= {"bounds"}
+    # A plant may ask for its bounds and angles; they are validated as those of every plant.
+    assert {*RANGE_KEYS} & PROVIDED["plants"] <= {"angles", "bounds"}
 
 
 def test_limits_of_single_states_and_of_all(tmp_path):
