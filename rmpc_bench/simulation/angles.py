@@ -67,7 +67,7 @@ class TurnedCalls:
         for number, pattern in enumerate(patterns):
             rows = np.flatnonzero(group.ravel() == number)
             shifted = r - self._period * pattern.reshape(r.shape)
-            parts = _chosen(state, rows, len(y)), y[rows], _chosen(estimate, rows, len(y)), shifted
+            parts = _chosen(state, rows), y[rows], _chosen(estimate, rows), shifted
             found.append(self._controller.control(k, *parts))
         back = np.argsort(order, kind="stable")
         states, commands = zip(*found, strict=True)
@@ -78,17 +78,16 @@ class TurnedCalls:
         return self._controller.applied(k, state, u)
 
 
-def _chosen(record: _T, rows: Array, n_runs: int) -> _T:
+def _chosen(record: _T, rows: Array) -> _T:
     """Return a record of arrays for some runs; matrices that all runs share stay as they are."""
 
-    def part(value: Any) -> Any:
+    def part(name: str, value: Any) -> Any:
         if isinstance(value, Mapping):
-            return {name: part(each) for name, each in value.items()}
-        return value[rows] if isinstance(value, np.ndarray) and value.ndim and len(value) == n_runs else value
+            return {key: part(key, each) for key, each in value.items()}
+        is_shared = np.ndim(value) == 0 or (name in ("P", "M") and np.ndim(value) == 2)
+        return value if is_shared else value[rows]
 
-    matrices = {name: value for name, value in zip(getattr(record, "_fields", ()), record, strict=False)}
-    kept = {name: value for name, value in matrices.items() if name in ("P", "M") and np.ndim(value) == 2}
-    return type(record)(**{name: part(value) for name, value in matrices.items() if name not in kept}, **kept)
+    return type(record)(*map(part, record._fields, record))  # type: ignore[attr-defined]
 
 
 def _joined(records: tuple[_T, ...], back: Array) -> _T:
@@ -97,6 +96,11 @@ def _joined(records: tuple[_T, ...], back: Array) -> _T:
     def whole(values: tuple[Any, ...]) -> Any:
         if isinstance(values[0], Mapping):
             return {name: whole(tuple(each[name] for each in values)) for name in values[0]}
-        return np.concatenate(values)[back] if np.ndim(values[0]) else values[0]
+        if all(np.ndim(value) == 0 for value in values):
+            return values[0]
+        # Statuses that a group leaves out are OK.
+        every = [np.zeros(len(each[0]), np.int8) if np.ndim(value) == 0 else value
+                 for each, value in zip(records, values, strict=True)]  # fmt: skip
+        return np.concatenate(every)[back]
 
     return type(records[0])(*map(whole, zip(*records, strict=True)))

@@ -11,8 +11,9 @@ from rmpc_bench.analysis.estimation_errors import recorded_errors
 from rmpc_bench.figures.recorded_runs import signal_of
 from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.tracking import SettlingTime, SteadyStateError, Tracking
+from rmpc_bench.simulation.angles import _chosen, _joined
 from rmpc_bench.simulation.linear_loop import applies
-from rmpc_bench.types import ConfigError, MetricLayout, Record
+from rmpc_bench.types import Command, ConfigError, Estimate, MetricLayout, Record
 from rmpc_bench.types.angles import near, turns, wrapped
 
 TURN = 2.0 * np.pi
@@ -302,3 +303,21 @@ def test_pid_of_a_nonlinear_estimate(tmp_path):
         one, other = run_one(nonlinear, "EKF", run), run_one(linear, "EKF", run)
         assert one.x[:, 0].max() > np.pi
         np.testing.assert_allclose(one.u, other.u, rtol=1e-8, atol=1e-9)
+
+
+def test_groups_of_runs():
+    """Oracle: the block as a whole; a status that some groups leave out is OK, and common matrices are not divided."""
+    runs, rows = 4, [np.array([1, 3]), np.array([0, 2])]
+    back = np.argsort(np.concatenate(rows))
+    estimate = Estimate(
+        np.arange(8.0).reshape(4, 2), np.eye(4), None, np.zeros(4, np.int8), {"e": np.arange(4.0)[:, None]}
+    )
+    parts = [_chosen(estimate, each) for each in rows]
+    assert all(part.P is estimate.P and len(part.x_hat) == 2 for part in parts)
+    whole = _joined(tuple(part._replace(P=None) for part in parts), back)
+    np.testing.assert_array_equal(whole.x_hat, estimate.x_hat)
+    np.testing.assert_array_equal(whole.info["e"], estimate.info["e"])
+    commands = Command(np.ones((2, 1)), step_status=np.array([3, 4], np.int8)), Command(np.zeros((2, 1)))
+    joined = _joined(commands, back)
+    assert joined.step_status.tolist() == [0, 3, 0, 4] and joined.u.ravel().tolist() == [0.0, 1.0, 0.0, 1.0]
+    assert len(joined.u) == runs and np.ndim(joined.status) == 0
