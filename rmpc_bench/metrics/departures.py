@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.metrics.burst_samples import burst_samples, check_bursts, prolonged
-from rmpc_bench.metrics.components import SumMetric, output_error, smoothed
+from rmpc_bench.metrics.components import ComponentMetric, output_error, smoothed
 from rmpc_bench.metrics.norms import per_run, rms
 from rmpc_bench.numerics.sample_times import at_least
 from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class Departures(SumMetric):
+class Departures(ComponentMetric):
     """Number of times that a component of the smoothed control error exceeds its usual size; lower is better.
 
     The usual size is the root of the mean square over quiet samples and components.  A run without a quiet sample has
@@ -56,15 +56,6 @@ class Departures(SumMetric):
 
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    adds: ClassVar[str] = "squares"
-
-    def unit(self, layout: MetricLayout) -> str:
-        """Return none: it is a number of departures."""
-        return ""
-
-    def remark(self, record: Record | None, layout: MetricLayout) -> str:
-        """Return none: a number has no share of a component."""
-        return ""
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window, missing bursts and outputs that do not exist."""
