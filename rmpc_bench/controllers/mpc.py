@@ -7,6 +7,8 @@ Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
         Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input.
         u(-1) is the input u_op of the operating point of the model, 0 without one.
+        Of a model that varies with k the predictions use A and B of k..k+Hp-1 and C of k+1..k+Hp, so that every k has
+        gains of its own; beyond the last k for which the model is given it stays as it is there.
         With constant parts f0 and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean` of the
         estimate), the predictions include them and u(k) has the further terms - u_0 - K_d d_hat(k).
 Limits  `enforce: clip` clips the increment of that input, then the input.  `enforce: qp` adds the constraints
@@ -31,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -49,7 +51,7 @@ from rmpc_bench.controllers.limits import (
     require_effect,
     soft_rows,
 )
-from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc
+from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc, VaryingMpc
 from rmpc_bench.controllers.prediction import of_inputs, of_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
@@ -134,6 +136,7 @@ def design(
     model: Model,
     estimator: Estimator | None = None,
     plant_info: PlantInfo | None = None,
+    n_steps: int = 0,
     *,
     Hp: Horizon,
     Hu: Horizon,
@@ -148,9 +151,11 @@ def design(
 
     Parameters
     ----------
-    model : prediction model; the nominal part of an uncertain model
+    model : prediction model; the nominal part of an uncertain model; one that varies with k needs `enforce: clip` and
+        `law: increment`
     estimator : estimator of the method; the predictions use the mean of the process noise if it estimates one
     plant_info : names of the states and outputs, which soft limits may use
+    n_steps : number of control periods, for a model that varies with k
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error: a number, a diagonal or a matrix
@@ -171,7 +176,8 @@ def design(
     """
     if Hu > Hp:
         raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
-    model = _constant(model)
+    models = _models(model, n_steps, Hp)
+    model = models[0]
     require_effect(model.B)
     if limits is not None or soft:
         refuse_unused(limits or Limits(), soft)
@@ -182,38 +188,65 @@ def design(
     root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
     root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
     uses_mean = estimator is not None and estimator.estimates_mean
-    printed, (nx, nu) = law == "printed", model.B.shape
-    problem = (of_inputs if printed else of_moves)(model, root_Q, root_R, Hp, Hu, uses_mean=uses_mean)
+    bounds, printed = (u, None if limits.du is None else du), law == "printed"
+    if len(models) > 1:
+        if limits.enforce == "qp" or printed:
+            raise DesignError("qp and `law: printed` need a constant prediction model; this model varies with k")
+        ahead = [models[k : k + Hp + 1] for k in range(n_steps)]
+        problems = [of_moves(each, root_Q, root_R, Hp, Hu, uses_mean=uses_mean) for each in ahead]
+        laws = [_law(*each, bounds)[0] for each in zip(problems, ahead, strict=True)]
+        return VaryingMpc(**vars(laws[0]), laws=laws)
+    problem = (of_inputs if printed else of_moves)(models, root_Q, root_R, Hp, Hu, uses_mean=uses_mean)
+    made, stages = _law(problem, models, bounds, printed=printed)
+    if limits.enforce == "clip":
+        return made
+    rows = soft_rows(soft or {}, model, Hp, plant_info)
+    program = increment_program(model, problem, stages, (u, du), as_vector(scale.u, model.nu), rows)
+    return ConstrainedMpc(**vars(made), program=program, fallback=limits.fallback)
+
+
+def _law(
+    problem: Problem, models: Sequence[LinearModel], bounds: tuple[Bounds, Bounds | None], *, printed: bool = False
+) -> tuple[Mpc, list[Stage]]:
+    """Return the law that clips, and all moves; the models are those of k..k+Hp, or a constant one."""
+    model, (nx, nu) = models[0], models[0].B.shape
     try:
         stages, _ = problem.stages()
     except ValueError as error:
-        raise DesignError(_undetermined(str(error), root_R, Hp, Hu), "R") from None
+        raise DesignError(_undetermined(str(error), problem.Q_u, problem.N, problem.moves), "R") from None
     K, K_r = stages[0].K_x, stages[0].K_w[:, :-1]
-    u_0 = K_r @ np.tile(model.d0, Hp) - stages[0].K_w[:, -1] - printed * model.u_op
-    law_of_u: dict[str, Any] = {
-        "preview": Hp + 1,
-        "K_d": K[:, nx + nu :] if uses_mean else None,
-        "u_0": u_0 if u_0.any() else None,
-        "u_op": None if model.operating_point is None else model.u_op,
-        "du": None if limits.du is None else du,
-    }
-    K_x, K_u = K[:, :nx], np.eye(nu) if printed else K[:, nx : nx + nu]
-    if limits.enforce == "clip":
-        return Mpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u)
-    rows = soft_rows(soft or {}, model, Hp, plant_info)
-    program = increment_program(model, problem, stages, (u, du), as_vector(scale.u, nu), rows)
-    return ConstrainedMpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u, program=program, fallback=limits.fallback)
+    d0 = np.concatenate([each.d0 for each in models[1:]] or [model.d0] * problem.N)
+    u_0 = K_r @ d0 - stages[0].K_w[:, -1] - printed * model.u_op
+    low, high = one_for_all(bounds[0])
+    made = Mpc(
+        K[:, :nx],
+        np.eye(nu) if printed else K[:, nx : nx + nu],
+        K_r,
+        low,
+        high,
+        preview=problem.N + 1,
+        K_d=K[:, nx + nu :] if K.shape[1] > nx + nu else None,
+        u_0=u_0 if u_0.any() else None,
+        u_op=None if model.operating_point is None else model.u_op,
+        du=bounds[1],
+    )
+    return made, stages
 
 
-def _constant(model: Model) -> LinearModel:
-    """Return the constant model; the nominal part of an uncertain model."""
+def _models(model: Model, n_steps: int, Hp: int) -> list[LinearModel]:
+    """Return the models of k = 0..n_steps-1+Hp, or a constant one; the nominal part of an uncertain model."""
     if isinstance(model, LinearModel):
-        return model
+        return [model]
     # A state-dependent model raises a DesignError here.
-    nominal: LinearModel = model.at(0)
-    if model.varies:
-        raise DesignError("needs a constant prediction model; this model varies with k")
-    return nominal
+    found: list[LinearModel] = [model.at(0)]
+    for k in range(1, n_steps + Hp if model.varies else 1):
+        try:
+            found.append(model.at(k))
+        except DesignError:
+            if k < n_steps:
+                raise
+            found.append(found[-1])
+    return found
 
 
 def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:

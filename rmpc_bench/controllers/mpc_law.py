@@ -118,6 +118,33 @@ class Mpc(Controller):
 
 
 @dataclass(frozen=True, eq=False)
+class VaryingMpc(Mpc):
+    """The law of a model that varies with k, with a law of its own for every k; create it with `design`."""
+
+    laws: Sequence[Mpc] = field(kw_only=True)
+
+    @property
+    def has_compiled_form(self) -> bool:
+        """Compiled loops have one K_r."""
+        return False
+
+    def control(
+        self,
+        k: int,
+        state: MpcState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[MpcState, Command]:
+        """Apply the law of k."""
+        return self.laws[k].control(k, state, y, estimate, r)
+
+    def linear_law(self) -> LinearLaw | None:
+        """Its gains are not constant."""
+        return None
+
+
+@dataclass(frozen=True, eq=False)
 class ConstrainedMpc(Mpc):
     """The law whose limits are constraints of the optimisation; create it with `design`."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -51,14 +53,23 @@ def with_output(now: Affine) -> Frozen:
     return Frozen(A, B, np.zeros(size), np.eye(ny, size, nx), np.zeros(ny))
 
 
-def of_moves(model: LinearModel, root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool) -> Problem:
-    """Return the problem of cost (2) of mpc.py: states [x; u(k-1); mean of the noise], inputs are the increments."""
-    A, B, f, C = _augmented(model, uses_mean=uses_mean)
-    return Problem(A, B, f, C, root_Q, root_R, Hp, Hu)
+def of_moves(
+    models: Sequence[LinearModel], root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool
+) -> Problem:
+    """Return the problem of cost (2) of mpc.py: states [x; u(k-1); mean of the noise], inputs are the increments.
+
+    The models are those of k..k+Hp, or a constant one.
+    """
+    parts = [_augmented(model, uses_mean=uses_mean) for model in models]
+    steps = [(*now[:3], after[3]) for now, after in pairwise(parts)]
+    return Problem(*parts[0], root_Q, root_R, Hp, Hu, over=steps or None)
 
 
-def of_inputs(model: LinearModel, root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool) -> Problem:
+def of_inputs(
+    models: Sequence[LinearModel], root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool
+) -> Problem:
     """Return the same problem with |u - u_op|^2 in place of |du|^2: inputs are u - u_op, the last one is held."""
+    (model,) = models
     A, B, f, C = _augmented(model, uses_mean=uses_mean)
     head, inputs = A.copy(), slice(model.nx, model.nx + model.nu)
     head[:, inputs] = 0.0

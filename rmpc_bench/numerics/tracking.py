@@ -64,7 +64,7 @@ class Stage(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """A tracking problem of a constant model whose inputs act at the first ``moves`` samples only."""
+    """A tracking problem of a model, mostly a constant one, whose inputs act at the first ``moves`` samples only."""
 
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
@@ -76,6 +76,15 @@ class Problem(NamedTuple):
     moves: int
     after: tuple[Float[Array, "nx nx"], Float[Array, " nx"]] | None = None
     """A and f of the samples without input; those of the others if not given."""
+    over: Sequence[tuple[Array, Array, Array, Array]] | None = None
+    """A, B, f of the step to every sample 1..N, and C there, of a model that changes; those above if not given."""
+
+    def step(self, j: int) -> tuple[Array, Array, Array, Array]:
+        """Return A, B, f of the step to sample j, and C there."""
+        if self.over is not None:
+            return self.over[j - 1]
+        A, f = (self.A, self.f) if j <= self.moves or self.after is None else self.after
+        return A, self.B, f, self.C
 
     def stages(self) -> tuple[list[Stage], Float[Array, "lost columns"]]:
         """Return the inputs, first one first, and the rows [E_x, e] of the minimal cost |e - E_x x|^2.
@@ -87,8 +96,8 @@ class Problem(NamedTuple):
         S, lost, found = np.zeros((0, nx + known)), [], []
         for j in range(self.N, 0, -1):
             acts = j <= self.moves
-            A, f = (self.A, self.f) if acts or self.after is None else self.after
-            S = np.vstack([S, self.Q_yw @ np.hstack([self.C, np.eye(ny, known, (j - 1) * ny)])])
+            A, B, f, C = self.step(j)
+            S = np.vstack([S, self.Q_yw @ np.hstack([C, np.eye(ny, known, (j - 1) * ny)])])
             if len(S) > nx:
                 S = eliminated(S, nx)[0]
                 lost.append(S[nx:])
@@ -97,7 +106,7 @@ class Problem(NamedTuple):
             S = np.hstack([of_x @ A, S[:, nx:]])
             S[:, -1] -= of_x @ f
             if acts:
-                stack = np.block([[of_x @ self.B, S], [self.Q_u, np.zeros((nu, nx + known))]])
+                stack = np.block([[of_x @ B, S], [self.Q_u, np.zeros((nu, nx + known))]])
                 T, order = eliminated(stack, nu, np.abs(stack[:, :nu]).max(axis=1))
                 row = np.empty((nu, nu + nx + known))
                 row[order] = np.linalg.solve(T[:nu, :nu], np.hstack([np.eye(nu), T[:nu, nu:]]))
@@ -114,7 +123,7 @@ class Problem(NamedTuple):
         columns = nx + known + self.moves * nu
         X, U, x = np.empty((self.N, nx, columns)), np.empty((self.moves, nu, columns)), np.eye(nx, columns)
         for j in range(self.N):
-            A, f = (self.A, self.f) if j < self.moves or self.after is None else self.after
+            A, B, f, _ = self.step(j + 1)
             moved = A @ x
             if j < self.moves:
                 K_x, K_w, L = stages[j]
@@ -122,7 +131,7 @@ class Problem(NamedTuple):
                 U[j, :, nx : nx + known] += K_w
                 first = nx + known + j * nu
                 U[j, :, first : first + nu] += L
-                moved += self.B @ U[j]
+                moved += B @ U[j]
             moved[:, nx + known - 1] += f
             X[j] = x = moved
         return U, X

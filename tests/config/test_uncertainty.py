@@ -17,6 +17,7 @@ LAW = "{law: uniform, low: -1, high: 1}"
 ORACLE = "{KF: {estimator: {kind: kalman-predictor}}, G: {estimator: {kind: oracle}}}"
 ONE = "{KF: {estimator: {kind: kalman-predictor}}}"
 MPC = "{kind: mpc, Hp: 5, Hu: 2, Q: 1, R: 1}"
+QP = MPC[:-1] + ", limits: {u: [-1, 1], enforce: qp}}"
 B = PLANT.replace("Bw:", "B: [[0], [1]], Bw:")
 SERVO = {
     "plant": "{kind: servo}",
@@ -110,8 +111,8 @@ WRONG = {
         "x_hat of method 'KF' has 1 components and x of the plant 2",
     ),
     "a model over time": (
-        {"plant": B.replace("0.7", '"0.7*cos(k)"'), "controller": MPC, "methods": ONE},
-        "controller: needs a constant prediction model; this model varies with k",
+        {"plant": B.replace("0.7", '"0.7*cos(k)"'), "controller": QP, "methods": ONE},
+        "controller: qp and `law: printed` need a constant prediction model; this model varies with k",
     ),
 }  # fmt: skip
 
