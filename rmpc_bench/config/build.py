@@ -212,7 +212,7 @@ class MethodBuilder:
         elif info is None and _is_informed(components.controller):
             return None
         else:
-            controller = components.controller.build(problems, **common, estimator=estimator)
+            controller = components.controller.called_rarely(problems, **common, estimator=estimator)
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)

@@ -122,6 +122,7 @@ def chosen_point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPo
 
 
 ADDED_LATER: Mapping[tuple[str, str], Any] = {
+    ("controllers", "every"): 1,
     ("estimators", "form"): "filter",
     ("estimators/lmmse", "form"): "predictor",
     ("estimators", "noise"): "nominal",

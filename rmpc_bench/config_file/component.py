@@ -27,11 +27,18 @@ from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
 from rmpc_bench.models.delay import DelayKey
 from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.linear import HeldModel
+from rmpc_bench.simulation.open_loop import Held
 from rmpc_bench.simulation.scenario import initial_state
-from rmpc_bench.types import DesignError, Issue, Problem
+from rmpc_bench.types import Count, DesignError, Issue, Problem
 
-SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {"models": {"disturbance": Disturbance, "delay": DelayKey}}
+SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
+    "models": {"disturbance": Disturbance, "delay": DelayKey},
+    "controllers": {"every": Count},
+}
 """Group -> keys that every component of it has, with what validates them."""
+HELD = ("control-lqr", "gpc", "lqg", "lqr", "mpc", "pid")
+"""Kinds of controllers that may be called at every m-th sample; others count with the noise of single samples."""
 NONE = "none"
 """Value of `disturbance` that stands for no value, so that a method can do without a default of all methods."""
 DELAY_OF_PLANT = "a delay is a law of a channel: noise: {input: {delayed: 2}}"
@@ -90,6 +97,26 @@ class Component:
         if not self.is_built_in:
             recipe.remember(made)
         return made
+
+    def called_rarely(self, problems: list[Problem], **provided: Any) -> Any:
+        """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held."""
+        every, model = self.shared.get("every", 1), provided["model"]
+        if every == 1:
+            return self.build(problems, **provided)
+        if self.code is not None or self.kind not in HELD:
+            problems.append(self.problem(f"is a key of {', '.join(HELD)}", "every"))
+            return None
+        try:
+            # A state-dependent model raises a DesignError, which says how it becomes a linear one.
+            over = HeldModel(model, every)
+        except DesignError as error:
+            if self.kind not in registry.NONLINEAR["controllers"]:
+                problems.append(self.problem(f"every needs a linear model: {error}", "every"))
+                return None
+            over = None
+        size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}
+        made = self.build(problems, **{**provided, **size})
+        return None if made is None else Held(made, every, np.eye(model.nx) if over is None else over.held)
 
     def extended(self, made: Any, problems: list[Problem], *, n_steps: int, x_hat: Any) -> Any:
         """Return a built design model with its disturbances; None where there is a problem, at the parameter to blame.

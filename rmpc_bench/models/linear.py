@@ -138,6 +138,38 @@ class LinearModel(Model):
         return self.C
 
 
+class HeldModel(LinearModel):
+    """A constant linear model over several samples with the input held, for a controller that is called so rarely."""
+
+    def __init__(self, model: Model, every: int) -> None:
+        if model.varies:
+            raise DesignError("this model varies with k")
+        now: LinearModel = model.at(0)
+        A, held, Q_w = np.eye(now.nx), np.zeros((now.nx, now.nx)), np.zeros((now.nx, now.nx))
+        for _ in range(every):
+            A, held, Q_w = now.A @ A, held + A, Q_w + A @ now.Q_w @ A.T
+        f0, Q_w = held @ now.f0, 0.5 * (Q_w + Q_w.T)
+        super().__init__(A, held @ now.B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, extra_signals=model.extra_signals)
+        own = {"of": model, "every": every, "held": held, "operating_point": model.operating_point}
+        for name, value in {**own, "n_disturbances": model.n_disturbances}.items():
+            object.__setattr__(self, name, value)
+
+    of: Model
+    every: int
+    held: Float[Array, "nx nx"]
+    """Sum of A^i: what a constant addition to x(k+1) adds up to."""
+
+    @property
+    def undisturbed(self) -> Model:
+        """The model without its disturbances."""
+        return HeldModel(self.of.undisturbed, self.every) if self.n_disturbances else self
+
+    @property
+    def deviation(self) -> Model:
+        """The model of x - x_op, u - u_op and y - y_op."""
+        return self if self.of.deviation is self.of else HeldModel(self.of.deviation, self.every)
+
+
 def _product(matrix: Array, x: ArrayLike) -> Array:
     """Multiply a vector, or every row, by a matrix."""
     rows = np.asarray(x, dtype=float)

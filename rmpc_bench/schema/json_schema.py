@@ -246,6 +246,16 @@ MODEL_KEYS: dict[str, Schema] = {
     },
 }
 """Keys of every model."""
+CONTROLLER_KEYS: dict[str, Schema] = {
+    "every": {
+        "type": "integer",
+        "minimum": 1,
+        "default": 1,
+        "description": "samples between calls: the input is held, and horizons and increments count calls; for lqr, "
+        "control-lqr, lqg, mpc, gpc and pid",
+    },
+}
+"""Keys of every controller."""
 
 
 def _uncertainty() -> Schema:
@@ -331,7 +341,7 @@ def _sweep() -> Schema:
 
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
-_EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS}
+_EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS, "controllers": CONTROLLER_KEYS}
 
 
 def json_schema() -> Schema:

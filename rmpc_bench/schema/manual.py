@@ -13,7 +13,15 @@ from typing import Any, NamedTuple, get_args
 
 from rmpc_bench.config_file.component import SHARED_KEYS, plain_data
 from rmpc_bench.config_file.keys import hints, keys_of
-from rmpc_bench.schema.json_schema import MODEL_KEYS, PLANT_KEYS, Schema, key_meanings, mapping_schema, record_schema
+from rmpc_bench.schema.json_schema import (
+    CONTROLLER_KEYS,
+    MODEL_KEYS,
+    PLANT_KEYS,
+    Schema,
+    key_meanings,
+    mapping_schema,
+    record_schema,
+)
 from rmpc_bench.types.sweep_points import value_text
 
 ANY = "any value"
@@ -182,7 +190,8 @@ def _keys(group: str, kind: str, design: Any) -> tuple[KeyEntry, ...]:
 
 def shared_keys(group: str) -> tuple[KeyEntry, ...]:
     """Return the keys that every component of a group has, beside its own."""
-    shared = {"plants": PLANT_KEYS, "models": {name: MODEL_KEYS[name] for name in SHARED_KEYS["models"]}}
+    models = {name: MODEL_KEYS[name] for name in SHARED_KEYS["models"]}
+    shared = {"plants": PLANT_KEYS, "models": models, "controllers": CONTROLLER_KEYS}
     return keys_of_schema({"properties": shared[group]}) if group in shared else ()
 
 

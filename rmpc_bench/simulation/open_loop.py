@@ -1,13 +1,15 @@
-"""Controllers of experiments that compare estimators only: a given input (open loop), or none."""
+"""Controllers of the bench itself: a given input (open loop), none, and a law that is called at every m-th sample."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo, Status
 
 OK = np.int8(Status.OK)
@@ -77,3 +79,58 @@ class Rest(Controller):
     ) -> tuple[None, Command]:
         """Return u = 0."""
         return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})
+
+
+class HeldState(NamedTuple):
+    """State of a law that is called at every m-th sample."""
+
+    law: Any
+    command: Command
+    """What holds until the next call."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held(Controller):
+    """A law that is called at k = 0, m, 2 m, ..; its input is held between.
+
+    Parameters
+    ----------
+    law : designed for a model over m samples
+    every : m
+    held : (nx, nx) what a constant mean of the process noise adds up to over m samples
+    """
+
+    law: Controller
+    every: int
+    held: Float[Array, "nx nx"]
+
+    def __post_init__(self) -> None:
+        """Take over what the law declares."""
+        for name in ("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step"):
+            self.__dict__[name] = getattr(self.law, name)
+        self.__dict__["preview"] = (self.law.preview - 1) * self.every + 1 if self.law.preview else 0
+
+    def init(self, n_runs: int, **runs: RunInfo) -> HeldState:
+        """Start the law."""
+        return HeldState(self.law.init(n_runs, **runs), Command(np.zeros((n_runs, 0))))
+
+    def control(
+        self,
+        k: int,
+        state: HeldState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[HeldState, Command]:
+        """Call the law, or hold its input."""
+        if k % self.every:
+            return state, state.command
+        if "w_mean" in estimate.info:
+            estimate = estimate._replace(info={**estimate.info, "w_mean": mv(self.held, estimate.info["w_mean"])})
+        after, command = self.law.control(k // self.every, state.law, y, estimate, r[:: self.every])
+        # A failure counts once.
+        return HeldState(after, Command(command.u, np.full(len(y), OK), command.info)), command
+
+    def applied(self, k: int, state: HeldState, u: Float[Array, "runs nu"]) -> HeldState:
+        """Say to the law what acts."""
+        return state if k % self.every else state._replace(law=self.law.applied(k // self.every, state.law, u))
