@@ -123,6 +123,7 @@ def chosen_point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPo
 
 ADDED_LATER: Mapping[tuple[str, str], Any] = {
     ("controllers", "every"): 1,
+    ("controllers", "preview"): True,
     ("estimators", "form"): "filter",
     ("estimators/lmmse", "form"): "predictor",
     ("estimators", "noise"): "nominal",

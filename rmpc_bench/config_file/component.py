@@ -34,7 +34,7 @@ from rmpc_bench.types import Count, DesignError, Issue, Problem
 
 SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
     "models": {"disturbance": Disturbance, "delay": DelayKey},
-    "controllers": {"every": Count},
+    "controllers": {"every": Count, "preview": bool},
 }
 """Group -> keys that every component of it has, with what validates them."""
 HELD = ("control-lqr", "gpc", "lqg", "lqr", "mpc", "pid")
@@ -99,10 +99,17 @@ class Component:
         return made
 
     def called_rarely(self, problems: list[Problem], **provided: Any) -> Any:
-        """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held."""
-        every, model = self.shared.get("every", 1), provided["model"]
+        """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held.
+
+        With `preview: false` it predicts with r(k) for all samples ahead.
+        """
+        every, preview, model = self.shared.get("every", 1), self.shared.get("preview", True), provided["model"]
+        if not preview and (self.code is not None or self.kind not in ("gpc", "mpc")):
+            problems.append(self.problem("is a key of gpc and mpc", "preview"))
+            return None
         if every == 1:
-            return self.build(problems, **provided)
+            made = self.build(problems, **provided)
+            return made if preview or made is None else Held(made, 1, np.eye(model.nx), knows_ahead=False)
         if self.code is not None or self.kind not in HELD:
             problems.append(self.problem(f"is a key of {', '.join(HELD)}", "every"))
             return None
@@ -116,7 +123,8 @@ class Component:
             over = None
         size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}
         made = self.build(problems, **{**provided, **size})
-        return None if made is None else Held(made, every, np.eye(model.nx) if over is None else over.held)
+        held = np.eye(model.nx) if over is None else over.held
+        return None if made is None else Held(made, every, held, knows_ahead=preview)
 
     def extended(self, made: Any, problems: list[Problem], *, n_steps: int, x_hat: Any) -> Any:
         """Return a built design model with its disturbances; None where there is a problem, at the parameter to blame.

@@ -254,6 +254,11 @@ CONTROLLER_KEYS: dict[str, Schema] = {
         "description": "samples between calls: the input is held, and horizons and increments count calls; for lqr, "
         "control-lqr, lqg, mpc, gpc and pid",
     },
+    "preview": {
+        "type": "boolean",
+        "default": True,
+        "description": "whether mpc and gpc know the reference ahead; otherwise they predict with r(k+j) = r(k)",
+    },
 }
 """Keys of every controller."""
 

@@ -91,24 +91,27 @@ class HeldState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Held(Controller):
-    """A law that is called at k = 0, m, 2 m, ..; its input is held between.
+    """A law that is called at k = 0, m, 2 m, ..; its input is held between.  It may not know the reference ahead.
 
     Parameters
     ----------
     law : designed for a model over m samples
     every : m
     held : (nx, nx) what a constant mean of the process noise adds up to over m samples
+    knows_ahead : whether the law gets r(k+1), ..; otherwise it gets r(k) in their place
     """
 
     law: Controller
     every: int
     held: Float[Array, "nx nx"]
+    knows_ahead: bool = True
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
         for name in ("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step"):
             self.__dict__[name] = getattr(self.law, name)
-        self.__dict__["preview"] = (self.law.preview - 1) * self.every + 1 if self.law.preview else 0
+        ahead = (self.law.preview - 1) * self.every if self.knows_ahead else 0
+        self.__dict__["preview"] = ahead + 1 if self.law.preview else 0
 
     def init(self, n_runs: int, **runs: RunInfo) -> HeldState:
         """Start the law."""
@@ -127,7 +130,8 @@ class Held(Controller):
             return state, state.command
         if "w_mean" in estimate.info:
             estimate = estimate._replace(info={**estimate.info, "w_mean": mv(self.held, estimate.info["w_mean"])})
-        after, command = self.law.control(k // self.every, state.law, y, estimate, r[:: self.every])
+        r = r[:: self.every] if self.knows_ahead else np.repeat(r[:1], self.law.preview, axis=0)
+        after, command = self.law.control(k // self.every, state.law, y, estimate, r)
         # A failure counts once.
         return HeldState(after, Command(command.u, np.full(len(y), OK), command.info)), command
 

@@ -1,8 +1,12 @@
-"""controller.every: a law that is called at every m-th sample and is designed for m samples."""
+"""controller.every, a law that is called at every m-th sample, and controller.preview, a law that knows r ahead."""
+
+import io
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import ROUND, SOLVER
+from small_experiment import ran
 from uncertain_experiment import write_estimation
 
 from rmpc_bench import load_config
@@ -10,7 +14,7 @@ from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.models.linear import HeldModel, LinearModel
 from rmpc_bench.simulation.closed_loop import simulate
-from rmpc_bench.types import ConfigError
+from rmpc_bench.types import ConfigError, Estimate
 
 A, B = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]])
 LAWS = {
@@ -148,3 +152,54 @@ def test_a_disturbance_and_an_estimated_mean(tmp_path):
         path = written(tmp_path, "", "", noise=force, model=model % keys, methods=methods, steps=400, reference=1.0)
         found = recorded(path)
         np.testing.assert_allclose(found.x[0, -1, 0], 1.0, atol=1e-3)  # of the filter, which still settles
+
+
+SCALAR = {
+    "plant": "{kind: linear, A: 0.8, B: 0.5, C: 1}",
+    "model": "{kind: linear, A: 0.8, B: 0.5, C: 1, P_w: 1, P_v: 1e-6}",
+    "initial": "{x: 0, x_hat: 0, P: 0}",
+    "time": "{steps: 40}",
+    "reference": "{kind: square, values: [0, 1], period: 20}",
+    "metrics": "[mse]",
+    "noise": "none",
+    "runs": 2,
+}
+
+
+def scalar(tmp_path, keys, kind="mpc", **changes):
+    """A file with a scalar plant."""
+    methods = f"{{M: {{estimator: {{kind: kalman}}, controller: {{kind: {kind}, {keys}}}}}}}"
+    return write_estimation(tmp_path, **(SCALAR | changes | {"methods": methods}))
+
+
+@pytest.mark.parametrize("more", ["", ", limits: {u: [-9, 9], enforce: qp}"])
+@pytest.mark.parametrize(("preview", "mse"), [("true", 0.0), ("false", 0.075)])
+def test_a_reference_without_preview(tmp_path, preview, mse, more):
+    """Oracle: the values of the closed form: with preview y = r, without it one sample late at every jump."""
+    path = scalar(tmp_path, f"Hp: 1, Hu: 1, Q: 1, R: 0, preview: {preview}{more}")
+    table = pd.read_csv(io.BytesIO(ran(path, tmp_path / preview)))
+    np.testing.assert_allclose(table["mse"], mse, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["mpc", "gpc"])
+def test_without_preview_the_reference_is_held(tmp_path, kind):
+    """Oracle: u(k) is that of the usual law with the constant reference r(k)."""
+    keys = "Hp: 4, Hu: 2, Q: 1, R: 0.1" if kind == "mpc" else "Np: 4, Q_yw: 1, Q_u: 0.1"
+    laws = [load_config(scalar(tmp_path, keys + more, kind)).experiment.methods[0].controller
+            for more in (", preview: false", "")]  # fmt: skip
+    held, usual = laws
+    assert (held.preview, usual.preview) == (1, 5)
+    estimate = Estimate(np.array([[0.3]]), None, None, np.zeros(1, np.int8), {})
+    found = held.control(0, held.init(1), np.zeros((1, 1)), estimate, np.array([[0.7]]))[1].u
+    expected = usual.control(0, usual.init(1), np.zeros((1, 1)), estimate, np.full((5, 1), 0.7))[1].u
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_preview_of_other_laws_is_refused(tmp_path):
+    """With the place of the key; `preview: true` changes nothing."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(written(tmp_path, "control-lqr", LAWS["control-lqr"] + ", preview: false"))
+    [problem] = caught.value.problems
+    assert problem.path == "methods.M.controller.preview" and "is a key of gpc and mpc" in problem.message
+    one, usual = (load_config(scalar(tmp_path, f"Hp: 1, Hu: 1, Q: 1, R: 0{more}")) for more in (", preview: true", ""))
+    assert one.points[0].method_keys == usual.points[0].method_keys and one.resolved == usual.resolved
