@@ -13,6 +13,7 @@ from typing import Any, cast
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
+from rmpc_bench.config.input import built_controller
 from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged, with_prediction
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
@@ -212,7 +213,8 @@ class MethodBuilder:
         elif info is None and _is_informed(components.controller):
             return None
         else:
-            controller = components.controller.called_rarely(problems, **common, estimator=estimator)
+            given = {**common, "estimator": estimator}
+            controller = built_controller(self.draft, components.controller, plant, given)
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
@@ -229,6 +231,9 @@ class MethodBuilder:
             if not fits or plant is None or plant.recorded is None:
                 return None
             return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
+        if component is not None and "only" in component.shared:
+            self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
+            return None
         if component is None:
             return None if "input" in self.draft.tree else Rest(model.nu)
         size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}

@@ -16,6 +16,7 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
+from rmpc_bench.config.input import check_input
 from rmpc_bench.config.method_tune import shrink_tuning
 from rmpc_bench.config.methods import read_method_section
 from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
@@ -157,13 +158,11 @@ def _refuse_unit(draft: DraftConfig) -> None:
 
 
 def _input(draft: DraftConfig) -> None:
-    """Read the input in open loop; an experiment with a controller has none."""
+    """Read the input in open loop; an experiment with a controller has one of some inputs only, or none."""
     if "input" not in draft.tree:
         return
     draft.input = _component(draft, "input")
-    if "controller" in draft.tree or draft.with_controller:
-        where = "controller" if "controller" in draft.tree else f"methods.{draft.with_controller[0]}.controller"
-        draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
+    check_input(draft)
 
 
 def _named(metric: Component) -> Component:

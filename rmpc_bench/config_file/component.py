@@ -9,9 +9,10 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Len
 from pydantic import BaseModel
 
 from rmpc_bench import registry
@@ -35,6 +36,7 @@ from rmpc_bench.types import Count, DesignError, Issue, Problem
 SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
     "models": {"disturbance": Disturbance, "delay": DelayKey},
     "controllers": {"every": Count, "preview": bool},
+    "inputs": {"only": Annotated[list[str | int], Len(1)], "known": bool},
 }
 """Group -> keys that every component of it has, with what validates them."""
 HELD = ("control-lqr", "gpc", "lqg", "lqr", "mpc", "pid")
@@ -98,27 +100,28 @@ class Component:
             recipe.remember(made)
         return made
 
-    def called_rarely(self, problems: list[Problem], **provided: Any) -> Any:
+    def called_rarely(self, problems: list[Problem], *, inputs: Sequence[int] | None = None, **provided: Any) -> Any:
         """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held.
 
-        With `preview: false` it predicts with r(k) for all samples ahead.
+        With `preview: false` it predicts with r(k) for all samples ahead.  The law has the `inputs`, or all.
         """
         every, preview, model = self.shared.get("every", 1), self.shared.get("preview", True), provided["model"]
         if not preview and (self.code is not None or self.kind not in ("gpc", "mpc")):
             problems.append(self.problem("is a key of gpc and mpc", "preview"))
             return None
-        if every == 1:
+        if every == 1 and inputs is None:
             made = self.build(problems, **provided)
             return made if preview or made is None else Held(made, 1, np.eye(model.nx), knows_ahead=False)
-        if self.code is not None or self.kind not in HELD:
+        if every > 1 and (self.code is not None or self.kind not in HELD):
             problems.append(self.problem(f"is a key of {', '.join(HELD)}", "every"))
             return None
         try:
             # A state-dependent model raises a DesignError, which says how it becomes a linear one.
-            over = HeldModel(model, every)
+            over = HeldModel(model, every, inputs)
         except DesignError as error:
-            if self.kind not in registry.NONLINEAR["controllers"]:
-                problems.append(self.problem(f"every needs a linear model: {error}", "every"))
+            if inputs is not None or self.kind not in registry.NONLINEAR["controllers"]:
+                key = "every" if every > 1 else ""
+                problems.append(self.problem(f"{key or 'it'} needs a linear model: {error}", key))
                 return None
             over = None
         size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}

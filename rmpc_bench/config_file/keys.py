@@ -46,7 +46,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds", "angles", "time_unit"}),
     "models": frozenset({"Ts", "n_steps", "plant", "time_unit"}),
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant", "Ts", "plant_info"}),
-    "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
+    "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info", "measured"}),
     "references": frozenset({"ny", "Ts"}),
     "inputs": frozenset({"nu", "Ts", "n_steps"}),
     "noises": frozenset({"n", "ny", "Ts", "signal_names", "sampled"}),

@@ -22,6 +22,7 @@ Fails   Design error: the numbers of inputs and outputs differ and `outputs` doe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -45,6 +46,7 @@ from rmpc_bench.types import (
     Status,
 )
 from rmpc_bench.types.angles import wrapped
+from rmpc_bench.types.errors import unknown
 
 OK = np.int8(Status.OK)
 Gains: TypeAlias = Float[Array, " nu"]
@@ -96,6 +98,8 @@ class Pid(Controller):
     """Nonlinear design model whose output of the estimate the loops use."""
     period: Gains | None = None
     """Period of the output of every loop, 0 of one that is no angle."""
+    F: Float[Array, "nu nd"] | None = None
+    """Gains of measured disturbances; None without."""
 
     @property
     def input_limits(self) -> tuple[float, float] | Bounds | None:
@@ -145,6 +149,8 @@ class Pid(Controller):
             # u(0) = u_op: the integral starts with what cancels the other part.
             integral = np.where(first, -proportional, integral)
         v = self.u_op + proportional + integral + derivative
+        if self.F is not None:
+            v = v + mv(self.F, estimate.info["measured"])
         # A run without an estimate ends, although these loops may not need it.
         u = np.where(np.isnan(estimate.x_hat).any(axis=1, keepdims=True), np.nan, np.clip(v, *self.bounds))
         return PidState(integral, derivative, error, measured, step, v, u), Command(u, np.full(len(u), OK), {})
@@ -216,6 +222,7 @@ def _as_state(pid: Pid) -> tuple[Array, Array, Array, Array]:
 def design(
     model: Model,
     Ts: float,
+    measured: Sequence[str] = (),
     *,
     Kp: float | list[float],
     Ki: float | list[float] = 0.0,
@@ -229,6 +236,7 @@ def design(
     anti_windup: AntiWindup = "back-calculation",
     Tt: Positive | list[Positive] | None = None,
     start: Literal["rest", "bumpless"] = "rest",
+    feedforward: dict[str, float | list[float]] | None = None,
 ) -> Pid:
     """PID control in parallel form, one loop per input.
 
@@ -236,6 +244,7 @@ def design(
     ----------
     model : design model, for the numbers of inputs and outputs and the operating point
     Ts : sampling time [s]
+    measured : names of the measured disturbances
     Kp : proportional gain [input unit / output unit], a number or one per loop, as every gain
     Ki : integral gain [input unit / (output unit s)]
     Kd : derivative gain [input unit s / output unit]
@@ -248,6 +257,8 @@ def design(
     limits : bounds of the input, `{u: [low, high]}` or one pair per input
     anti_windup : treatment of the integral while a limit acts: `back-calculation`, `clamping` or `none`
     Tt : tracking time of the back-calculation [s], at least Ts (default: sqrt(Kd / Ki), without a derivative Kp / Ki)
+    feedforward : measured disturbance -> gain on its deviation from the operating point, a number or one per loop;
+        the section `input` names it in `only`
     start : `rest` starts with an integral of 0, `bumpless` with the one that gives u(0) = u_op
 
     Raises
@@ -257,6 +268,11 @@ def design(
     """
     nu, ny = model.nu, model.ny
     rows = np.eye(ny)[_loops(outputs, nu, ny)]
+    F = np.zeros((nu, len(measured)))
+    for name, gain in (feedforward or {}).items():
+        if name not in measured:
+            raise DesignError(unknown(name, measured, "measured disturbance of `input`, `only`"), "feedforward")
+        F[:, measured.index(name)] = as_vector(gain, nu, f"feedforward.{name}")
     gains = {"Kp": Kp, "Ki": Ki, "Kd": Kd, "Tf": Tf, "b": b, "c": c}
     sized = {name: as_vector(value, nu, name) for name, value in gains.items()}
     if Tt is not None and anti_windup != "back-calculation":
@@ -281,6 +297,7 @@ def design(
         d0=d0,
         point=model.operating_point,
         model=model if on == "estimate" and constant is None else None,
+        F=F if feedforward else None,
     )
 
 

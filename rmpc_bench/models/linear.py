@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
 from rmpc_bench.numerics.linalg import as_covariance, is_possible, mv, real_numbers
-from rmpc_bench.types import Array, DesignError, Matrix, Model
+from rmpc_bench.types import Array, DesignError, Matrix, Model, OperatingPoint
 
 Rows = Array | list[list[float]]
 Given = Array | Matrix
@@ -139,35 +139,44 @@ class LinearModel(Model):
 
 
 class HeldModel(LinearModel):
-    """A constant linear model over several samples with the input held, for a controller that is called so rarely."""
+    """A constant linear model over several samples with the input held, for a controller that is called so rarely.
 
-    def __init__(self, model: Model, every: int) -> None:
+    Inputs that the controller has not are those of the operating point.
+    """
+
+    def __init__(self, model: Model, every: int, inputs: Sequence[int] | None = None) -> None:
         if model.varies:
             raise DesignError("this model varies with k")
         now: LinearModel = model.at(0)
         A, held, Q_w = np.eye(now.nx), np.zeros((now.nx, now.nx)), np.zeros((now.nx, now.nx))
         for _ in range(every):
             A, held, Q_w = now.A @ A, held + A, Q_w + A @ now.Q_w @ A.T
-        f0, Q_w = held @ now.f0, 0.5 * (Q_w + Q_w.T)
-        super().__init__(A, held @ now.B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, extra_signals=model.extra_signals)
-        own = {"of": model, "every": every, "held": held, "operating_point": model.operating_point}
+        point, rest = model.operating_point, np.zeros(now.nu)
+        if inputs is not None:
+            rest = np.where(np.isin(np.arange(now.nu), inputs), 0.0, model.u_op)
+            point = None if point is None else OperatingPoint(point.x, point.u[[*inputs]], point.y)
+        B = now.B if inputs is None else now.B[:, [*inputs]]
+        f0, Q_w = held @ (now.f0 + now.B @ rest), 0.5 * (Q_w + Q_w.T)
+        super().__init__(A, held @ B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, extra_signals=model.extra_signals)
+        own = {"of": model, "every": every, "held": held, "operating_point": point, "inputs": inputs}
         for name, value in {**own, "n_disturbances": model.n_disturbances}.items():
             object.__setattr__(self, name, value)
 
     of: Model
     every: int
+    inputs: Sequence[int] | None
     held: Float[Array, "nx nx"]
     """Sum of A^i: what a constant addition to x(k+1) adds up to."""
 
     @property
     def undisturbed(self) -> Model:
         """The model without its disturbances."""
-        return HeldModel(self.of.undisturbed, self.every) if self.n_disturbances else self
+        return HeldModel(self.of.undisturbed, self.every, self.inputs) if self.n_disturbances else self
 
     @property
     def deviation(self) -> Model:
         """The model of x - x_op, u - u_op and y - y_op."""
-        return self if self.of.deviation is self.of else HeldModel(self.of.deviation, self.every)
+        return self if self.of.deviation is self.of else HeldModel(self.of.deviation, self.every, self.inputs)
 
 
 def _product(matrix: Array, x: ArrayLike) -> Array:

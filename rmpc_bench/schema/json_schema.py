@@ -261,6 +261,20 @@ CONTROLLER_KEYS: dict[str, Schema] = {
     },
 }
 """Keys of every controller."""
+INPUT_KEYS: dict[str, Schema] = {
+    "only": {
+        "type": "array",
+        "items": {"type": ["string", "integer"]},
+        "minItems": 1,
+        "description": "names or positions of the inputs that follow the signal, beside a controller of the others",
+    },
+    "known": {
+        "type": "boolean",
+        "default": True,
+        "description": "whether estimator and controller know these inputs now; only beside a controller",
+    },
+}
+"""Keys of every input."""
 
 
 def _uncertainty() -> Schema:
@@ -346,7 +360,12 @@ def _sweep() -> Schema:
 
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
-_EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS, "controllers": CONTROLLER_KEYS}
+_EXTRA = {
+    "plants": {**PLANT_KEYS, "from": PLANT_OF},
+    "models": MODEL_KEYS,
+    "controllers": CONTROLLER_KEYS,
+    "inputs": INPUT_KEYS,
+}
 
 
 def json_schema() -> Schema:

@@ -15,6 +15,7 @@ from rmpc_bench.config_file.component import SHARED_KEYS, plain_data
 from rmpc_bench.config_file.keys import hints, keys_of
 from rmpc_bench.schema.json_schema import (
     CONTROLLER_KEYS,
+    INPUT_KEYS,
     MODEL_KEYS,
     PLANT_KEYS,
     Schema,
@@ -191,7 +192,7 @@ def _keys(group: str, kind: str, design: Any) -> tuple[KeyEntry, ...]:
 def shared_keys(group: str) -> tuple[KeyEntry, ...]:
     """Return the keys that every component of a group has, beside its own."""
     models = {name: MODEL_KEYS[name] for name in SHARED_KEYS["models"]}
-    shared = {"plants": PLANT_KEYS, "models": models, "controllers": CONTROLLER_KEYS}
+    shared = {"plants": PLANT_KEYS, "models": models, "controllers": CONTROLLER_KEYS, "inputs": INPUT_KEYS}
     return keys_of_schema({"properties": shared[group]}) if group in shared else ()
 
 

@@ -199,7 +199,7 @@ def simulate(
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = timed.predict(k, e, u_m.copy())
+            e = timed.predict(k, e, controller.known_inputs(u_m.copy()))
             if k == last:
                 break
     timed.note(start.journal, n_runs, n_steps)

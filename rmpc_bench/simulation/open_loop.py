@@ -81,6 +81,10 @@ class Rest(Controller):
         return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})
 
 
+PASSED = ("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step")
+"""What a controller around a law declares as that does."""
+
+
 class HeldState(NamedTuple):
     """State of a law that is called at every m-th sample."""
 
@@ -108,8 +112,7 @@ class Held(Controller):
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
-        for name in ("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step"):
-            self.__dict__[name] = getattr(self.law, name)
+        self.__dict__.update({name: getattr(self.law, name) for name in PASSED})
         ahead = (self.law.preview - 1) * self.every if self.knows_ahead else 0
         self.__dict__["preview"] = ahead + 1 if self.law.preview else 0
 
@@ -138,3 +141,78 @@ class Held(Controller):
     def applied(self, k: int, state: HeldState, u: Float[Array, "runs nu"]) -> HeldState:
         """Say to the law what acts."""
         return state if k % self.every else state._replace(law=self.law.applied(k // self.every, state.law, u))
+
+
+class FedState(NamedTuple):
+    """State of a law beside a signal."""
+
+    law: Any
+    d: Float[Array, "runs samples nd"]
+
+
+@dataclass(frozen=True, eq=False)
+class Fed(Controller):
+    """A law of some inputs beside a signal of the others, such as a measured disturbance d.
+
+    Parameters
+    ----------
+    law : designed for the inputs `rest`
+    signal : d
+    n_steps : number of control periods N
+    places, rest : positions of d and of the inputs of the law
+    B : (nx, nd) effect of d, which the law gets with an estimated mean of the process noise; None if d is not known
+    point : (nd,) d at the operating point, which a method assumes that does not know it
+    """
+
+    law: Controller
+    signal: InputSignal
+    n_steps: int
+    places: Sequence[int]
+    rest: Sequence[int]
+    B: Float[Array, "nx nd"] | None
+    point: Float[Array, " nd"]
+
+    def __post_init__(self) -> None:
+        """Take over what the law declares."""
+        self.__dict__.update({name: getattr(self.law, name) for name in (*PASSED, "preview")})
+        self.__dict__["starts_runs"] = True
+        if self.law.input_limits is not None:
+            limits = np.tile([[-np.inf], [np.inf]], len(self.places) + len(self.rest))
+            limits[:, self.rest] = [np.broadcast_to(each, len(self.rest)) for each in self.law.input_limits]
+            self.__dict__["input_limits"] = (limits[0], limits[1])
+
+    def init(self, n_runs: int, runs: RunInfo | None = None) -> FedState:
+        """Start the law, and sample d of the runs."""
+        index, given = (range(n_runs), {}) if runs is None else (runs.index, {"runs": runs})
+        law = self.law.init(n_runs, **given) if self.law.starts_runs else self.law.init(n_runs)
+        return FedState(law, self.signal.sample(index, self.n_steps))
+
+    def control(
+        self,
+        k: int,
+        state: FedState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[FedState, Command]:
+        """Add the inputs of the law to d(k)."""
+        d = state.d[:, k]
+        if self.B is not None:
+            moved = d - self.point
+            mean = mv(self.B, moved) + estimate.info.get("w_mean", 0.0)
+            estimate = estimate._replace(info={**estimate.info, "w_mean": mean, "measured": moved})
+        law, command = self.law.control(k, state.law, y, estimate, r)
+        u = np.empty((len(y), len(self.places) + len(self.rest)))
+        u[:, self.places], u[:, self.rest] = d, command.u
+        return state._replace(law=law), command._replace(u=u)
+
+    def applied(self, k: int, state: FedState, u: Float[Array, "runs nu"]) -> FedState:
+        """Say to the law what acts."""
+        return state._replace(law=self.law.applied(k, state.law, u[:, self.rest]))
+
+    def known_inputs(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
+        """Return the input for the estimator, with d at the operating point where it is not known."""
+        if self.B is None:
+            u = u.copy()
+            u[:, self.places] = self.point
+        return u

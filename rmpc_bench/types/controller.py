@@ -144,6 +144,10 @@ class Controller(Design):
         """Return the law for outputs of which some are angles; a law that does not compare them stays as it is."""
         return self
 
+    def known_inputs(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
+        """Return the u(k) that the estimator of the method gets."""
+        return u
+
     def linear_law(self) -> LinearLaw | None:
         """Return the gains of a law that is linear apart from limits of the input; None of any other law."""
         return None

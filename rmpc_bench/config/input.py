@@ -1,0 +1,77 @@
+"""The key `input`: a signal in open loop or, with `only`, that of some inputs beside a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.open_loop import Fed
+from rmpc_bench.types import DesignError, Plant
+
+
+def check_input(draft: DraftConfig) -> None:
+    """Report an input of all signals beside a controller, and one of some without a controller."""
+    keys = {} if draft.input is None else draft.input.shared
+    has_controller = "controller" in draft.tree or bool(draft.with_controller)
+    if "only" in keys and not has_controller:
+        draft.note(["input", "only"], "needs a controller of the other inputs")
+    elif "known" in keys and "only" not in keys:
+        draft.note(["input", "known"], "has no effect without `only`")
+    elif has_controller and draft.input is not None and "only" not in keys:
+        where = "controller" if "controller" in draft.tree else f"methods.{draft.with_controller[0]}.controller"
+        message = f"replaces the controller of all methods; leave out `{where}` or the input, or give `only`"
+        draft.note(["input"], message, key=True)
+
+
+def _places(draft: DraftConfig, plant: Plant) -> list[int] | None:
+    """Return the inputs that `only` names; None, with an error, where there is a wrong one, or none is left."""
+    assert draft.input is not None
+    names = [f"u.{i}" for i in range(plant.nu)] if plant.signals is None else [*plant.signals.inputs]
+    found: list[int] = []
+    for number, each in enumerate(draft.input.shared["only"]):
+        place = each if isinstance(each, int) else names.index(each) if each in names else -1
+        if not 0 <= place < plant.nu:
+            draft.note(["input", "only", number], unknown(str(each), [*names, *map(str, range(plant.nu))], "input"))
+            return None
+        found.append(place)
+    if len({*found}) < len(found) or not 0 < len(found) < plant.nu:
+        draft.note(["input", "only"], "must name some of the inputs, each once; the controller needs one of them")
+        return None
+    return found
+
+
+def built_controller(
+    draft: DraftConfig, controller: Component, plant: Plant | None, provided: Mapping[str, Any]
+) -> Any:
+    """Build a controller of all inputs, or of those beside the signal; None where there is an error."""
+    component, model, estimator = draft.input, provided["model"], provided["estimator"]
+    if component is None or "only" not in component.shared:
+        return controller.called_rarely(draft.problems, **provided)
+    places = None if plant is None else _places(draft, plant)
+    if plant is None or places is None:
+        return None
+    if controller.code is not None:
+        draft.problems.append(controller.problem("a controller of your own returns all inputs; leave out `input`"))
+        return None
+    signal = component.build(draft.problems, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
+    known, names = component.shared.get("known", True), [f"u.{i}" for i in places]
+    names = names if plant.signals is None else [plant.signals.inputs[i] for i in places]
+    if known:
+        # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.
+        estimator = copy(estimator)
+        estimator.__dict__["estimates_mean"] = True
+    try:
+        B = model.at(0).B[:, places]
+    except DesignError as error:
+        draft.problems.append(controller.problem(f"beside `input` it needs a linear model: {error}", "kind"))
+        return None
+    rest = [i for i in range(plant.nu) if i not in places]
+    given = {**provided, "estimator": estimator, "measured": tuple(names) if known else ()}
+    law = controller.called_rarely(draft.problems, inputs=rest, **given)
+    if law is None or signal is None:
+        return None
+    return Fed(law, signal, provided["n_steps"], places, rest, B if known else None, model.u_op[places])
