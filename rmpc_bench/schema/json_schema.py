@@ -228,6 +228,10 @@ PLANT_KEYS: dict[str, Schema] = {
         "description": "magnitude of a state, one number, one per state or by name, beyond which a run is `diverged`; "
         "1e6 times the largest of 1, its initial value and the reference if not given",
     },
+    "angles": {
+        "type": ["array", "object"],
+        "description": "states and outputs that count modulo 2 pi, [theta, angle], or with their periods, {theta: 360}",
+    },
 }
 """Keys of every plant."""
 PLANT_OF: Schema = {"type": "string", "description": "a configuration whose plant is taken; see `plant`"}
