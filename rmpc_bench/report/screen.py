@@ -136,7 +136,7 @@ class Screen:
             yield "note", [self._note(tables, table)]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
-            yield "two-way", [text for table in self._crossed() for text in table.sentences]
+            yield "two-way", [text for table in self._crossed() for text in table.sentences][:2]
             yield "tuned", [*filter(None, [self.tuned.gist])]
             yield "requirements", [*filter(None, [self.demanded.gist])]
             yield "lost", self._lost()
