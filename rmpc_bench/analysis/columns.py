@@ -80,7 +80,7 @@ class Series(NamedTuple):
             "component": np.repeat(np.array(components, dtype=object), len(k)),
             "k": np.tile(k, len(components)),
             "n": np.full(self.values.size, self.n),
-            "value": self.values.reshape(len(k), -1).T.ravel(),
+            "value": self.values.reshape(len(k), len(components)).T.ravel(),
         }
         return with_point(long, {**self.point, "method": self.method, "quantity": self.quantity})
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from data_frames import arrays
 
+from rmpc_bench.analysis.columns import Series, n_rows, series_columns
+
 
 def test_failed_and_absent_runs_are_nan(make_trials):
     """Columns cover all runs of the table, whatever a method has."""
@@ -95,3 +97,14 @@ def test_other_numbers_of_the_same_runs(make_trials):
     np.testing.assert_array_equal(doubled.column("mse", "A"), [2, np.nan, 6])
     assert (doubled.column("mse", "B").tolist(), doubled.confidence) == ([8, 10, 12], 0.9)
     assert trials.column("mse", "B").tolist() == [4, 5, 6]
+
+
+def test_a_table_of_series_has_its_columns_without_any(make_trials):
+    """By hand: a row per component and k, the columns of a sweep first; also of no sample, and of nothing."""
+    matrix = Series("A", "K", np.array([[[1.0, 2.0]], [[3.0, 4.0]]]), 5, {"c": "x"})
+    rows = [*zip(*series_columns([matrix, Series("A", "P", np.zeros((0, 2)), 0, {"c": ""})]).values(), strict=True)]
+    assert rows[:2] == [("x", "A", "K", "0,0", 0, 5, 1.0), ("x", "A", "K", "0,0", 1, 5, 3.0)]
+    assert rows[2:] == [("x", "A", "K", "0,1", 0, 5, 2.0), ("x", "A", "K", "0,1", 1, 5, 4.0)]
+    names = ["method", "quantity", "component", "k", "n", "value"]
+    assert [*series_columns((), ["c"])] == ["c", *names] and n_rows(series_columns(())) == 0
+    assert make_trials({"mse": {"A": [1.0]}}).series.columns.tolist() == names
