@@ -285,7 +285,8 @@ def skewness_error(n: int) -> float:
 @lru_cache(maxsize=1)
 def _resamples(n: int, seed: int) -> Array:
     """Which of n values are in every resample; the same for all methods and metrics."""
-    return np.random.Generator(np.random.PCG64(seed)).integers(0, n, (RESAMPLES, n))
+    rng = np.random.Generator(np.random.PCG64(seed))
+    return rng.integers(0, n, (RESAMPLES, n))
 
 
 def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import gc
 import shlex
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rmpc_bench.child_process import held
 from rmpc_bench.cli import exits, shared_options
-from rmpc_bench.cli.light_imports import load_scipy, without_docstrings_of_artists
 from rmpc_bench.cli.run_request import Request, ShardOption, configured
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
@@ -120,6 +122,25 @@ def _look_for_no_cycles(context: click.Context) -> None:
     gc.disable()
 
 
+def load_scipy() -> None:
+    """Load SciPy while empty modules stand for two of NumPy, which it would load only to copy their names.
+
+    A SciPy that needs them is not loaded here, but as usual by the next import.
+    """
+    import numpy
+
+    names = vars(numpy)
+    empty = {name: ModuleType(name) for name in ("f2py", "testing") if f"numpy.{name}" not in sys.modules}
+    names |= empty
+    try:
+        with suppress(AttributeError, ImportError):
+            import scipy.linalg  # noqa: F401
+    finally:
+        for name, module in empty.items():
+            if names.get(name) is module:
+                del names[name]  # NumPy loads the module itself when it is asked for
+
+
 def _is_skipped(config: Path) -> bool:
     """Whether a configuration requires a library that is not installed; this is said."""
     from rmpc_bench.config.plugins import skipped
@@ -157,6 +178,7 @@ def _run_all(
     with held():
         from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.run import filled
+        from rmpc_bench.figures.style import without_docstrings_of_artists
         from rmpc_bench.publishing.publish import publish
 
     loaded = time.monotonic()

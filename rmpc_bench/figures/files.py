@@ -10,7 +10,6 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from io import BytesIO, StringIO
 from logging import ERROR, getLogger
 from pathlib import Path
@@ -244,12 +243,13 @@ def small_fonts() -> Iterator[None]:
     """
     from fontTools import subset
 
-    usual, loaded = subset.Options, subset.load_font
+    usual = subset.load_font
 
-    def without_tables(*arguments: Any, **settings: Any) -> Any:
-        font = loaded(*arguments, **settings)
-        # `drop_tables` would leave them out, too, but only after fontTools has read them.
-        for table in LAYOUT_TABLES:
+    def smaller(file: Any, options: Any, **settings: Any) -> Any:
+        options.hinting = False
+        font = usual(file, options, **settings)
+        # `drop_tables` would leave them out, too, but after fontTools has read them.  It drops kern beside GPOS only.
+        for table in (*["kern"] * ("GPOS" in font), *LAYOUT_TABLES):
             if table in font:
                 del font[table]
         return font
@@ -257,11 +257,11 @@ def small_fonts() -> Iterator[None]:
     log = getLogger("fontTools")
     level = log.level
     log.setLevel(ERROR)
-    subset.Options, subset.load_font = partial(usual, hinting=False), without_tables
+    subset.load_font = smaller
     try:
         yield
     finally:
-        subset.Options, subset.load_font = usual, loaded
+        subset.load_font = usual
         log.setLevel(level)
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from fontTools import subset
 from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
 from pypdf import PdfReader
 
-from rmpc_bench.figures.files import can_be_drawn_once, save, small_fonts, svg_of
+from rmpc_bench.figures.files import LAYOUT_TABLES, can_be_drawn_once, save, small_fonts, svg_of
 from rmpc_bench.figures.style import Rendering, style
 
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -108,6 +109,25 @@ def test_fonts_of_a_pdf_have_the_outlines_of_their_letters_only(tmp_path):
             assert small["hmtx"][glyph] == whole["hmtx"][glyph]
             outlines = [font["glyf"][glyph].getCoordinates(font["glyf"])[0] for font in (small, whole)]
             assert list(outlines[0]) == list(outlines[1])
+
+
+@pytest.mark.parametrize("name", ["DejaVuSans", "DejaVuSerif", "STIXGeneral", "cmr10"])
+def test_a_small_font_has_the_bytes_that_fonttools_makes(name):
+    """Oracle: its own options leave out the same, later; kerning is dropped beside GPOS only."""
+
+    def made(**settings):
+        options = subset.Options(glyph_names=True, recommended_glyphs=True, **settings)
+        content = io.BytesIO()
+        with subset.load_font(FONTS / f"{name}.ttf", options) as font:
+            subsetter = subset.Subsetter(options)
+            subsetter.populate(gids=range(3, 90))
+            subsetter.subset(font)
+            font.save(content, reorderTables=False)
+        return content.getvalue()
+
+    usual = made(hinting=False, drop_tables=[*subset.Options().drop_tables, *LAYOUT_TABLES])
+    with small_fonts():
+        assert made() == usual
 
 
 def test_what_a_library_logs_of_a_font_is_not_shown(tmp_path, caplog):

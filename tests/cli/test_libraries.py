@@ -5,12 +5,13 @@ import sys
 
 import pytest
 
-IMPORT = "from rmpc_bench.cli.light_imports import load_scipy, without_docstrings_of_artists\nimport sys\n"
+SCIPY = "import sys\nfrom rmpc_bench.cli.run import load_scipy\n"
+ARTISTS = "from rmpc_bench.figures.style import without_docstrings_of_artists\n"
 
 
 def fresh(program, *arguments):
     """Run a program in a process of its own, in which nothing is loaded yet."""
-    command = [sys.executable, "-c", IMPORT + program, *map(str, arguments)]
+    command = [sys.executable, "-c", program, *map(str, arguments)]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
 
@@ -18,7 +19,7 @@ def fresh(program, *arguments):
 def test_scipy_without_parts_of_numpy():
     """The modules are not loaded with SciPy, and are the real ones when they are asked for."""
     fresh(
-        "load_scipy()\n"
+        SCIPY + "load_scipy()\n"
         "assert not {'numpy.f2py', 'numpy.testing', 'unittest'} & {*sys.modules}\n"
         "import numpy, scipy.linalg\n"
         "numpy.testing.assert_allclose(scipy.linalg.expm(numpy.zeros((2, 2))), numpy.eye(2))\n"
@@ -31,7 +32,7 @@ def test_scipy_without_parts_of_numpy():
 def test_artists_without_docstrings():
     """They have no docstring of `set`, which works; artists that are defined later have one."""
     fresh(
-        "with without_docstrings_of_artists():\n"
+        ARTISTS + "with without_docstrings_of_artists():\n"
         "    from matplotlib.figure import Figure\n"
         "from matplotlib.lines import Line2D\n"
         "assert Line2D.set.__doc__ is None\n"
@@ -54,7 +55,7 @@ def test_a_scipy_that_needs_what_is_left_out(tmp_path, content):
     (tmp_path / "scipy" / "__init__.py").touch()
     (tmp_path / "scipy" / "linalg.py").write_text(content, encoding="utf-8")
     fresh(
-        "sys.path.insert(0, sys.argv[1])\nload_scipy()\nimport scipy.linalg, numpy\n"
+        SCIPY + "sys.path.insert(0, sys.argv[1])\nload_scipy()\nimport scipy.linalg, numpy\n"
         "assert scipy.linalg.__file__.startswith(sys.argv[1]) and numpy.testing.assert_allclose\n",
         tmp_path,
     )
@@ -63,7 +64,7 @@ def test_a_scipy_that_needs_what_is_left_out(tmp_path, content):
 def test_a_matplotlib_without_the_name():
     """Nothing is left behind."""
     fresh(
-        "from matplotlib.figure import Artist\n"
+        ARTISTS + "from matplotlib.figure import Artist\n"
         "del Artist._update_set_signature_and_docstring\n"
         "with without_docstrings_of_artists(): pass\n"
         "assert not hasattr(Artist, '_update_set_signature_and_docstring')\n"
