@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config_file.component import Component
-from rmpc_bench.registry import unknown
+from rmpc_bench.registry import NONLINEAR, unknown
 from rmpc_bench.simulation.open_loop import Fed
 from rmpc_bench.types import DesignError, Plant
 
@@ -65,7 +67,9 @@ def built_controller(
         estimator = copy(estimator)
         estimator.__dict__["estimates_mean"] = True
     try:
-        B = model.at(0).B[:, places]
+        # A law that takes a nonlinear model uses none for d.
+        is_linear = controller.kind not in NONLINEAR["controllers"]
+        B = model.at(0).B[:, places] if is_linear else np.zeros((model.nx, len(places)))
     except DesignError as error:
         draft.problems.append(controller.problem(f"beside `input` it needs a linear model: {error}", "kind"))
         return None

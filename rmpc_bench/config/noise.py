@@ -24,6 +24,7 @@ from rmpc_bench.models.flow import prediction_flow
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.noise.measurement import Missing
+from rmpc_bench.simulation.open_loop import Fed, Held
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Model, Noise, Plant, PlantInfo, Problem
 
@@ -389,11 +390,20 @@ def with_prediction(
     try:
         if law.allows_delay:
             return method._replace(flow=prediction_flow(model) if law.uses_estimate else None)
-        what, key = ("lp-noise", "tuning.kind") if controller.kind == "gpc" else (controller.kind, "kind")
-        raise DesignError(f"{what} needs a model without delay", key)
+        raise DesignError(*_without_delay(law, controller.kind))
     except DesignError as error:
         problems.append(controller.problem(str(error), error.parameter))
         return None
+
+
+def _without_delay(law: Any, kind: str) -> tuple[str, str]:
+    """Say what needs a model without delay, and return the key with the error."""
+    found = ("lp-noise", "tuning.kind") if kind == "gpc" else (kind, "kind")
+    if isinstance(law, Fed):
+        found = f"{kind} beside `input`", "kind"
+    elif isinstance(law, Held) and law.every > 1:
+        found = "`every`", "every"
+    return f"{found[0]} needs a model without delay", found[1]
 
 
 def _input_delay(draft: DraftConfig, nu: int) -> int | str:

@@ -81,7 +81,7 @@ def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
         for name, entry in entries.items():
             if JOINT in name:
                 yield [GRID, axis, name], f"must not contain {JOINT!r}, which joins names of entries"
-            if not isinstance(ranges := entry.get("tune", entry), Map) or not ranges:
+            if "tune" in entry and not (isinstance(ranges := entry["tune"], Map) and ranges):
                 about = "must be a mapping from paths inside the component, such as {alpha: [0.1, 2]}"
                 yield [GRID, axis, name, "tune"], f"{about} (got {shown(ranges)})"
     for number, entry in enumerate(methods.get(EXCLUDE) or ()):

@@ -53,10 +53,11 @@ Samples: TypeAlias = Annotated[int, BeforeValidator(_whole)]
 
 @dataclass(frozen=True, eq=False)
 class Quantised(Noise):
-    """Rounds every output to a grid."""
+    """Rounds every chosen component to a grid."""
 
     step: Float[Array, " n"]
     offset: Float[Array, " n"]
+    chosen: Bool[Array, " n"]
     alters_output = True
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
@@ -66,7 +67,7 @@ class Quantised(Noise):
     def altered(self, y: Float[Array, "runs n"], drawn: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
         """Round to the nearest point of the grid."""
         rounded: Array = self.offset + self.step * np.rint((y - self.offset) / self.step)
-        return rounded
+        return np.where(self.chosen, rounded, y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,23 +143,33 @@ class Delayed(Noise):
         return np.broadcast_to(d * self.chosen, (n_samples, len(self.chosen))).astype(float)
 
 
-def quantised(ny: int, *, step: Positive | list[Positive], offset: float | list[float] = 0.0) -> Quantised:
-    """Rounding of the measurement to a grid, as by an analogue-to-digital converter or an encoder.
+def quantised(
+    ny: int,
+    *,
+    signal_names: Sequence[str] = (),
+    step: Positive | list[Positive],
+    offset: float | list[float] = 0.0,
+    only: list[Any] | None = None,
+) -> Quantised:
+    """Rounding to a grid, as by an analogue-to-digital converter or an encoder.
 
-    It acts after all noise that adds to the measurement.
+    It acts after all noise that adds.
 
     Parameters
     ----------
-    ny : number of outputs
+    ny : number of outputs, or of inputs
+    signal_names : their names
     step : distance of the points of the grid, a number (for every output) or one per output
     offset : a point of the grid, a number (for every output) or one per output
+    only : names or indices (from 0) of the outputs or inputs that are rounded (default: all)
 
     Raises
     ------
     DesignError
-        If a size does not fit.
+        If a size does not fit, or a name is unknown.
     """
-    return Quantised(as_vector(step, ny, "step"), as_vector(offset, ny, "offset"))
+    chosen = _chosen(only, signal_names, ny)
+    return Quantised(as_vector(step, ny, "step"), as_vector(offset, ny, "offset"), chosen)
 
 
 def missing(

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rmpc_bench.types import Array, Command, Estimate, Method, as_estimate
+from rmpc_bench.types import Ahead, Array, Command, Estimate, Method, as_estimate
 from rmpc_bench.types.angles import turns, wrapped
 
 MOST = 3
@@ -53,22 +53,36 @@ class TurnedCalls:
         """Call the estimator with u(k)."""
         return self._estimator.predict(k, state, u)
 
-    def control(self, k: int, state: Any, y: Array, estimate: Estimate, r: Array) -> tuple[Any, Command]:
+    def control_ahead(self, *given: Any) -> tuple[Any, Command]:
+        """Call the controller with a prediction of the estimate."""
+        return self.control(*given)
+
+    def control(
+        self, k: int, state: Any, y: Array, estimate: Estimate, r: Array, ahead: Ahead | None = None
+    ) -> tuple[Any, Command]:
         """Call the controller with y and r that are nearest to the output of the estimate."""
         assert self._method.model is not None
         centre = self._method.model.measured(k, estimate.x_hat)
         y = centre + wrapped(y - centre, self._period)
+        y_hat = None if ahead is None else centre + wrapped(ahead.y_hat - centre, self._period)
+
+        def called(state: Any, y: Array, estimate: Estimate, r: Array, rows: Any) -> tuple[Any, Command]:
+            if ahead is None or y_hat is None:
+                return self._controller.control(k, state, y, estimate, r)  # type: ignore[no-any-return]
+            given = ahead._replace(y_hat=y_hat[:, rows])
+            return self._controller.control_ahead(k, state, y, estimate, r, given)  # type: ignore[no-any-return]
+
         n = turns(r - centre[:, None], self._period)
         patterns, group = np.unique(n.reshape(len(n), -1), axis=0, return_inverse=True)
         if len(patterns) == 1:
             shifted = r - self._period * patterns[0].reshape(r.shape)
-            return self._controller.control(k, state, y, estimate, shifted)  # type: ignore[no-any-return]
+            return called(state, y, estimate, shifted, slice(None))
         found, order = [], np.argsort(group.ravel(), kind="stable")
         for number, pattern in enumerate(patterns):
             rows = np.flatnonzero(group.ravel() == number)
             shifted = r - self._period * pattern.reshape(r.shape)
             parts = _chosen(state, rows), y[rows], _chosen(estimate, rows), shifted
-            found.append(self._controller.control(k, *parts))
+            found.append(called(*parts, rows))
         back = np.argsort(order, kind="stable")
         states, commands = zip(*found, strict=True)
         return _joined(states, back), _joined(commands, back)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,7 +81,10 @@ class Rest(Controller):
         return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})
 
 
-PASSED = ("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step")
+PASSED = (
+    *("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step"),
+    *("deterministic", "uses_estimate", "compares_estimate", "takes_acting_input"),
+)
 """What a controller around a law declares as that does."""
 
 
@@ -109,6 +112,11 @@ class Held(Controller):
     every: int
     held: Float[Array, "nx nx"]
     knows_ahead: bool = True
+
+    @property
+    def allows_delay(self) -> bool:
+        """Whether it is called at every sample: a prediction would have another phase."""
+        return self.every == 1 and self.law.allows_delay
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
@@ -142,6 +150,10 @@ class Held(Controller):
         """Say to the law what acts."""
         return state if k % self.every else state._replace(law=self.law.applied(k // self.every, state.law, u))
 
+    def with_period(self, period: Float[Array, " ny"]) -> Held:
+        """Return the law for outputs of which some are angles."""
+        return replace(self, law=self.law.with_period(period))
+
 
 class FedState(NamedTuple):
     """State of a law beside a signal."""
@@ -171,6 +183,7 @@ class Fed(Controller):
     rest: Sequence[int]
     B: Float[Array, "nx nd"] | None
     point: Float[Array, " nd"]
+    allows_delay = False
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
@@ -209,6 +222,10 @@ class Fed(Controller):
     def applied(self, k: int, state: FedState, u: Float[Array, "runs nu"]) -> FedState:
         """Say to the law what acts."""
         return state._replace(law=self.law.applied(k, state.law, u[:, self.rest]))
+
+    def with_period(self, period: Float[Array, " ny"]) -> Fed:
+        """Return the law for outputs of which some are angles."""
+        return replace(self, law=self.law.with_period(period))
 
     def known_inputs(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
         """Return the input for the estimator, with d at the operating point where it is not known."""

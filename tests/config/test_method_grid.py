@@ -63,6 +63,14 @@ def test_the_resolved_configuration_has_the_same_grid_again(tmp_path):
     assert "two_way" not in load_config(write(tmp_path)).resolved["statistics"]
 
 
+def test_an_entry_without_keys_is_the_default_of_all_methods(tmp_path):
+    """Oracle: the same key written out."""
+    found, by_hand = (
+        loaded(tmp_path, f"grid: {{estimator: {{{KF}}}, controller: {{A: {a}}}}}") for a in ("{}", "{Hp: 10}")
+    )
+    assert found.hash == by_hand.hash
+
+
 def test_one_and_three_axes(tmp_path):
     """They have no table of two axes."""
     one = loaded(tmp_path, f"grid: {{estimator: {ESTIMATORS}}}")

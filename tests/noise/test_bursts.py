@@ -231,7 +231,7 @@ def test_laws_survive_a_process(bursts):
         ([PAPER[0], Burst(4.0, 3.4, 2.0)], "bursts.1.to", r"must not be before from, 4 \(got 3.4\)"),
         ([Burst(0.011, 0.019, 2.0)], "bursts.0", "contains no sample; the sampling time is 0.01 s"),
         (RandomBursts([], 0.1, 2.0), "bursts.within", "contains no window"),
-        (RandomBursts([(0.0, 1.0), (1.0, 1.5)], (0.3, 0.8), 2.0), "bursts.within.1", "no room for a burst of 0.8 s"),
+        (RandomBursts([(0.0, 1.0), (1.0, 1.5)], (0.3, 0.8), 2.0), "bursts.within.1", "no room for a burst of 0.8;"),
         (RandomBursts([(2.0, 1.0)], 0.0, 2.0), "bursts.within.0", "no room"),
         (RandomBursts([(0.0, 1.0)], (0.8, 0.3), 2.0), "bursts.duration", r"smaller end \(got \[0.8, 0.3\]\)"),
         (RandomBursts([(0.0, 1.0)], 0.1, (3.0, 1.5)), "bursts.factor", "smaller end"),
