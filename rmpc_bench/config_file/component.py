@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -119,11 +120,12 @@ class Component:
             # A state-dependent model raises a DesignError, which says how it becomes a linear one.
             over = HeldModel(model, every, inputs)
         except DesignError as error:
-            if inputs is not None or self.kind not in registry.NONLINEAR["controllers"]:
+            if self.kind not in registry.NONLINEAR["controllers"]:
                 key = "every" if every > 1 else ""
                 problems.append(self.problem(f"{key or 'it'} needs a linear model: {error}", key))
                 return None
-            over = None
+            over, model = None, copy(model)
+            model.__dict__.update({} if inputs is None else {"nu": len(inputs)})
         size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}
         made = self.build(problems, **{**provided, **size})
         held = np.eye(model.nx) if over is None else over.held

@@ -20,6 +20,7 @@ from rmpc_bench.numerics.integration import Tolerance, apply_map, halve, inside,
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, OperatingPoint, Plant, SolverError
 from rmpc_bench.types.angles import near, period_of
+from rmpc_bench.types.basics import attribute
 
 RTOL = 1e-6
 """Tolerance of error control of a design model, relative to the range of a state."""
@@ -141,9 +142,9 @@ class OfPlant:
         """Number of states."""
         return len(self.dynamics.names.states)
 
-    @property
+    @attribute
     def nu(self) -> int:
-        """Number of inputs."""
+        """Number of inputs; fewer for a law beside a signal of the others."""
         return len(self.dynamics.names.inputs)
 
     @property
