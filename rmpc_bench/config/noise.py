@@ -446,6 +446,9 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
             message = f"the estimator of {each.name!r} cannot use late measurements"
             draft.note(["methods", each.name], f"{message}: `delay: none` gives it y as it arrives")
             unfit = [other for other in unfit if other is not each]
+        elif late and not each.controller.allows_late_outputs:
+            message = "its law needs the errors of a filter without late measurements: choose another, or `delay: none`"
+            draft.note(["methods", each.name, "controller"], message)
     if unfit and any(law.omits_measurements for law in scenario.measurement):
         names = ", ".join(repr(each.name) for each in unfit)
         message = f"omits measurements, and the estimator of {names} cannot predict without one"

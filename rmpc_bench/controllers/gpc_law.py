@@ -230,6 +230,7 @@ class TunedGpc(Gpc):
     noise: NoiseTuning
 
     allows_delay = False
+    allows_late_outputs = False
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:

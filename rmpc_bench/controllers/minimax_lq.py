@@ -69,6 +69,7 @@ class MinimaxLq(Regulator):
     w_roots: Float[Array, "t nx nx"]
 
     allows_delay = False
+    allows_late_outputs = False
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the first inputs of the minimisers at k."""

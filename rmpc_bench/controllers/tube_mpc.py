@@ -86,6 +86,7 @@ class TubeMpc(Controller):
 
     regulates = True
     allows_delay = False
+    allows_late_outputs = False
 
     @property
     def regulates_to(self) -> Float[Array, " ny"] | None:

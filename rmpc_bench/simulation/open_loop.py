@@ -83,7 +83,7 @@ class Rest(Controller):
 
 PASSED = (
     *("starts_runs", "regulates", "regulates_to", "input_limits", "reports", "remarks", "cost_per_step"),
-    *("deterministic", "uses_estimate", "compares_estimate", "takes_acting_input"),
+    *("deterministic", "uses_estimate", "compares_estimate", "takes_acting_input", "allows_late_outputs"),
 )
 """What a controller around a law declares as that does."""
 

@@ -75,6 +75,11 @@ class Controller(Design):
         return True
 
     @attribute
+    def allows_late_outputs(self) -> bool:
+        """Whether the estimator may know late measurements: error bounds of its design are those without delay."""
+        return True
+
+    @attribute
     def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]] | None:
         """Lower and upper limit, a number for all inputs or one per input; None where there are none."""
         return None

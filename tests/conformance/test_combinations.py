@@ -97,6 +97,7 @@ ERRORS = {
     "S": "reports neither a set nor a covariance",
     "M": "does not support an estimated mean",
     "D": "needs a model without delay",
+    "L": "needs the errors of a filter without late measurements",
     "U": "needs plant and model of a kind with uncertain matrices",
 }
 """Letter -> words of the message."""
