@@ -230,22 +230,19 @@ def design(
     made = gaussian_filter(model, CentralDifferences(), n_steps, x0, P0, use_y0=use_y0)
     flow, n = made.flow, len(made.x_start)
     for k in range(n_steps if flow.varies else 1):
-        _refuse_singular(flow.Q_w_at(k), "Q_w is singular: give every state process noise", "")
-    _refuse_singular(made.P_start, "P is singular: give every initial state a variance, initial.P", "")
+        _refuse_singular(flow.Q_w_at(k), "Q_w is singular: give every state process noise")
+    _refuse_singular(made.P_start, "P is singular: give every initial state a variance, initial.P")
     limits = flow.limits
     if x is not None:
-        low, high = interval_of(x, model.nx, "x", required=False)
-        more = n - model.nx
-        found = Interval(
-            *(np.pad(end, (0, more), constant_values=end_of) for end, end_of in ((low, -np.inf), (high, np.inf)))
-        )
+        given, none = interval_of(x, model.nx, "x", required=False), np.full(n - model.nx, np.inf)
+        found = Interval(np.concatenate([given.low, -none]), np.concatenate([given.high, none]))
         limits = found if found.bounded.any() else None
     made = replace(made, limits=limits)
     return NonlinearMovingHorizon(made, model.nu, window, WindowSolver(limits, tolerance, iterations))
 
 
-def _refuse_singular(P: Array, text: str, key: str) -> None:
+def _refuse_singular(P: Array, text: str) -> None:
     try:
         np.linalg.cholesky(P)
     except np.linalg.LinAlgError:
-        raise DesignError(text, key) from None
+        raise DesignError(text) from None
