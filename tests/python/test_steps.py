@@ -27,7 +27,7 @@ OTHERS = {
     "intersection": ("set-membership", {"M0": 1.0, "update": "maksarov-norton"}),
 }
 LINEAR = [kind for kind in registry.BUILT_IN["estimators"] if kind != "oracle"]
-OPEN = ("extended-kalman", "unscented-kalman")
+OPEN = ("extended-kalman", "nonlinear-moving-horizon", "unscented-kalman")
 """Estimators that have no last sample: they ask the model for every k."""
 STEADY = "control-lqe"
 """Estimator whose gain is the same at all k; the model of the others depends on k."""
