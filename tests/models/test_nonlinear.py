@@ -95,7 +95,6 @@ KEYS = {
     "tube-mpc": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1, "limits": {"u": (-1.0, 1.0)}, "W": 0.1},
     "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
-    "pid": {"Kp": 1.0, "on": "estimate"},
 }
 ESTIMATOR_KEYS = {
     "directional-kalman": {"q": 1.0, "direction": 1.0},
@@ -110,7 +109,8 @@ NONLINEAR = ("extended-kalman", "nonlinear-moving-horizon", "unscented-kalman")
 """Estimators for nonlinear models."""
 LINEAR = [
     *(("estimators", kind) for kind in registry.names("estimators") if kind not in NONLINEAR),
-    *(("controllers", kind) for kind in registry.names("controllers")),
+    # `pid` of an estimate takes h(x_hat).
+    *(("controllers", kind) for kind in registry.names("controllers") if kind != "pid"),
 ]
 
 
