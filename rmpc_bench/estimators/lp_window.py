@@ -85,9 +85,9 @@ class LpWindow(Estimator):
 
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
-        """Half-widths of a window (NaN without a fit), and whether a required fit was not available."""
+        """The innovation, half-widths of a window (NaN without a fit), whether a required fit was not available."""
         ny, nx = self.C.shape[1:]
-        return {"rho": (nx,), "r": (ny,), "fallback": ()}
+        return {"e": (ny,), "rho": (nx,), "r": (ny,), "fallback": ()}
 
     def init(self, n_runs: int) -> WindowState:
         """Start every run at ``x0``."""
