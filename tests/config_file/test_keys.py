@@ -113,7 +113,7 @@ def test_values_that_are_accepted(annotation, yaml, value):
             "[[1, 2], [-x, 3]]",
             "1:14",
             "a.1.0",
-            "column 2 of '-x': unknown name 'x' (known: pi, sqrt, sin, cos)",
+            "column 2 of '-x': unknown name 'x' (known: pi, sqrt, sin, cos, exp, log)",
         ),
         (
             float | list[float],
