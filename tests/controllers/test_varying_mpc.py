@@ -1,7 +1,5 @@
 """mpc on models that vary with k: gains per k from the matrices along the horizon."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from conftest import ROUND, SOLVER, random_model
@@ -11,6 +9,7 @@ from uncertain_experiment import write_estimation
 from rmpc_bench import load_config
 from rmpc_bench.controllers.mpc import design
 from rmpc_bench.controllers.mpc_law import Mpc, MpcState
+from rmpc_bench.estimators import kalman_disturbance
 from rmpc_bench.types import ConfigError, DesignError
 
 MPC = "{kind: mpc, Hp: 3, Hu: 2, Q: 1, R: 0.5}"
@@ -45,7 +44,9 @@ def law_of(tmp_path, **keys):
 
 def commanded(law, k, x_hat, u_previous, r):
     """u(k) of one run."""
-    return law.control(k, MpcState(np.array([u_previous])), None, estimate_of(np.array([x_hat])), r)[1].u[0]
+    return law.control(
+        k, MpcState(np.array([u_previous])), np.zeros((1, r.shape[1])), estimate_of(np.array([x_hat])), r
+    )[1].u[0]
 
 
 def test_the_values_of_a_scalar_model(tmp_path):
@@ -102,11 +103,11 @@ def test_a_model_that_does_not_change_is_the_constant_law(rng):
 def test_an_estimated_mean_and_limits(rng):
     """Oracle: the mean adds to every step of the prediction; the input is clipped."""
     m = random_model(rng, 2, 1, 1)
-    known = SimpleNamespace(estimates_mean=True)
-    law = design(Changing([m] * 20), known, n_steps=3, Hp=4, Hu=2, Q=1.0, R=0.3)
+    filter_ = kalman_disturbance.design(m, 3, x0=np.zeros(2), P0=np.eye(2))
+    law = design(Changing([m] * 20), filter_, n_steps=3, Hp=4, Hu=2, Q=1.0, R=0.3)
     x, u, r, mean = rng.standard_normal(2), rng.standard_normal(1), rng.standard_normal((5, 1)), rng.standard_normal(2)
     estimate = estimate_of(x[None])._replace(info={"w_mean": mean[None]})
-    found = law.control(1, MpcState(u[None]), None, estimate, r)[1].u[0]
+    found = law.control(1, MpcState(u[None]), np.zeros((1, 1)), estimate, r)[1].u[0]
     shifted = type(m)(m.A, m.B, m.C, m.Q_w, m.R_v, f0=mean)
     np.testing.assert_allclose(found, best([shifted], 0, x, u, r, 4, 2, 0.3), **SOLVER)
 

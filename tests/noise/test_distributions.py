@@ -167,7 +167,7 @@ def test_a_normal_group():
     assert diagonal.streams("g") == ("a", "b") and ChoiceGroup(("a",), ((1.0,),)).streams("g") == ("g",)
     cov = np.array([[4.0, 2.0], [2.0, 1.0]])  # singular
     group = NormalGroup(("a", "b"), (0.0, 0.0), tuple(map(tuple, cov)))
-    S = np.transpose([group.draw(stats.norm.cdf(unit)) for unit in np.eye(2)])
+    S = np.transpose([group.draw(stats.norm.cdf(unit).tolist()) for unit in np.eye(2)])
     np.testing.assert_allclose(S @ S.T, cov, atol=1e-12)
 
 
