@@ -57,9 +57,9 @@ def test_list_of_the_mock():
     lines = cli("list", "estimators").stdout.splitlines()
     assert lines[0] == "estimators   (design model; gaps: predicts where a measurement is missing)"
     for line in (
-        " extended-kalman     both   gaps  linearises at every estimate",
-        " kalman              linear gaps  Kalman filter of the nominal model",
-        " lp-window           linear gaps  linear program over a window",
+        " extended-kalman           both   gaps  linearises at every estimate",
+        " kalman                    linear gaps  Kalman filter of the nominal model",
+        " lp-window                 linear gaps  linear program over a window",
     ):
         assert line in lines
 
