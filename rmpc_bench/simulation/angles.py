@@ -49,6 +49,10 @@ class TurnedCalls:
             answer = self._estimator.correct(k, state, y)
         return answer
 
+    def copied(self, state: Any) -> Any:
+        """Return a copy of a state of the estimator."""
+        return self._estimator.copied(state)
+
     def predict(self, k: int, state: Any, u: Array) -> Any:
         """Call the estimator with u(k)."""
         return self._estimator.predict(k, state, u)
