@@ -60,6 +60,8 @@ PROVIDED_TO_OWN: dict[str, frozenset[str]] = {
     "controllers": frozenset({"limits"}),
 }
 """The same for components that are not built in; a built-in controller has a key `limits`."""
+PROVIDED_TO_BUILT_IN = frozenset({"measured", "sampled"})
+"""Those that the bench fills in for built-in components only; others may have keys of these names."""
 
 
 def _integer(value: Any) -> Any:
@@ -271,7 +273,7 @@ def keys_of(group: str, kind: str, design: Callable[..., Any]) -> type[BaseModel
     provided = PROVIDED[group]
     if is_built_in(group, kind):
         return create_model(kind, __config__=_CONFIG, __module__=BUILT_IN_KEYS, **_fields(design, provided))
-    fields = _fields(design, provided | PROVIDED_TO_OWN.get(group, frozenset()))
+    fields = _fields(design, (provided - PROVIDED_TO_BUILT_IN) | PROVIDED_TO_OWN.get(group, frozenset()))
     with warnings.catch_warnings():
         # pydantic warns of a key with the name of one of its methods, such as `copy`, which is no mistake here.
         warnings.simplefilter("ignore", UserWarning)

@@ -11,7 +11,7 @@ from small_experiment import write
 
 from rmpc_bench import registry
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config_file.keys import PROVIDED, model_of, shown, validate
+from rmpc_bench.config_file.keys import PROVIDED, keys_of, model_of, shown, validate
 from rmpc_bench.config_file.yaml import parse
 from rmpc_bench.types import ConfigError, Count, Matrix, NonNegative, Positive
 
@@ -254,3 +254,16 @@ def test_a_misspelt_argument_of_the_code(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_config(path)
     assert "'modle' is missing; if it is an argument in your code, did you mean 'model'" in str(caught.value)
+
+
+def test_own_components_may_have_keys_that_the_bench_gives_to_its_own():
+    """Oracle: the key of a law and of a controller of a user; those of the bench have none."""
+
+    def law(n, *, sampled: float = 1.0): ...
+
+    def control(model, *, measured: float = 1.0): ...
+
+    assert "sampled" in keys_of("noises", "own.py:law", law).model_fields
+    assert "measured" in keys_of("controllers", "own.py:control", control).model_fields
+    assert "sampled" not in model_of("noises", "gaussian").model_fields
+    assert "measured" not in model_of("controllers", "pid").model_fields
