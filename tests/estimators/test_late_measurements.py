@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from conftest import ROUND, SOLVER
 
-from rmpc_bench.config.noise import BRIDGING
 from rmpc_bench.config_file.factories import estimator
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
@@ -16,6 +15,7 @@ from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.noise.measurement import delayed
 from rmpc_bench.plants import uncertain_linear as plants
 from rmpc_bench.plants.uncertain_linear import Uncertainty
+from rmpc_bench.registry import BRIDGING
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.scenario import Alteration, Draws
 from rmpc_bench.types import KnownDelay, as_estimate
