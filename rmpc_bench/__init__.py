@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-NUMERICS = 3
+NUMERICS = 4
 """Version of the arithmetic, a part of the identity of trials: every change that alters numbers raises it.
 
 Trials of another version are kept apart and computed again; tests/test_numerics.py guards it."""

@@ -191,6 +191,8 @@ class NonlinearMovingHorizon(Estimator):
             None if A is None else np.array([flow.A_at(j) for j in samples[:-1]]).reshape(-1, n, n),
             None if C is None else np.array([flow.C_at(j) for j in samples]),
             flow.adaptive,
+            flow.x_period,
+            flow.y_period,
         )
 
 

@@ -29,6 +29,7 @@ from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.moment_transform import CentralDifferences
 from rmpc_bench.numerics.qp import QuadraticProgram
 from rmpc_bench.types import Array
+from rmpc_bench.types.angles import wrapped
 
 DIFFERENCES = CentralDifferences()
 HALVINGS = 20
@@ -59,6 +60,9 @@ class WindowMaps(NamedTuple):
     C: Float[Array, "samples ny n"] | None
     adaptive: bool
     """Whether f depends on these intervals."""
+    x_period: Float[Array, " n"] | None = None
+    """Periods of states and outputs, whose differences are wrapped; None without angles."""
+    y_period: Float[Array, " ny"] | None = None
 
 
 class Windows(NamedTuple):
@@ -166,11 +170,11 @@ class WindowSolver:
         if maps.A is not None:
             f, F = _moved(maps, data, 0, before[:, :, None])[:, :, 0], np.broadcast_to(maps.A, (runs, m - 1, n, n))
         else:
-            f, F = self._slopes(lambda z: _moved(maps, data, 0, z), before, data.size[:, :-1])
+            f, F = self._slopes(lambda z: _moved(maps, data, 0, z), before, data.size[:, :-1], maps.x_period)
         if maps.C is not None:
             h, C = maps.measure(x[:, :, None])[:, :, 0], np.broadcast_to(maps.C, (runs, *maps.C.shape))
         else:
-            h, C = self._slopes(maps.measure, x, data.size)
+            h, C = self._slopes(maps.measure, x, data.size, maps.y_period)
         cost, (a, q, v) = _cost(maps, data, x, f, h)
         FQ, CR = F.mT @ Q_inv, C.mT @ data.R_inv
         g, D, every = (C.mT @ v[..., None])[..., 0], CR @ C, np.arange(m)
@@ -187,7 +191,9 @@ class WindowSolver:
         H[:, every[1:], :, every[:-1]] = -FQ.mT.swapaxes(0, 1)
         return _Linearised(f, F, cost, g.reshape(runs, -1), H.reshape(runs, m * n, m * n))
 
-    def _slopes(self, function: Callable[[Array], Array], x: Array, size: Array) -> tuple[Array, Array]:
+    def _slopes(
+        self, function: Callable[[Array], Array], x: Array, size: Array, period: Array | None
+    ) -> tuple[Array, Array]:
         """Return a function of all samples of all runs, and its Jacobians."""
         stack, n = x.shape[:2], x.shape[2]
 
@@ -196,7 +202,7 @@ class WindowSolver:
 
         if not x.size:
             return x, np.zeros((*stack, n, n))
-        values, J = DIFFERENCES.slopes(flat, x.reshape(-1, n), size.reshape(-1, n), self.limits)
+        values, J = DIFFERENCES.slopes(flat, x.reshape(-1, n), size.reshape(-1, n), self.limits, period)
         return values.reshape(*stack, -1), J.reshape(*stack, -1, n)
 
     def _step(self, now: _Linearised, x: Array, lam: Float[Array, " runs"]) -> tuple[Array, Array]:
@@ -254,7 +260,11 @@ class WindowSolver:
 
 def _cost(maps: WindowMaps, data: Windows, x: Array, f: Array, h: Array) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return the cost, and the weighted residuals of x(0), of the process noise and of the measurements."""
-    terms = (x[:, 0] - data.x_bar, x[:, 1:] - f, h - data.y)
+    terms = (
+        wrapped(x[:, 0] - data.x_bar, maps.x_period),
+        wrapped(x[:, 1:] - f, maps.x_period),
+        wrapped(h - data.y, maps.y_period),
+    )
     weights = (data.P_inv, maps.Q_inv, data.R_inv)
     a, q, v = ((W @ each[..., None])[..., 0] for W, each in zip(weights, terms, strict=True))
     sums = [(d * w).reshape(len(x), -1).sum(axis=1) for d, w in zip(terms, (a, q, v), strict=True)]

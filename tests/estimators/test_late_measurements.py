@@ -75,6 +75,7 @@ LIMITS = {
     "h-infinity": {"theta": 0.0}, "huber-kalman": {"k": 1e6}, "kalman": {}, "kalman-disturbance": {"D0": 0.0},
     "kalman-predictor": {}, "lmmse": {"form": "filter"}, "oracle": {},
     "mixed": {"M0": np.zeros((1, 1))}, "moving-horizon": {"window": 2},
+    "nonlinear-moving-horizon": {"window": 2},
     "risk-sensitive": {"theta": 1e-12}, "robust-h-infinity": {"alpha": 1.0}, "robust-kalman": {"c": 1e-12},
     "sayed-bdu": {}, "student-kalman": {"dof": 1e12}, "unscented-kalman": {}, "wasserstein-kalman": {"radius": 0.0},
 }  # fmt: skip
