@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.plant import refuse_runs
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.registry import NONLINEAR, unknown
 from rmpc_bench.simulation.open_loop import Fed
@@ -78,4 +79,5 @@ def built_controller(
     law = controller.called_rarely(draft.problems, inputs=rest, **given)
     if law is None or signal is None:
         return None
+    refuse_runs(draft, signal.n_runs, "input.file")
     return Fed(law, signal, provided["n_steps"], places, rest, B if known else None, model.u_op[places])

@@ -287,7 +287,8 @@ class NoiseLaws:
         """Return the covariance of a sample of white noise with a spectral density."""
         if channel == "initial":
             raise DesignError("an initial state is a single sample; give std or cov", "density")
-        point = self.model().operating_point if self.draft.model is not None else None
+        model = None if self.draft.model is None else self.model()
+        point = None if model is None else model.operating_point
         Ts = self.draft.values["time"].step
         return noise_of_plant(self.plant, point, density, Ts, measured=channel == "measurement")
 

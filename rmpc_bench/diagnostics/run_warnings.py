@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.open_loop import OpenLoop, Rest
+from rmpc_bench.simulation.open_loop import Fed, OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, DesignError, Estimate, Method, Plant, PlantInfo, Status
 
@@ -197,6 +197,8 @@ def unlimited_inputs(plant: Plant, methods: Iterable[Method]) -> Iterator[str]:
             continue
         own = [np.broadcast_to(each, plant.nu) for each in law.input_limits or (-np.inf, np.inf)]
         wider = (own[0] < low - ROUNDING * np.abs(low)) | (own[1] > high + ROUNDING * np.abs(high))
+        if isinstance(law, Fed):
+            wider[law.places] = False
         for i in np.flatnonzero(wider).tolist():
             least, most = own[0][i], own[1][i]
             text = "no limits" if np.isinf([least, most]).all() else f"wider limits, [{least:g}, {most:g}]"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
 from rmpc_bench.numerics.linalg import as_covariance, is_possible, mv, real_numbers
 from rmpc_bench.types import Array, DesignError, Matrix, Model, OperatingPoint
+from rmpc_bench.types.basics import attribute
 
 Rows = Array | list[list[float]]
 Given = Array | Matrix
@@ -97,7 +98,7 @@ class LinearModel(Model):
         """Number of states."""
         return len(self.A)
 
-    @property
+    @attribute
     def nu(self) -> int:
         """Number of inputs."""
         return int(self.B.shape[1])

@@ -102,6 +102,8 @@ def _chosen(record: _T, rows: Array) -> _T:
     def part(name: str, value: Any) -> Any:
         if isinstance(value, Mapping):
             return {key: part(key, each) for key, each in value.items()}
+        if hasattr(value, "_fields"):
+            return _chosen(value, rows)
         is_shared = np.ndim(value) == 0 or (name in ("P", "M") and np.ndim(value) == 2)
         return value if is_shared else value[rows]
 
@@ -114,6 +116,8 @@ def _joined(records: tuple[_T, ...], back: Array) -> _T:
     def whole(values: tuple[Any, ...]) -> Any:
         if isinstance(values[0], Mapping):
             return {name: whole(tuple(each[name] for each in values)) for name in values[0]}
+        if hasattr(values[0], "_fields"):
+            return _joined(values, back)
         if all(np.ndim(value) == 0 for value in values):
             return values[0]
         # Statuses that a group leaves out are OK.

@@ -111,7 +111,7 @@ def sine(
         If the period has no more than two samples, or the number of values does not fit.
     """
     if period <= 2.0 * Ts:
-        raise DesignError(f"must be longer than two samples, {2.0 * Ts:g} s", "period")
+        raise DesignError(f"must be longer than two samples, {2.0 * Ts:g}", "period")
     named = {"mean": mean, "amplitude": amplitude, "phase": phase}
     vectors = {name: as_vector(value, nu, name) for name, value in named.items()}
     return Sine(vectors["mean"], vectors["amplitude"], 2.0 * np.pi * Ts / period, vectors["phase"])
@@ -172,7 +172,7 @@ def prbs(
     bits = np.stack([np.roll(sequence, -shift) for shift in shifts], axis=1)
     samples = 1 if hold is None else _samples(hold, Ts, "hold")
     if samples < 1:
-        raise DesignError(f"must be one sample, {Ts:g} s, or more", "hold")
+        raise DesignError(f"must be one sample, {Ts:g}, or more", "hold")
     return Prbs(as_vector(low, nu, "low"), as_vector(high, nu, "high"), samples, bits)
 
 
@@ -184,5 +184,5 @@ def _samples(time: float, Ts: float, name: str) -> int:
     """Return a time as a number of samples."""
     count = time / Ts
     if abs(count - round(count)) > ON_SAMPLE * max(count, 1.0):
-        raise DesignError(f"{time:g} s is between two samples, which are {Ts:g} s apart", name)
+        raise DesignError(f"{time:g} is between two samples, which are {Ts:g} apart", name)
     return round(count)

@@ -61,6 +61,8 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
     u = None if isinstance(method.controller, Rest) else _known_input(method.controller, plant)
     if isinstance(u, str):
         return u
+    if method.delay.input:
+        return "the design model has a delay of the input"
     if any(method.delay.measurement or ()):
         return "the design model has late measurements"
     start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo, Status
+from rmpc_bench.types import Ahead, Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo, Status
 
 OK = np.int8(Status.OK)
 
@@ -145,6 +145,14 @@ class Held(Controller):
         after, command = self.law.control(k // self.every, state.law, y, estimate, r)
         # A failure counts once.
         return HeldState(after, Command(command.u, np.full(len(y), OK), command.info)), command
+
+    def control_ahead(
+        self, k: int, state: HeldState, y: Array, estimate: Estimate, r: Array, ahead: Ahead
+    ) -> tuple[HeldState, Command]:
+        """Call the law, which is called at every sample, with a prediction; without preview r(k) stands for all r."""
+        r = r if self.knows_ahead else np.repeat(r[:1], len(ahead.y_hat) + self.law.preview, axis=0)
+        after, command = self.law.control_ahead(k, state.law, y, estimate, r, ahead)
+        return HeldState(after, command), command
 
     def applied(self, k: int, state: HeldState, u: Float[Array, "runs nu"]) -> HeldState:
         """Say to the law what acts."""

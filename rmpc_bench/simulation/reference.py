@@ -84,7 +84,7 @@ def square(
     samples, edge = period / Ts, duty * period / Ts
     for count, name in ((samples, "period"), (edge, "duty")):
         if abs(count - round(count)) > 1e-9 * max(count, 1.0) or round(count) < 1:
-            raise DesignError(f"the edges must lie on samples, {Ts:g} s apart", name)
+            raise DesignError(f"the edges must lie on samples, {Ts:g} apart", name)
     if round(edge) == round(samples):
         raise DesignError("leaves no sample for the second value", "duty")
     first, second = (as_vector(value, ny, "values") for value in values)

@@ -172,3 +172,29 @@ def test_what_is_refused(tmp_path, changes, path, words):
         load_config(written(tmp_path, **changes))
     found = {problem.path: problem.message for problem in caught.value.problems}
     assert any(words in message for at, message in found.items() if at.startswith(path)), found
+
+
+def test_it_needs_a_file_for_every_run(tmp_path):
+    """As an input without `only`."""
+    for number in range(2):
+        (tmp_path / f"d{number}.csv").write_text("d\n" + "0.1\n" * 8, encoding="utf-8")
+    signal = "{kind: file, file: 'd*.csv', columns: d, only: [1]}"
+    assert recorded(written(tmp_path, signal=signal)).u[1, 0, 1] == 0.1
+    with pytest.raises(ConfigError, match="there are 3 runs, and `input.file` names 2 files"):
+        load_config(written(tmp_path, signal=signal, runs=3))
+
+
+def test_the_plant_may_limit_the_disturbance(tmp_path):
+    """`check` remarks on the inputs of the law alone."""
+    (tmp_path / "own.py").write_text(CODE, encoding="utf-8")
+    keys = {
+        "plant": "{ode: own.py:rhs, output: own.py:out, states: [a, b], inputs: [f, d], outputs: [h], "
+        "bounds: {f: [-9, 9], d: [-2, 2]}}",
+        "model": "{linearise: plant, at: {x: [0, 0], u: 0}, noise: {process: 1e-6, measurement: 1e-6}}",
+        "initial": "{x: 0, x_hat: 0, P: 0}",
+        "time": "{step: 0.1, steps: 8}",
+    }
+    for limits, said in ((", limits: {u: [-9, 9]}", ""), ("", "the plant limits `f` to [-9, 9]")):
+        law = f"{{kind: mpc, Hp: 4, Hu: 2, Q: 1, R: 0.1{limits}}}"
+        text = " ".join(cli("check", written(tmp_path, law, **keys)).stdout.split())
+        assert "the plant limits `d`" not in text and ("the plant limits" in text) == bool(said) and said in text

@@ -159,6 +159,9 @@ def test_what_is_refused(load):
     assert "initial.x.gaussian.density: an initial state is a single sample" in found
     [found] = problems(load, ODE, CASES["linearise"][1].replace("[0, 0.2]", "-1"))
     assert "noise.process.density: must be positive semidefinite" in found
+    law = "{process: {gaussian: {density: [0, 1]}}}"
+    [found] = problems(load, ODE, CASES["linearise"][1].replace("x: 0", "x: [0, 0, 0]"), noise=law)
+    assert "model.at.x: has 3 entries" in found
 
 
 def test_a_sweep_over_the_sampling_time(load):

@@ -149,6 +149,7 @@ LAWS = {
     "mpc": "kind: mpc, Hp: 10, Hu: 3, Q: 1, R: 0.1, limits: {u: [-1, 1]}",
     "qp": "kind: mpc, Hp: 10, Hu: 3, Q: 1, R: 0.1, limits: {u: [-1, 1], enforce: qp}",
     "gpc": "kind: gpc, Np: 10, Q_yw: 1, Q_u: 0.1",
+    "mpc at every sample": "kind: mpc, Hp: 10, Hu: 3, Q: 1, R: 0.1, preview: false",
 }
 LINEARISED = "model: {linearise: plant, at: {x: [0, 0], u: 0}, noise: {process: [1.0e-6, 1.0e-4], measurement: 2.5e-3}}"
 
@@ -324,3 +325,25 @@ def test_groups_of_runs():
     joined = _joined(commands, back)
     assert joined.step_status.tolist() == [0, 3, 0, 4] and joined.u.ravel().tolist() == [0.0, 1.0, 0.0, 1.0]
     assert len(joined.u) == runs and np.ndim(joined.status) == 0
+
+
+def test_late_measurements_of_an_angle(tmp_path):
+    """Oracle: the straight output, whose filters repeat the same late samples."""
+    late = "noise: {process: same, measurement: {sum: [same, {delayed: [0, 3]}, {missing: {every: 2}}]}}"
+    text = TEXT.replace("noise: same", late).replace("runs: 20", "runs: 2")
+    wrapped_, straight = pair(tmp_path, text)
+    for name in wrapped_.methods:
+        one, other = run_one(wrapped_, name, 1), run_one(straight, name, 1)
+        np.testing.assert_allclose(one.x_hat, other.x_hat, rtol=1e-6, atol=1e-7, err_msg=name)
+
+
+def test_an_input_on_its_way_to_an_angle(tmp_path):
+    """Oracle: the laws of the straight output with the same delay."""
+    late = ("noise: same", "noise: {process: same, measurement: same, input: {delayed: 2}}")
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    text = driven("{kind: constant, value: 3}", noise=late).replace("runs: 20", "runs: 2")
+    turned = config_of(tmp_path / "a", text.replace("value: 3", f"value: {3 - TURN}"))
+    straight = config_of(tmp_path / "b", text, angles="", output="straight")
+    for name in straight.methods:
+        one, other = run_one(turned, name, 1), run_one(straight, name, 1)
+        np.testing.assert_allclose(one.u, other.u, rtol=1e-7, atol=1e-8, err_msg=name)

@@ -10,6 +10,8 @@ from rmpc_bench.models.flow import prediction_flow
 from rmpc_bench.models.moving_slide import SlideNoise
 from rmpc_bench.models.moving_slide import design as moving_slide
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
+from rmpc_bench.simulation.moments import exact_laws
+from rmpc_bench.simulation.open_loop import Rest
 from rmpc_bench.types import Command, Controller
 
 A, B, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]]), np.array([[1.0, 0.0]])
@@ -338,3 +340,29 @@ def test_pid_uses_y_as_it_is(tmp_path):
         for j in (k, k + 1):
             x = x @ A.T + predicted["u"][:, j] @ B.T
         np.testing.assert_allclose(predicted["u_command"][:, k, 0], 2.0 * (r[k + 2] - x[:, 0]), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", ["kind: mpc, Hp: 10, Hu: 3, Q: 1, R: 0.01", "kind: gpc, Np: 8, Q_yw: 1, Q_u: 0.1"])
+def test_a_constant_reference_needs_no_preview(tmp_path, law):
+    """Oracle: the law that knows it; a step of the reference is not known before it comes."""
+    laws = "{K: {controller: {LAW}}, N: {controller: {LAW, preview: false}}}".replace("LAW", law)
+    records = []
+    for reference in ("{kind: constant, value: 1}", "{kind: square, values: [0, 1], period: 40}"):
+        found = load(tmp_path, delay=2, methods=laws, REFERENCE=reference, LATE=0)
+        draws = found.scenario.draw(found.plant, range(1), found.n_steps)
+        r = found.scenario.reference.sample(found.n_steps + 30)
+        records += [simulate(found.plant, method, draws, r, found.n_steps)[0] for method in found.methods]
+    np.testing.assert_allclose(records[0].u, records[1].u, **ROUND)
+    step, blind = records[2:]
+    still = load(tmp_path, delay=2, methods=laws, LATE=0)
+    r = np.zeros((still.n_steps + 30, 1))
+    rest = simulate(still.plant, still.methods[1], draws, r, still.n_steps)[0]
+    np.testing.assert_array_equal(blind.command[:, :20], rest.command[:, :20])
+    assert np.abs(step.command[:, :20] - rest.command[:, :20]).max() > 1e-3
+
+
+def test_exact_moments_refuse_it(tmp_path):
+    """The moments of an estimator that predicts with u(k-d) are not computed."""
+    found = load(tmp_path, delay="none", methods="{K: {model: {delay: {input: 2}}}}")
+    method = found.methods[0]._replace(controller=Rest(1))
+    assert exact_laws(found.plant, method, found.scenario) == "the design model has a delay of the input"
