@@ -18,6 +18,7 @@ from rmpc_bench.figures.labels import component_label, symbol, unit_of, with_uni
 from rmpc_bench.figures.recorded_runs import ERROR, OUTPUT, reported_set
 from rmpc_bench.types.errors import Issue
 from rmpc_bench.types.result_layout import NO_MOMENTS, NO_RECORDED_RUN, ResultLayout, Shape
+from rmpc_bench.types.texts import squared
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -62,8 +63,7 @@ class Quantity(NamedTuple):
             estimate, state = (symbol(name, self.component) for name in ("x_hat", "x"))
             return with_unit(f"{estimate} \N{MINUS SIGN} {state}", unit)
         if self.kind == "variance":
-            squared = f"{unit}^2" if unit.isalpha() else unit and f"({unit})^2"
-            return with_unit(f"var {symbol('e', self.component)}", squared)
+            return with_unit(f"var {symbol('e', self.component)}", squared(unit))
         words = component_label(point, "x", self.number, self.component)
         return f"mean {words}" if self.kind == "mean" else words
 

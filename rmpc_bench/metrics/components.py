@@ -14,6 +14,7 @@ from rmpc_bench.metrics.means import moving_mean
 from rmpc_bench.types import Array, DesignError, Issue, MetricLayout, Positive, Record, WindowMetric, issues_of
 from rmpc_bench.types.angles import period_of, places, wrapped
 from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.texts import squared
 
 Chosen: TypeAlias = str | Annotated[int, Ge(0)]
 NOUNS = {"y": "output", "x": "state", "u": "input"}
@@ -126,7 +127,7 @@ class SumMetric(ComponentMetric):
     def unit(self, layout: MetricLayout) -> str:
         """Return the unit that the components have in common; a scaled one has none."""
         unit = "" if self.scale is not None else self.common_unit(layout)
-        return f"{unit}^2" if unit and self.adds == "squares" and not self.is_root else unit
+        return squared(unit) if self.adds == "squares" and not self.is_root else unit
 
     def remark(self, record: Record | None, layout: MetricLayout) -> str:
         """Say which units are added, and which component makes most of the value in a run."""

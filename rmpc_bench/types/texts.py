@@ -112,6 +112,11 @@ def without_formulas(text: str, names: Sequence[str] = ()) -> str:
     return parts.sub(lambda found: found[0] if found[1] is None else re.sub(r"[\\{}]", "", found[1]), text)
 
 
+def squared(unit: str) -> str:
+    """Write the square of a unit: rad^2, (mol/l)^2, and nothing for no unit."""
+    return f"{unit}^2" if unit.isalpha() else unit and f"({unit})^2"
+
+
 def wrapped(text: str, width: int, indent: str = "", first: str | None = None) -> list[str]:
     """Break a text at blanks, and a longer word where the line ends; the first line may have another indent."""
     lines, line, empty = list[str](), indent if first is None else first, True

@@ -44,7 +44,7 @@ P = np.array([[0.04, 0.1], [0.1, 4.0]])
     ("metric", "value", "unit"),
     [
         (EstimationMse(), 5.025, ""),
-        (EstimationMse(only=["CA"]), 0.05, "mol/l^2"),
+        (EstimationMse(only=["CA"]), 0.05, "(mol/l)^2"),
         (EstimationMse(only=[1]), 10.0, "K^2"),
         (EstimationMse(scale={"CA": 0.1, "T": 2.0}), 3.75, ""),
         (EstimationMse(scale=[0.1, 2.0]), 3.75, ""),
@@ -173,7 +173,7 @@ def test_names_units_and_the_line_under_the_table(tmp_path):
     config = load_config(path)
     infos = [(info.name, info.unit) for info in config.experiment.metric_infos]
     assert infos == [
-        ("estimation_mse", ""), ("estimation_mse_CA", "mol/l^2"), ("nees_T", ""), ("mse_T_m", "K^2"),
+        ("estimation_mse", ""), ("estimation_mse_CA", "(mol/l)^2"), ("nees_T", ""), ("mse_T_m", "K^2"),
         ("both", ""), ("own", "K^2"),
     ]  # fmt: skip
     again = load_config(path, overrides=["metrics=[{kind: estimation_mse, only: [CA]}]"])

@@ -230,7 +230,7 @@ def _words(left: list[str]) -> str:
 
 _FORMULA = re.compile(r"(?<!\\)\$((?:\\.|[^$\\])+)\$", re.DOTALL)
 _MINUS = re.compile(r"(?<![\w.)\]])-(?=\d)")  # the sign of a number; hyphens in names such as R-MPC1 and in dates stay
-_RAISED = re.compile(r"(?<=[A-Za-z])\^(-?\d+)")  # exponent of a unit, such as rad^2
+_RAISED = re.compile(r"(?<=[A-Za-z)])\^(-?\d+)")  # exponent of a unit, such as rad^2 or (rad/s)^2
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$])")
 _LIST_MARK = re.compile(r"^(\s*)([-+]|\d+[.)])(?=\s)")
 

@@ -48,6 +48,11 @@ def test_no_text_begins_a_block_of_markdown(text):
     assert line[0] == "\\" or line[:2] in ("1\\", "a ") and "\n" not in line
 
 
+@pytest.mark.parametrize(("unit", "html"), [("rad^2", "rad<sup>2</sup>"), ("(mol/l)^2", "(mol/l)<sup>2</sup>")])
+def test_exponents_of_units_are_raised(unit, html):
+    assert to_html(f"MSE [{unit}]") == f"MSE [{html}]"
+
+
 @pytest.mark.parametrize("name", ["$a$", "a^2", "R<b>", "50 %", "a-b", "-1"])
 def test_a_name_of_a_method_is_no_formula(name):
     """Also where a shorter name begins it, and a formula beside it holds the name of another one."""
