@@ -169,7 +169,8 @@ class Screen:
             signs = ["[ ]"] * bool(_INTERVAL.search(shown)) + ["\u00b1"] * ("\u00b1" in shown)
             which = {"[ ]": "simultaneous "} if simultaneous else {}
             said = [f"{sign}: {which.get(sign, '')}{level}" for sign in signs]
-            parts.append(", ".join(said) if simultaneous or len(said) < 2 else f"{' and '.join(signs)}: {level}")
+            apart = simultaneous or len(said) < 2
+            parts += [", ".join(said) if apart else f"{' and '.join(signs)}: {level}"] if said else []
             parts += ["ties count half"] if tables[0].form == "share" else []
             parts += [f"change: {_AVERAGES[tables[0].average_key]}"] if tables[0].form == "ratio" else []
         parts += [] if self.trials.planned is None else [self.trials.planned.text]

@@ -73,7 +73,9 @@ def row_lines(table: ResultTable, width: int) -> list[str]:
             head = f"better than {base} in" if shares else f"change against {base}"
             columns.append([head, *(plain(table.change_text(row)) if row.n else "" for row in rows)])
             columns += [["verdict", *(_verdict(row, remarks) for row in rows)]] if any(row.word for row in rows) else []
-        return in_columns([*zip(*columns, strict=True)], range(1, last + 1))
+        # Without a mean no head names the metric.
+        title = [] if n_numbers else wrapped(without_formulas(unit), width)
+        return title + in_columns([*zip(*columns, strict=True)], range(1, last + 1))
 
     ways = [(None, len(numbers), 2), (None, 1, 2), (None, 1, 1), (None, 0, 1), (NAME, 1, 1, None)]
     ways += [(NAME, 1, 1), (NAME, 0, 1), (NAME, 0, 0)]

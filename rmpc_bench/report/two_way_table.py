@@ -18,7 +18,7 @@ from rmpc_bench.analysis.two_way import TwoWay, two_way
 from rmpc_bench.report.point_tables import rounded_columns
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.texts import in_columns, width_of, without_formulas
+from rmpc_bench.types.texts import in_columns, width_of, without_formulas, wrapped
 
 NOTE = (
     "Cells: mean of the runs that all of these methods finished, geometric where the metric is compared by ratios. "
@@ -80,16 +80,16 @@ class TwoWayTable(NamedTuple):
 
     @property
     def sentences(self) -> list[str]:
-        """Say what an entry of the first axis gains with every one of the second, where an interaction is relevant."""
+        """Return the effects of the entries of the first axis that have a relevant interaction with the second axis."""
         (first, second), found = self.found.entries, list[str]()
         margin = self.trials.relevant_of(self.info.name, default=0.0 if self.found.signed else None)
         low, high = (-margin, margin) if self.found.signed else (1 / (1 + margin), 1 + margin)
-        for a, gains in zip(first, self.found.values - self.found.values[self.found.reference[0]], strict=True):
+        for a, changes in zip(first, self.found.values - self.found.values[self.found.reference[0]], strict=True):
             each = [self.estimate(of) for (of_a, b), of in self.found.effects.items() if of_a == a and b]
             if any(x.low > high or x.high < low for x in each):
-                texts = [(b, self.effect(of, interval=False)) for b, of in zip(second, gains, strict=True)]
-                said = ", ".join(f"{b} {text}" for b, text in texts if text)
-                found.append(f"how much {a} gains depends on the {self.found.axes[1]}: {said}")
+                texts = [(b, self.effect(of, interval=False)) for b, of in zip(second, changes, strict=True)]
+                said = ", ".join(f"{text} with {b}" for b, text in texts if text)
+                found.append(f"the effect of {a} depends on the {self.found.axes[1]}: {said}")
         return found
 
     def rows(self) -> list[dict[str, Any]]:
@@ -124,11 +124,13 @@ def two_way_content(trials: Trials) -> Columns:
 
 
 def two_way_lines(table: TwoWayTable, width: int) -> list[str]:
-    """Lay the table out for a terminal, without the interactions if it is too wide; nothing if it still is."""
+    """Lay the table out for a terminal; what is too wide, interactions or all, is named with its file."""
+    title = plain(without_formulas(table.title, table.trials.methods))
     for interactions in (True, False):
         columns = table.columns(interactions=interactions)
         rows = [[*columns], *zip(*columns.values(), strict=True)]
         lines = in_columns([[plain(without_formulas(cell)) for cell in row] for row in rows], range(1, len(columns)))
         if max(map(width_of, lines)) <= width:
-            return ["", *lines]
-    return []
+            left = [] if interactions else [" interactions: two-way.csv"]
+            return ["", *wrapped(title, width), *lines, *left]
+    return ["", *wrapped(f"{title}: two-way.csv", width)]

@@ -110,6 +110,8 @@ def test_the_mean_goes_first_then_names_are_cut_but_not_broken():
     assert any("mean" in line for line in shown(one(TWO)))
     text = "\n".join(shown(one({"KF": BASE, "a-method-of-26-characters..": noisy(0.8)}), 72))
     assert "mean estimation" not in text and "a-method-of-26-characters.. " in text
+    # A line above the table names the metric in place of the head.
+    assert "\nestimation MSE\n method" in text and "\nestimation MSE\n" not in "\n".join(shown(one(TWO)))
     assert [line.split()[0] for line in shown(trials) if line.startswith(" a-m")] == ["a-met..-them", "a-met..them2"]
     assert any(line.split()[:4] == ["method", "mean", "estimation", "MSE"] for line in shown(trials))
     names = [f"S exact {k}" for k in range(6)]
@@ -195,6 +197,9 @@ def test_all_runs_of_every_method_failed():
     lines = shown(one({"KF": np.full(N, np.nan), "A": np.full(N, np.nan)}))
     row = next(line for line in lines if line.startswith(" A "))
     assert row.split() == ["A", "inconclusive,", "40", "of", "40", "failed"]
+    values = {"KF": np.full(N, np.nan), "A": np.full(N, np.nan)}
+    lines = shown(one(values, parameters=dict.fromkeys(values, "default")))
+    assert any(line.endswith("default parameters") for line in lines) and not any(";" in line[:2] for line in lines)
 
 
 def test_unfinished_experiments_one_method_and_one_run():

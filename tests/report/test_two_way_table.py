@@ -142,7 +142,7 @@ def test_intervals_of_the_primary_metric_hold_together(crossed):
 @pytest.mark.parametrize(
     ("gains", "said"),
     [
-        ((-0.12, -0.02), ["how much EKF gains depends on the controller: MPC \u221212.0 %, PI \u22122.0 %"]),
+        ((-0.12, -0.02), ["the effect of EKF depends on the controller: \u221212.0 % with MPC, \u22122.0 % with PI"]),
         # Both interactions are known to be small, or are not known at all.
         ((-0.12, -0.119), []),
         ((-0.12, None), []),
@@ -166,7 +166,7 @@ def test_signed_differences_have_their_margin_and_unit(crossed):
     noise = stats.zscore(np.random.default_rng(2).normal(size=(4, 30)), axis=1)
     values = {name: (5 + gain + 0.01 * of).tolist() for name, gain, of in zip(CELLS, (0, 1, 0, 3), noise, strict=True)}
     trials = crossed({"bias": values}, directions={"bias": "zero"})
-    said = "how much EKF gains depends on the controller: MPC +1.000, PI +3.000"
+    said = "the effect of EKF depends on the controller: +1.000 with MPC, +3.000 with PI"
     assert two_way_tables(trials)[0].sentences == [said]
     assert not two_way_tables(replace(trials, margins={"bias": 2.5}))[0].sentences
 
@@ -205,13 +205,15 @@ def test_equal_methods_have_no_effect_and_no_noise(crossed):
 
 
 def test_the_screen_takes_what_fits(crossed):
-    """With interactions, without them, or not at all."""
+    """With interactions, without them, or not at all; what is left out is named with its file."""
     [table] = two_way_tables(crossed({"mse": columns()}))
     wide, narrow = two_way_lines(table, 200), two_way_lines(table, 72)
     assert (
         "2.52 (+26 % [-91, +1648])" in "\n".join(wide) and "(" not in "\n".join(narrow) and "-44 %" in "\n".join(narrow)
     )
-    assert two_way_lines(table, 30) == []
+    assert wide[:2] == narrow[:2] == ["", "MSE, 3 runs"]
+    assert narrow[-1] == " interactions: two-way.csv" and not any("two-way.csv" in line for line in wide)
+    assert two_way_lines(table, 30) == ["", "MSE, 3 runs: two-way.csv"]
 
 
 GRID = (
