@@ -230,7 +230,7 @@ PLANT_KEYS: dict[str, Schema] = {
     },
     "angles": {
         "type": ["array", "object"],
-        "description": "states and outputs that count modulo 2 pi, [theta, angle], or with their periods, {theta: 360}",
+        "description": "states and outputs that are angles, [theta, angle] with period 2 pi, or periods {theta: 360}",
     },
 }
 """Keys of every plant."""

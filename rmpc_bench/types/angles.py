@@ -1,4 +1,4 @@
-"""Signals that count modulo a period, such as angles: their differences are wrapped, values keep their turns.
+"""Signals with a period, such as angles: their differences are wrapped, their values are not.
 
 Angles are given by the places of the components, such as ``{"x.0": 6.28, "y.0": 6.28}``.
 """
