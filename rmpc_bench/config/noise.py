@@ -287,6 +287,8 @@ class NoiseLaws:
         """Return the covariance of a sample of white noise with a spectral density."""
         if channel == "initial":
             raise DesignError("an initial state is a single sample; give std or cov", "density")
+        if channel == "input":
+            raise DesignError("an input is held between two samples; give std or cov", "density")
         model = None if self.draft.model is None else self.model()
         point = None if model is None else model.operating_point
         Ts = self.draft.values["time"].step

@@ -113,6 +113,9 @@ class Component:
         if every == 1 and inputs is None:
             made = self.build(problems, **provided)
             return made if preview or made is None else Held(made, 1, np.eye(model.nx), knows_ahead=False)
+        if every > provided["n_steps"]:
+            problems.append(self.problem(f"must be at most the number of samples, {provided['n_steps']}", "every"))
+            return None
         if every > 1 and (self.code is not None or self.kind not in HELD):
             problems.append(self.problem(f"is a key of {', '.join(HELD)}", "every"))
             return None

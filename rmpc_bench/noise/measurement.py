@@ -27,19 +27,21 @@ from itertools import accumulate
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
 from pydantic import BeforeValidator
 
 from rmpc_bench.noise.parameters import Share
 from rmpc_bench.numerics.linalg import as_vector
-from rmpc_bench.types import Array, Count, DesignError, Noise, Positive
+from rmpc_bench.types import Array, DesignError, Noise, Positive
 from rmpc_bench.types.errors import unknown
 
 NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
 LONGEST_DELAY = 100
 """Largest delay in samples; an estimator that counts with it repeats so many steps at every sample."""
+MOST_SAMPLES = 10**9
+"""Largest distance of measured samples, which fits into the integers of NumPy."""
 
 
 def _whole(value: Any) -> Any:
@@ -159,8 +161,8 @@ def quantised(
     ----------
     ny : number of outputs, or of inputs
     signal_names : their names
-    step : distance of the points of the grid, a number (for every output) or one per output
-    offset : a point of the grid, a number (for every output) or one per output
+    step : distance of the points of the grid, a number (for every output) or one per output; with `only`, one per name
+    offset : a point of the grid, a number (for every output) or one per output; with `only`, one per name
     only : names or indices (from 0) of the outputs or inputs that are rounded (default: all)
 
     Raises
@@ -169,7 +171,11 @@ def quantised(
         If a size does not fit, or a name is unknown.
     """
     chosen = _chosen(only, signal_names, ny)
-    return Quantised(as_vector(step, ny, "step"), as_vector(offset, ny, "offset"), chosen)
+    places = np.arange(ny) if only is None else [_place(each, signal_names) for each in only]
+    steps, offsets = np.ones(ny), np.zeros(ny)
+    steps[places] = as_vector(step, len(places), "step")
+    offsets[places] = as_vector(offset, len(places), "offset")
+    return Quantised(steps, offsets, chosen)
 
 
 def missing(
@@ -179,7 +185,7 @@ def missing(
     probability: Share | None = None,
     gap: Annotated[float, Ge(1)] | None = None,
     outputs: Literal["together", "each"] = "together",
-    every: Count | None = None,
+    every: Annotated[int, Ge(1), Le(MOST_SAMPLES)] | None = None,
     first: Annotated[int, Ge(0)] | None = None,
     only: list[Any] | None = None,
     known: bool | None = None,
@@ -196,7 +202,7 @@ def missing(
     gap : mean number of successive missing samples (default: 1 / (1 - probability), independent samples)
     outputs : `together` omits all outputs of a sample, `each` omits every output by itself
     every : m measures at k = first + i m only, as a slow sensor; without it every sample is measured
-    first : first sample that is measured, with `every` (default: 0)
+    first : first sample that is measured, with `every`, less than it (default: 0)
     only : names or indices (from 0) of the outputs or inputs that are concerned (default: all)
     known : whether a method knows that its input is held; of the channel `input` only (default: true)
 
@@ -207,9 +213,12 @@ def missing(
     """
     if probability is None and every is None:
         raise DesignError("give `probability`, `every` or both")
-    for key, value, needs in (("gap", gap, probability), ("first", first, every)):
+    each = outputs if outputs == "each" else None
+    for key, value, needs in (("gap", gap, probability), ("outputs", each, probability), ("first", first, every)):
         if value is not None and needs is None:
-            raise DesignError(f"has no effect without `{'probability' if key == 'gap' else 'every'}`", key)
+            raise DesignError(f"has no effect without `{'every' if key == 'first' else 'probability'}`", key)
+    if every is not None and (first or 0) >= every:
+        raise DesignError(f"must be less than `every` (got {first})", "first")
     p, chosen = probability or 0.0, _chosen(only, signal_names, ny)
     enters, stays = (p, p) if gap is None else _chain_of(p, gap)
     return Missing(chosen, p, enters, stays, outputs == "together", every or 1, first or 0, known)
@@ -253,7 +262,14 @@ def delayed(
     if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1] <= LONGEST_DELAY:
         message = f"must be a whole number from 0 to {LONGEST_DELAY}, or [low, high] of such numbers (got {samples})"
         raise DesignError(message, "samples")
+    if per == "run" and bounds[0] == bounds[1]:
+        raise DesignError("has no effect on a constant delay; a random one is [low, high]", "per")
     return Delayed(_chosen(only, signal_names, ny), bounds[0], bounds[1], per)
+
+
+def _place(each: Any, names: Sequence[str]) -> Any:
+    """Return the index that a name of `only` means; an index as it is."""
+    return list(names).index(each) if each in names else each
 
 
 def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array, " n"]:
@@ -262,7 +278,7 @@ def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array,
         return np.ones(n, dtype=bool)
     chosen = np.zeros(n, dtype=bool)
     for number, each in enumerate(only):
-        place = list(names).index(each) if each in names else each
+        place = _place(each, names)
         if isinstance(place, str) or not isinstance(place, int) or isinstance(place, bool):
             raise DesignError(unknown(str(each), names, "name of this signal"), f"only.{number}")
         if not 0 <= place < n:

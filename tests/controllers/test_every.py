@@ -113,6 +113,7 @@ CURVED = {
     [
         ("{kind: tube-mpc, horizon: 3, Q_x: 1, R_u: 1, limits: {u: [-9, 9]}, W: 0.1, every: 2}", {}, "is a key of"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 0}", {}, "must be >= 1"),
+        ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 100000000}", {}, "at most the number of samples, 24"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 1.5}", {}, "must be a whole number"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 2}", CURVED, "every needs a linear model"),
         (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import within_stat
 
-from rmpc_bench.noise.measurement import delayed, missing
+from rmpc_bench.noise.measurement import delayed, missing, quantised
 from rmpc_bench.types import DesignError
 
 NAMES = ("position", "speed")
@@ -67,6 +67,12 @@ def test_outputs_of_a_law_are_those_that_it_concerns():
         (delayed, {"samples": 1, "only": ["position", 0]}, "only.1", "twice"),
         (delayed, {"samples": 1, "only": []}, "only", "at least one"),
         (missing, {}, "", "`probability`, `every` or both"),
+        (delayed, {"samples": 2, "per": "run"}, "per", "no effect on a constant delay"),
+        (delayed, {"samples": [2, 2], "per": "run"}, "per", "no effect on a constant delay"),
+        (missing, {"every": 4, "outputs": "each"}, "outputs", "without `probability`"),
+        (missing, {"every": 4, "first": 4}, "first", "less than `every` (got 4)"),
+        (quantised, {"step": [0.1, 0.2], "only": ["position"]}, "step", "1 number"),
+        (quantised, {"step": 0.1, "offset": [0.0, 1.0], "only": [0]}, "offset", "1 number"),
         (missing, {"every": 2, "gap": 2.0}, "gap", "without `probability`"),
         (missing, {"probability": 0.1, "first": 2}, "first", "without `every`"),
     ],

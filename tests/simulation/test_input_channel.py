@@ -338,6 +338,7 @@ def test_the_compiled_loop_leaves_the_channel_to_the_other_one(tmp_path):
         ("{delayed: {samples: 1, only: [g]}}", "", "model", "the delay of the input is not that of all inputs: say"),
         ("{missing: {probability: 5%, only: [q]}}", "", "noise.input.missing.only.0", "'q' is not a known"),
         ("{gaussian: {std: [1, 2, 3]}}", "", "noise.input.gaussian.std", ""),
+        ("{gaussian: {density: 1}}", "", "noise.input.gaussian.density", "an input is held between two samples"),
     ],
 )
 def test_mistakes(tmp_path, law, model, path, message):
