@@ -53,16 +53,24 @@ def with_grid(tree: Map, problems: list[Problem]) -> Map:
         name, own, first = JOINT.join(names), methods.get(JOINT.join(names)), next(iter(grid.values()))
         if not _is_excluded(methods, names):
             method = _method(grid, names)
-            # What is no mapping is refused where methods are read.
-            method = merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else own or method
-            found.put(name, method, *(methods if name in methods else first).places(name if own else names[0]))
+            # What is no mapping is refused where methods are read; nothing is an empty mapping.
+            method = (
+                merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else method if own is None else own
+            )
+            found.put(
+                name, method, *(methods if name in methods else first).places(name if name in methods else names[0])
+            )
     for name in methods:
         if name not in found and name not in _TYPES:
             found.take(methods, name)
     result, statistics = tree.copy(), tree.get("statistics", Map(mark=mark))
     result["methods"] = found
     if len(grid) == 2 and isinstance(statistics, Map) and "two_way" not in statistics:
-        levels = {axis: Items(entries, mark=mark) for axis, entries in grid.items()}
+        cells = [cell for cell in product(*grid.values()) if not _is_excluded(methods, cell)]
+        levels = {
+            axis: Items([name for name in grid[axis] if any(cell[place] == name for cell in cells)], mark=mark)
+            for place, axis in enumerate(grid)
+        }
         result = assign(result, "statistics.two_way", Map(levels, mark=mark), mark)
     return result
 
@@ -77,10 +85,10 @@ def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
     grid: Map = methods[GRID]
     for axis, entries in grid.items():
         if axis not in AXES:
-            yield [GRID, axis], f"axes of methods.grid are {', '.join(AXES)}; {_NO_METHOD}"
+            yield [GRID, axis], f"{unknown(axis, AXES, 'axis of methods.grid')}; {_NO_METHOD}"
         for name, entry in entries.items():
-            if JOINT in name:
-                yield [GRID, axis, name], f"must not contain {JOINT!r}, which joins names of entries"
+            if JOINT in name or not name:
+                yield [GRID, axis, name], f"must not be empty or contain {JOINT!r}, which joins names of entries"
             if "tune" in entry and not (isinstance(ranges := entry["tune"], Map) and ranges):
                 about = "must be a mapping from paths inside the component, such as {alpha: [0.1, 2]}"
                 yield [GRID, axis, name, "tune"], f"{about} (got {shown(ranges)})"

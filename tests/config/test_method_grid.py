@@ -143,17 +143,18 @@ LINE = [*KEYS].index("methods") + 1
         (
             GRID.replace("controller:", "control:"),
             "grid.control",
-            "axes of methods.grid are model, estimator, controller",
+            "'control' is not a known axis of methods.grid; did you mean 'controller'?; `grid`",
         ),
         (
             "grid: {estimator: {kind: kalman}}",
             "grid.estimator.kind",
             "must be a mapping (got 'kalman')",
         ),
+        (GRID.replace("estimator:", "estimators:"), "grid.estimators", "did you mean 'estimator'?"),
         ("grid: {kind: kalman}", "grid.kind", "`grid` and `exclude` are no names of methods"),
         ("grid: 3", "grid", "must be a mapping (got 3); `grid` and"),
         ("grid: {estimator: kalman}", "grid.estimator", "must be a mapping (got 'kalman')"),
-        (GRID.replace("KF", "K+F"), "grid.estimator.K+F", "must not contain '+'"),
+        (GRID.replace("KF", "K+F"), "grid.estimator.K+F", "must not be empty or contain '+'"),
         (f"grid: {{estimator: {{{KF[:-1]}, label: 3}}}}}}", "grid.estimator.KF.label", "must be text (got 3)"),
         (f"grid: {{estimator: {{{KF[:-1]}, tune: 3}}}}}}", "grid.estimator.KF.tune", "paths inside the component"),
         ("exclude: {estimator: {kind: kalman}}", "exclude", "expected a list (got a mapping)"),
@@ -168,6 +169,10 @@ LINE = [*KEYS].index("methods") + 1
         (f"{GRID}, exclude: [{{estimator: KG}}]", "exclude.0.estimator", "excludes no method: 'KG' is not a known"),
         (f"{GRID}, exclude: [{{controller: PI}}], KF+PI: {{}}", "KF+PI", "is left out by `methods.exclude`"),
         (f"{GRID}, KF+PI: 3", "KF+PI", "must be a mapping (got 3)"),
+        (f"{GRID}, KF+PI: []", "KF+PI", "must be a mapping (got a list of 0)"),
+        (f"{GRID}, KF+PI: 0", "KF+PI", "must be a mapping (got 0)"),
+        (f"{GRID}, KF+PI: ''", "KF+PI", "must be a mapping (got '')"),
+        (f"{GRID}, KF+PI: false", "KF+PI", "must be a mapping (got False)"),
         # What is wrong in an entry is said once, not for every method that has it.
         (GRID.replace("alpha", "alhpa"), "grid.estimator.FF.alhpa", "did you mean 'alpha'?"),
         (GRID.replace("c: 0.1", "c: -1"), "grid.estimator.RF.c", "must be"),
@@ -197,8 +202,24 @@ def test_errors_beside_each_other(tmp_path):
     assert problems(tmp_path, many)[0][2:] == ("methods.grid", "there must be at most 5,000 methods (got 5,041)")
     found = problems(tmp_path, f"{GRID}, exclude: [{{controller: PI}}, {{controller: MPC}}]")
     assert [each[2:] for each in found] == [("methods", "there must be at least one method")]
+    found = problems(tmp_path, f"{GRID}, KF+: {{}}".replace("KF:", "'':"))
+    assert found[0][2].startswith("methods.grid.estimator.") and "must not be empty" in found[0][3]
     found = problems(tmp_path, BESIDE, statistics="{two_way: {estimator: [KF]}}")
     assert found[0][2:] == ("statistics.two_way", "must name two axes (got 1)")
+
+
+def test_axes_of_the_table_are_those_of_the_names(tmp_path):
+    """An entry that is in no name of a method is refused at its place; what `exclude` leaves out is no entry."""
+    two_way = "{two_way: {estimator: [KF, RF, EKF], controller: [MPC, PI]}}"
+    for methods, known in ((GRID, "KF, RF, FF"), (BESIDE, "none")):
+        found = [each[2:] for each in problems(tmp_path, methods, statistics=two_way)]
+        said = "'EKF' is not a known estimator in the names of methods; "
+        assert len(found) == (1 if known != "none" else 5)
+        [message] = [message for path, message in found if path == "statistics.two_way.estimator.2"]
+        assert message.startswith(said) and ("did you mean" in message or message.endswith(known))
+    config = loaded(tmp_path, f"{GRID}, exclude: [{{estimator: RF}}], KF+PI:")
+    assert config.resolved["statistics"]["two_way"] == {"estimator": ["KF", "FF"], "controller": ["MPC", "PI"]}
+    assert config.resolved["methods"] == loaded(tmp_path, f"{GRID}, exclude: [{{estimator: RF}}]").resolved["methods"]
 
 
 def test_the_schema_of_editors_knows_it():
