@@ -144,6 +144,8 @@ def read_range(draft: DraftConfig) -> None:
             draft.plant_range[key] = draft.checked(annotation, ["plant", key])
     angles = draft.plant_range.get("angles")
     if isinstance(angles, list):
+        if len({*angles}) < len(angles):
+            draft.note(["plant", "angles"], f"must name each signal once (got {', '.join(angles)})")
         draft.plant_range["angles"] = dict.fromkeys(angles, 2.0 * np.pi)
     bounds = draft.plant_range.get("bounds")
     if bounds:
@@ -250,6 +252,8 @@ def angles_of(draft: DraftConfig, plant: Plant) -> dict[str, float]:
     for name, period in (draft.plant_range.get("angles") or {}).items():
         if name not in known:
             draft.note(["plant", "angles"], unknown(name, known, "state or output of this plant"))
+        if not found.keys().isdisjoint(known.get(name, ())):
+            draft.note(["plant", "angles"], f"names {name!r} twice")
         found |= dict.fromkeys(known.get(name, ()), period)
     return found
 

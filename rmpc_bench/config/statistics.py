@@ -137,8 +137,8 @@ def _check_axes(draft: DraftConfig, given: Map) -> None:
     axes = given.get("two_way")
     for part, (axis, entries) in zip((0, 2), axes.items() if isinstance(axes, Map) else (), strict=False):
         known = dict.fromkeys(name.partition("+")[part] for name in draft.values["methods"] or {} if "+" in name)
-        for number, name in enumerate(entries if isinstance(entries, Items) else ()):
-            path: list[str | int] = ["statistics", "two_way", axis, number]
+        for place, name in enumerate(entries if isinstance(entries, Items) else ()):
+            path: list[str | int] = ["statistics", "two_way", axis, place]
             if isinstance(name, str) and name not in known and not draft.is_inherited(path):
                 draft.note(path, unknown(name, known, f"{axis} in the names of methods"))
 

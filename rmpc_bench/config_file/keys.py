@@ -157,7 +157,8 @@ def _union(members: Sequence[Any]) -> Any:
         shape = _shape(value)
         return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
 
-    return _chosen(tagged, choose, " or ".join(tag for tag in tagged if tag != "nothing"))
+    said = {"a word": repr(words[0]) if len(words) == 1 else "a word"}
+    return _chosen(tagged, choose, " or ".join(said.get(tag, tag) for tag in tagged if tag != "nothing"))
 
 
 def _by_shape(members: Sequence[Any]) -> dict[str, Any]:
@@ -358,7 +359,8 @@ def key_problem(
 
 def _meant(name: str | int, kind: Any) -> str:
     """Say which value that the bench gives by name has nearly this name: an argument may be misspelt in the code."""
-    if isinstance(name, int) or name in MEANINGS or getattr(kind, "__module__", "") == BUILT_IN_KEYS:
+    is_own = inspect.isclass(kind) and issubclass(kind, BaseModel) and kind.__module__ != BUILT_IN_KEYS
+    if isinstance(name, int) or name in MEANINGS or not is_own:
         return ""
     close = get_close_matches(name, MEANINGS, 1, 0.75)
     return f"; if it is an argument in your code, did you mean {close[0]!r}, which the bench gives?" if close else ""

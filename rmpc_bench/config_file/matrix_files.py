@@ -16,12 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import MAX_NAME, is_file_name
-from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate
+from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.received.arrays import MAX_ENTRIES, ArrayFileError, matrices
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
+from rmpc_bench.types.errors import unknown
 
 SUFFIXES = (".mat", ".npz", ".csv")
 SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
@@ -62,11 +64,21 @@ class _Reader:
                 return self._matrix(node, path)
             result = node.copy()
             for key, value in node.items():
-                of = node.get("of") if key == "values" and isinstance(value, Map) and _is_matrix(value) else None
-                result[key] = self._matrix(value, [*path, key], of) if of else self.replaced(value, [*path, key])
+                of = node.get("of") if key == "values" and isinstance(value, Map) else None
+                result[key] = self._table(value, [*path, key], of) if of else self.replaced(value, [*path, key])
             return self._system(result, path) if _is_system(result) else result
         if isinstance(node, Items):
             return node.like(self.replaced(value, [*path, number]) for number, value in enumerate(node))
+        return node
+
+    def _table(self, node: Map, path: list[str | int], of: Any) -> Any:
+        """Return the rows of a file with the columns `of`; a mapping that names no file is an error."""
+        wrong = next((key for key in node if key not in ("file", "name")), "file")
+        if _is_matrix(node):
+            return self._matrix(node, path, of)
+        message = f"must name a file with the ending {', '.join(SUFFIXES)} (got {shown(node.get('file'))})"
+        message = message if wrong == "file" else unknown(wrong, ("file", "name"), "key")
+        self.problems.append(Problem(*locate_key(node, [wrong]), join([*path, wrong]), message))
         return node
 
     def _matrix(self, node: Map, path: list[str | int], of: Any = ()) -> Any:
@@ -79,6 +91,9 @@ class _Reader:
                 if len({*map(len, columns)}) > 1:
                     raise _FileError(f"{node['file']} has columns of different lengths")
                 return _numbers(np.column_stack(columns), mark)
+            if of and name is None and len(content) != 1:
+                wrong = next((each for each in of if each not in [*content]), None)
+                raise _FileError(f"{node['file']} has no column {wrong!r}; there are {', '.join(content)}")
             if name is None and len(content) != 1:
                 raise _FileError(f"{node['file']} has {', '.join(content)}; add `name`")
             return _numbers(_named(content, next(iter(content)) if name is None else str(name), node["file"]), mark)

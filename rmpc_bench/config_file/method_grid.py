@@ -53,13 +53,10 @@ def with_grid(tree: Map, problems: list[Problem]) -> Map:
         name, own, first = JOINT.join(names), methods.get(JOINT.join(names)), next(iter(grid.values()))
         if not _is_excluded(methods, names):
             method = _method(grid, names)
-            # What is no mapping is refused where methods are read; nothing is an empty mapping.
-            method = (
-                merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else method if own is None else own
-            )
-            found.put(
-                name, method, *(methods if name in methods else first).places(name if name in methods else names[0])
-            )
+            if own is not None:
+                # What is no mapping is refused where methods are read.
+                method = merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else own
+            found.put(name, method, *(methods.places(name) if name in methods else first.places(names[0])))
     for name in methods:
         if name not in found and name not in _TYPES:
             found.take(methods, name)

@@ -114,6 +114,8 @@ class SumMetric(ComponentMetric):
             if names.get(name) not in wanted:
                 raise DesignError(unknown(name, _labels(layout, self.letter, wanted), NOUNS[self.letter]), "scale")
         found = {names[name]: value for name, value in self.scale.items()}
+        if len(found) < len(self.scale):
+            raise DesignError(f"must name each {NOUNS[self.letter]} once (got {', '.join(self.scale)})", "scale")
         missing = _labels(layout, self.letter, [i for i in wanted if i not in found])
         if missing:
             raise DesignError(f"has no number for {' and '.join(missing)}", "scale")

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
 from rmpc_bench.types import DesignError, KnownDelay
@@ -20,7 +20,14 @@ MOST = 100
 """Longest delay [samples]."""
 SAME, NONE = "same", "none"
 
-Samples = Annotated[int, Ge(0), Le(MOST)]
+
+def _refuse_word(value: Any) -> Any:
+    if value in (SAME, NONE):
+        raise ValueError(f"must be a whole number of samples (got {value!r}); `delay: {value}` stands for all delays")
+    return value
+
+
+Samples = Annotated[int, Ge(0), Le(MOST), BeforeValidator(_refuse_word)]
 
 
 @dataclass(frozen=True)
@@ -34,12 +41,14 @@ class Delay:
     """
 
     input: Samples = 0
-    measurement: Samples | Literal["same"] | dict[str, Samples] = 0
+    measurement: Samples | Literal["same"] | Annotated[dict[str, Samples], Len(1)] = 0
 
 
 def _refuse_number(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise ValueError(f"say input or measurement: {{input: {value:g}}} or {{measurement: {value:g}}}")
+    if value == {}:
+        raise ValueError("say input or measurement, such as {input: 1}")
     return value
 
 

@@ -460,6 +460,26 @@ def test_a_group_of_correlated_quantities(tmp_path):
     assert load_config(copy).hash == wider.hash != config.hash
 
 
+@pytest.mark.parametrize(
+    ("of", "values", "path", "words"),
+    [
+        ("[a, k]", "{file: p.csv}", "file", "p.csv has no column 'k'; there are a, b"),
+        ("[a, b, c]", "{file: p.csv}", "file", "p.csv has no column 'c'; there are a, b"),
+        ("[a, b]", "{fil: p.csv}", "fil", "'fil' is not a known key; did you mean 'file'?"),
+        ("[a, b]", "{file: p.csv, nam: a}", "nam", "'nam' is not a known key; did you mean 'name'?"),
+        ("[a, b]", "{file: /etc/passwd}", "file", "the ending .mat, .npz, .csv (got '/etc/passwd')"),
+        ("[a, b]", "{name: a}", "file", "the ending .mat, .npz, .csv (got nothing)"),
+    ],
+)
+def test_mistakes_of_a_file_with_rows(tmp_path, of, values, path, words):
+    """Oracle: one mistake each, at the key."""
+    (tmp_path / "p.csv").write_text("a,b\n1,2\n3,4\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        loaded(tmp_path, f"{{g: {{dist: choice, of: {of}, values: {values}}}}}", plant=TWO)
+    [problem] = caught.value.problems
+    assert problem.path == f"uncertainty.g.values.{path}" and problem.line > 1 and words in problem.message
+
+
 @pytest.mark.parametrize("heading", ["", "b,c,a\n"])
 def test_a_group_of_rows_of_a_file(tmp_path, heading):
     """Oracle: every run has one of the rows; columns are found by their names; numbers count for the identity."""
@@ -501,6 +521,7 @@ def test_a_group_is_stored_by_the_names_of_its_quantities(tmp_path):
         ("{g: {dist: normal, of: a, mean: [0], cov: [[1]]}}", "g.of", "must be a list of names"),
         ("{a: {dist: choice, values: [1, 2], probabilities: [0.3, 0.3]}, b: 1%}", "a", "add to 0.6, not to 1"),
         ("{a: {dist: normal, std: 1, low: 2, high: 1}}", "a", "no value lies between low and high"),
+        ("{a: {dist: triangular, low: 0, high: 1}}", "a", "'mode' is missing"),
         ("{a: {dist: lognormal, median: 2, factor: 0.5}}", "a.factor", "must be >= 1"),
         ("{log: +-1%}", "log", "'log' is reserved"),
     ],
@@ -510,7 +531,7 @@ def test_what_is_refused_of_further_laws(tmp_path, uncertainty, path, words):
     with pytest.raises(ConfigError) as caught:
         loaded(tmp_path, uncertainty, plant="{kind: servo-linear}")
     found = {problem.path: problem.message for problem in caught.value.problems}
-    assert words in found[f"uncertainty.{path}"]
+    assert words in found[f"uncertainty.{path}"] and "your code" not in found[f"uncertainty.{path}"]
 
 
 def test_earlier_laws_are_written_as_before(tmp_path):

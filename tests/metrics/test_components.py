@@ -106,6 +106,7 @@ def test_it_is_the_metric_of_the_other_record(metric, components, rng):
         (InputPower(only=["F", 0]), "only", "must name an input, and each one once"),
         (Mse(scale={"CA": 1.0}), "scale", "has no number for T"),
         (Mse(scale={"CA": 1.0, "T": 1.0}, only=["T"]), "scale", "'CA' is not a known output"),
+        (Mse(scale={"CA": 1.0, "T": 1.0, "y.0": 2.0}), "scale", "must name each output once"),
         (Mse(scale=[1.0]), "scale", "has 1 entries, and 2 components count"),
         (Tracking(scale=[1.0, 1.0], unit_="mm"), "unit", "a scaled error has no unit"),
     ],

@@ -250,6 +250,8 @@ def test_figures_and_ensembles(tmp_path):
     ("angles", "message"),
     [
         ("angles: [thta]", r"plant.angles: 'thta' is not a known state or output of this plant; did you mean 'theta'"),
+        ("angles: [theta, theta]", r"plant.angles: must name each signal once \(got theta, theta\)"),
+        ("angles: {theta: 360, x.0: 6.28}", r"plant.angles: names 'x.0' twice"),
         ("angles: {theta: 0}", r"plant.angles.theta: must be > 0"),
         ("angles: theta", r"plant.angles: (expected|must be)"),
     ],
