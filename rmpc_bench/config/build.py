@@ -235,7 +235,9 @@ class MethodBuilder:
                 return None
             return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
         if component is not None and "only" in component.shared:
-            self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
+            # Without any controller `check_input` says so.
+            if self.draft.with_controller or "controller" in self.draft.tree:
+                self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
             return None
         if component is None:
             return None if "input" in self.draft.tree else Rest(model.nu)

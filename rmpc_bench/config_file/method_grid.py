@@ -20,7 +20,7 @@ from typing import Annotated, Any
 from annotated_types import Len
 
 from rmpc_bench.config_file.keys import shown, validate
-from rmpc_bench.config_file.tree import Items, Map, assign, locate_key, merge, problem_at, with_kind
+from rmpc_bench.config_file.tree import Items, Map, assign, given_forms, locate_key, merge, problem_at, with_kind
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
 
@@ -44,7 +44,7 @@ def with_grid(tree: Map, problems: list[Problem]) -> Map:
     for key, kind in _TYPES.items():
         validate(kind, methods.get(key), ["methods", key], wrong, mark=locate_key(methods, [key]))
     wrong = [replace(each, message=f"{each.message}; {_NO_METHOD}") for each in wrong]
-    wrong = wrong or [problem_at(tree, ["methods", *path], text, key=True) for path, text in _wrong(methods)]
+    wrong = wrong or [problem_at(tree, ["methods", *path], text, key=True) for path, text in _wrong(methods, tree)]
     problems += wrong
     if wrong:
         return tree
@@ -77,7 +77,7 @@ def _is_excluded(methods: Map, names: Sequence[str]) -> bool:
     return any(entry.items() <= cell.items() for entry in methods.get(EXCLUDE) or ())
 
 
-def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
+def _wrong(methods: Map, tree: Map) -> Iterator[tuple[list[str | int], str]]:
     """Yield the path of a key and what is wrong there, in a grid whose types are right."""
     grid: Map = methods[GRID]
     for axis, entries in grid.items():
@@ -86,6 +86,9 @@ def _wrong(methods: Map) -> Iterator[tuple[list[str | int], str]]:
         for name, entry in entries.items():
             if JOINT in name or not name:
                 yield [GRID, axis, name], f"must not be empty or contain {JOINT!r}, which joins names of entries"
+            if axis in AXES and tree.get(axis) is None and not ("kind" in entry or given_forms(f"{axis}s", entry)):
+                others = ", ".join(each for each in entries if each != name) or "none"
+                yield [GRID, axis, name], f"'kind' is missing (rmpc-bench list {axis}s); the other entries: {others}"
             if "tune" in entry and not (isinstance(ranges := entry["tune"], Map) and ranges):
                 about = "must be a mapping from paths inside the component, such as {alpha: [0.1, 2]}"
                 yield [GRID, axis, name, "tune"], f"{about} (got {shown(ranges)})"

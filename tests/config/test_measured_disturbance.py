@@ -172,6 +172,7 @@ def test_what_is_refused(tmp_path, changes, path, words):
         load_config(written(tmp_path, **changes))
     found = {problem.path: problem.message for problem in caught.value.problems}
     assert any(words in message for at, message in found.items() if at.startswith(path)), found
+    assert "needs a controller" not in words or len(caught.value.problems) == 1
 
 
 def test_it_needs_a_file_for_every_run(tmp_path):
