@@ -13,16 +13,8 @@ from typing import Any, NamedTuple, get_args
 
 from rmpc_bench.config_file.component import SHARED_KEYS, plain_data
 from rmpc_bench.config_file.keys import hints, keys_of
-from rmpc_bench.schema.json_schema import (
-    CONTROLLER_KEYS,
-    INPUT_KEYS,
-    MODEL_KEYS,
-    PLANT_KEYS,
-    Schema,
-    key_meanings,
-    mapping_schema,
-    record_schema,
-)
+from rmpc_bench.schema.annotations import Schema, key_meanings, mapping_schema, record_schema
+from rmpc_bench.schema.json_schema import CONTROLLER_KEYS, INPUT_KEYS, MODEL_KEYS, PLANT_KEYS
 from rmpc_bench.types.sweep_points import value_text
 
 ANY = "any value"
