@@ -52,8 +52,8 @@ def test_a_longer_draw_begins_with_the_shorter_one():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "either std or cov"),
-        ({"std": 1.0, "cov": 1.0}, "either std or cov"),
+        ({}, "give one of std, cov and density"),
+        ({"std": 1.0, "cov": 1.0}, "give one of std, cov and density"),
         ({"std": [1.0, 2.0, 3.0]}, "shape"),
         ({"cov": [[1.0, 2.0], [2.0, 1.0]]}, "semidefinite"),
         ({"std": 1.0, "mean": [1.0, 2.0, 3.0]}, "shape"),
