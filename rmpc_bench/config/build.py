@@ -235,8 +235,7 @@ class MethodBuilder:
                 return None
             return OpenLoop(plant.recorded.input, self.n_steps) if plant.nu else Rest(model.nu)
         if component is not None and "only" in component.shared:
-            # Without any controller `check_input` says so.
-            if self.draft.with_controller or "controller" in self.draft.tree:
+            if self.draft.with_controller or "controller" in self.draft.tree:  # otherwise `check_input` says so
                 self.draft.note(["input", "only"], f"needs a controller of the other inputs, which {name!r} has not")
             return None
         if component is None:

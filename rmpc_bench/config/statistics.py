@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Len, Lt
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import SweepPoint
-from rmpc_bench.config_file.tree import Items, Map
+from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
 from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
@@ -81,6 +81,12 @@ class Statistics(ComparisonKeys):
                 draft.note(path, f"column {error.column} of {text!r}: {error.message}")
         if self.two_way is not None and len(self.two_way) != 2:
             draft.note(["statistics", "two_way"], f"must name two axes (got {len(self.two_way)})")
+        for part, (axis, entries) in zip((0, 2), (self.two_way or {}).items(), strict=False):
+            known = dict.fromkeys(name.partition("+")[part] for name in draft.values["methods"] or {} if "+" in name)
+            for place, name in enumerate(entries):
+                at: list[str | int] = ["statistics", "two_way", axis, place]
+                if name not in known and not draft.is_inherited(at):
+                    draft.note(at, unknown(name, known, f"{axis} in the names of methods"))
         infos = () if point is None else point.experiment.metric_infos
         info = next((each for each in infos if each.name == (self.primary or infos[0].name)), None)
         if info is None:
@@ -116,7 +122,6 @@ def _check_names(draft: DraftConfig, given: Map) -> None:
         elif known:
             dropped[key] = None
             draft.left_out.append(f"statistics.{key}: {name} does not exist here; it is {known[0]} instead")
-    _check_axes(draft, given)
     margins, gone = given.get("relevant"), list[str]()
     for name in margins if isinstance(margins, Map) else ():
         if name not in metrics:
@@ -130,17 +135,6 @@ def _check_names(draft: DraftConfig, given: Map) -> None:
         if gone:
             dropped["relevant"] = {name: value for name, value in statistics.relevant.items() if name not in gone}
         draft.values["statistics"] = replace(statistics, **dropped)
-
-
-def _check_axes(draft: DraftConfig, given: Map) -> None:
-    """Refuse entries of the two axes that no name of a method has."""
-    axes = given.get("two_way")
-    for part, (axis, entries) in zip((0, 2), axes.items() if isinstance(axes, Map) else (), strict=False):
-        known = dict.fromkeys(name.partition("+")[part] for name in draft.values["methods"] or {} if "+" in name)
-        for place, name in enumerate(entries if isinstance(entries, Items) else ()):
-            path: list[str | int] = ["statistics", "two_way", axis, place]
-            if isinstance(name, str) and name not in known and not draft.is_inherited(path):
-                draft.note(path, unknown(name, known, f"{axis} in the names of methods"))
 
 
 def read_requirement(text: str, metrics: Collection[str]) -> Requirement:

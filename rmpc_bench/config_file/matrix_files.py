@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import MAX_NAME, is_file_name
 from rmpc_bench.config_file.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
@@ -65,7 +64,8 @@ class _Reader:
             result = node.copy()
             for key, value in node.items():
                 of = node.get("of") if key == "values" and isinstance(value, Map) else None
-                result[key] = self._table(value, [*path, key], of) if of else self.replaced(value, [*path, key])
+                rows = isinstance(of, Items)
+                result[key] = self._table(value, [*path, key], of) if rows else self.replaced(value, [*path, key])
             return self._system(result, path) if _is_system(result) else result
         if isinstance(node, Items):
             return node.like(self.replaced(value, [*path, number]) for number, value in enumerate(node))
@@ -73,12 +73,11 @@ class _Reader:
 
     def _table(self, node: Map, path: list[str | int], of: Any) -> Any:
         """Return the rows of a file with the columns `of`; a mapping that names no file is an error."""
-        wrong = next((key for key in node if key not in ("file", "name")), "file")
         if _is_matrix(node):
             return self._matrix(node, path, of)
-        message = f"must name a file with the ending {', '.join(SUFFIXES)} (got {shown(node.get('file'))})"
-        message = message if wrong == "file" else unknown(wrong, ("file", "name"), "key")
-        self.problems.append(Problem(*locate_key(node, [wrong]), join([*path, wrong]), message))
+        wrong = next((key for key in node if key not in ("file", "name")), "file")
+        said = unknown(wrong, ("file", "name"), "key") if wrong != "file" else f"must end in {', '.join(SUFFIXES)}"
+        self.problems.append(Problem(*locate_key(node, [wrong]), join([*path, wrong]), said))
         return node
 
     def _matrix(self, node: Map, path: list[str | int], of: Any = ()) -> Any:
@@ -91,11 +90,10 @@ class _Reader:
                 if len({*map(len, columns)}) > 1:
                     raise _FileError(f"{node['file']} has columns of different lengths")
                 return _numbers(np.column_stack(columns), mark)
-            if of and name is None and len(content) != 1:
-                wrong = next((each for each in of if each not in [*content]), None)
-                raise _FileError(f"{node['file']} has no column {wrong!r}; there are {', '.join(content)}")
             if name is None and len(content) != 1:
-                raise _FileError(f"{node['file']} has {', '.join(content)}; add `name`")
+                wrong, known = [each for each in of if each not in [*content]], ", ".join(content)
+                said = f"no column {wrong[0]!r}; there are {known}" if wrong else f"{known}; add `name`"
+                raise _FileError(f"{node['file']} has {said}")
             return _numbers(_named(content, next(iter(content)) if name is None else str(name), node["file"]), mark)
         except _FileError as error:
             self.problems.append(Problem(*mark, join([*path, "file"]), str(error)))

@@ -87,8 +87,7 @@ def _wrong(methods: Map, tree: Map) -> Iterator[tuple[list[str | int], str]]:
             if JOINT in name or not name:
                 yield [GRID, axis, name], f"must not be empty or contain {JOINT!r}, which joins names of entries"
             if axis in AXES and tree.get(axis) is None and not ("kind" in entry or given_forms(f"{axis}s", entry)):
-                others = ", ".join(each for each in entries if each != name) or "none"
-                yield [GRID, axis, name], f"'kind' is missing (rmpc-bench list {axis}s); the other entries: {others}"
+                yield [GRID, axis, name], f"'kind' is missing (rmpc-bench list {axis}s); entries: {', '.join(entries)}"
             if "tune" in entry and not (isinstance(ranges := entry["tune"], Map) and ranges):
                 about = "must be a mapping from paths inside the component, such as {alpha: [0.1, 2]}"
                 yield [GRID, axis, name, "tune"], f"{about} (got {shown(ranges)})"

@@ -79,7 +79,7 @@ def gaussian(
         if sampled is None:
             raise DesignError("density needs a continuous plant", "density")
         cov = sampled(as_covariance(density, n, "density"))
-    elif std is None and cov is None:
+    elif (std is None) == (cov is None):
         raise DesignError("give one of std, cov and density")
     root = scale * spread_root(n, std, cov)
     return with_bursts(Gaussian(as_vector(mean, n, "mean"), root), bursts, Ts)

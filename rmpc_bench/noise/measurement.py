@@ -40,8 +40,7 @@ NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
 LONGEST_DELAY = 100
 """Largest delay in samples; an estimator that counts with it repeats so many steps at every sample."""
-MOST_SAMPLES = 10**9
-"""Largest distance of measured samples, which fits into the integers of NumPy."""
+MOST_SAMPLES = 10**9  # between two measurements; an integer of NumPy
 
 
 def _whole(value: Any) -> Any:
@@ -171,10 +170,9 @@ def quantised(
         If a size does not fit, or a name is unknown.
     """
     chosen = _chosen(only, signal_names, ny)
-    places = np.arange(ny) if only is None else [_place(each, signal_names) for each in only]
-    steps, offsets = np.ones(ny), np.zeros(ny)
-    steps[places] = as_vector(step, len(places), "step")
-    offsets[places] = as_vector(offset, len(places), "offset")
+    number, steps, offsets = {name: i for i, name in enumerate(signal_names)}, np.ones(ny), np.zeros(ny)
+    places = np.arange(ny) if only is None else [number.get(each, each) for each in only]
+    steps[places], offsets[places] = as_vector(step, len(places), "step"), as_vector(offset, len(places), "offset")
     return Quantised(steps, offsets, chosen)
 
 
@@ -213,9 +211,9 @@ def missing(
     """
     if probability is None and every is None:
         raise DesignError("give `probability`, `every` or both")
-    each = outputs if outputs == "each" else None
-    for key, value, needs in (("gap", gap, probability), ("outputs", each, probability), ("first", first, every)):
-        if value is not None and needs is None:
+    own = {"gap": gap is not None, "outputs": outputs == "each", "first": first is not None}
+    for key, needs in (("gap", probability), ("outputs", probability), ("first", every)):
+        if own[key] and needs is None:
             raise DesignError(f"has no effect without `{'every' if key == 'first' else 'probability'}`", key)
     if every is not None and (first or 0) >= every:
         raise DesignError(f"must be less than `every` (got {first})", "first")
@@ -267,18 +265,13 @@ def delayed(
     return Delayed(_chosen(only, signal_names, ny), bounds[0], bounds[1], per)
 
 
-def _place(each: Any, names: Sequence[str]) -> Any:
-    """Return the index that a name of `only` means; an index as it is."""
-    return list(names).index(each) if each in names else each
-
-
 def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array, " n"]:
     """Return which components of a signal are meant by names or indices; all without any."""
     if only is None:
         return np.ones(n, dtype=bool)
     chosen = np.zeros(n, dtype=bool)
     for number, each in enumerate(only):
-        place = _place(each, names)
+        place = list(names).index(each) if each in names else each
         if isinstance(place, str) or not isinstance(place, int) or isinstance(place, bool):
             raise DesignError(unknown(str(each), names, "name of this signal"), f"only.{number}")
         if not 0 <= place < n:

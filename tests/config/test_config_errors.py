@@ -65,7 +65,7 @@ CASES = [
     ("noise", "{process: {same: 0.1}}", "0.1", "noise.process.same", "must be a mapping (got 0.1)"),
     ("noise", "{process: {same: {scale: -1}}}", "-1", "noise.process.same.scale", "must be >= 0 (got -1)"),
     ("noise", "{process: {same: {scal: 1}}}", "scal", "noise.process.same.scal", "did you mean 'scale'?"),
-    ("noise", "{process: {gaussian: {}}}", "{}", "noise.process.gaussian", "give either std or cov"),
+    ("noise", "{process: {gaussian: {}}}", "{}", "noise.process.gaussian", "give one of std, cov and density"),
     ("noise", "{process: {gaussian: {std: [1, 2]}}}", "[1, 2]", "noise.process.gaussian.std", "4 numbers are required"),
     ("initial", "{x: [1, 2]}", "[1, 2]", "initial.x", "a number or 4 numbers are required"),
     ("initial", "{x0: 1}", "x0", "initial.x0", "known key"),

@@ -77,7 +77,7 @@ ERRORS = {
     ),
     "both std and cov": (
         servo(noise="{measurement: {gaussian: {std: 1, cov: 1}}}"), "noise.measurement.gaussian", "{std",
-        "give either std or cov",
+        "give one of std, cov and density",
     ),
     "sigma": (
         servo(noise="{measurement: {gaussian: {sigma: 1}}}"), "noise.measurement.gaussian.sigma", "sigma",

@@ -205,7 +205,7 @@ def test_errors_beside_each_other(tmp_path):
     found = problems(tmp_path, f"{GRID}, KF+: {{}}".replace("KF:", "'':"))
     assert found[0][2].startswith("methods.grid.estimator.") and "must not be empty" in found[0][3]
     found = problems(tmp_path, GRID, "methods.grid.estimator.Z.c=0.1")
-    message = "'kind' is missing (rmpc-bench list estimators); the other entries: KF, RF, FF"
+    message = "'kind' is missing (rmpc-bench list estimators); entries: KF, RF, FF, Z"
     assert [each[2:] for each in found] == [("methods.grid.estimator.Z", message)]
     found = problems(tmp_path, BESIDE, statistics="{two_way: {estimator: [KF]}}")
     assert found[0][2:] == ("statistics.two_way", "must name two axes (got 1)")

@@ -465,10 +465,11 @@ def test_a_group_of_correlated_quantities(tmp_path):
     [
         ("[a, k]", "{file: p.csv}", "file", "p.csv has no column 'k'; there are a, b"),
         ("[a, b, c]", "{file: p.csv}", "file", "p.csv has no column 'c'; there are a, b"),
+        ("3", "{file: p.csv}", "file", "p.csv has a, b; add `name`"),
         ("[a, b]", "{fil: p.csv}", "fil", "'fil' is not a known key; did you mean 'file'?"),
         ("[a, b]", "{file: p.csv, nam: a}", "nam", "'nam' is not a known key; did you mean 'name'?"),
-        ("[a, b]", "{file: /etc/passwd}", "file", "the ending .mat, .npz, .csv (got '/etc/passwd')"),
-        ("[a, b]", "{name: a}", "file", "the ending .mat, .npz, .csv (got nothing)"),
+        ("[a, b]", "{file: /etc/passwd}", "file", "must end in .mat, .npz, .csv"),
+        ("[a, b]", "{name: a}", "file", "must end in .mat, .npz, .csv"),
     ],
 )
 def test_mistakes_of_a_file_with_rows(tmp_path, of, values, path, words):
