@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from typing import ClassVar
 
 from rmpc_bench.expressions.tokens import ExpressionError, Token, Tokens
@@ -211,6 +211,8 @@ class ArithmeticParser:
 
 def unknown_name(token: Token, kind: str, known: Collection[str]) -> ExpressionError:
     """Return an error that names what is known and what is near; the kind is a word such as "name" or "function"."""
-    near = get_close_matches(token.text, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    near = get_close_matches(token.text, known, n=3)
+    # Of equally near names the last one, which is the user's.
+    near.sort(key=lambda each: (SequenceMatcher(None, each, token.text).ratio(), [*known].index(each)))
+    hint = f"; did you mean {near[-1]!r}?" if near else ""
     return ExpressionError(token.column, f"unknown {kind} {token.text!r} (known: {', '.join(known)}){hint}")

@@ -154,7 +154,7 @@ WARNINGS = {
         servo(plant="{kind: servo-linear, perturb: {J_l: eps}}"), "plant.perturb.J_l",
         "by 0 at the median of eps; a factor around 1 is written 1 + eps",
     ),
-    "no sampling time": (servo(time="{duration: 20}"), "time", "the sampling time is 1 s; give it, such as"),
+    "no sampling time": (servo(time="{duration: 20}"), "time", "the sampling time is 1; give it, such as"),
     "seconds in a window of samples": (
         servo(time="{step: 0.1, steps: 20}", metrics="[{kind: mse, from: 0.6}]"), "metrics.0.from",
         "0.6 is between the samples 0 and 1, because `time` is given in steps; for seconds give time.duration",
