@@ -69,7 +69,7 @@ def test_list_shows_package_and_version_and_what_is_broken(call):
     assert "cannot be loaded" in lines["broken"]
     assert "no_such_library_of_anybody" in lines["broken"]
     assert "NoSuchName" in lines["missing"]
-    assert lines["kalman"] == "kalman Kalman filter of the nominal model"
+    assert lines["kalman"] == "kalman linear gaps Kalman filter of the nominal model"
     assert "the estimator 'kalman' of example-parts 1.2.3 is not used" in done.stderr
 
 

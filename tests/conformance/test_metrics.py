@@ -28,7 +28,7 @@ PARAMETERS = {
     "inside": [{"of": of} for of in (None, "set", "gaussian", "sum")],
     "cost": [{"Q_x": [3.0, 0.1, 1.0], "R_u": 0.7}],
     "certificate": [{"at": 2.0}, {"at": 2.0, "of": "worst"}, {"at": 2.0, "noise": "shared"}],
-    "tracking": [{}, {"during": "bursts", "smooth": 1.0}, {"norm": "bias", "components": [1], "during": "quiet"}],
+    "tracking": [{}, {"during": "bursts", "smooth": 1.0}, {"norm": "bias", "only": [1], "during": "quiet"}],
     "departures": [{"size": 1.0}],
     "input_variation": [{}, {"during": "bursts"}],
     "input_rms": [{}],
@@ -43,7 +43,7 @@ PARAMETERS = {
         {"of": "y", "limit": 1.0, "between": 1},
     ],
     "largest": [{"of": "u.1"}, {"of": "twist"}, {"of": "y.2", "between": 2}],
-    "runaway": [{"factor": 3.0}, {"beyond": 2.0, "components": [1]}],
+    "runaway": [{"factor": 3.0}, {"beyond": 2.0, "only": [1]}],
     "qp_share": [{"of": "skipped"}, {"of": "failed"}],
 }
 """Keys that make a metric of each kind; a new kind gets a line here."""

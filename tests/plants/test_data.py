@@ -172,7 +172,7 @@ def test_what_does_not_fit_is_shown_at_its_key(recorded, keys, place, message):
     ("change", "message"),
     [
         (lambda lines: lines[1:], "run-3.csv: the first line must name the columns"),
-        (lambda lines: lines[:10], "run-3.csv: has 9 samples at a step of 0.1 s, and the experiment needs 21"),
+        (lambda lines: lines[:10], "run-3.csv: has 9 samples at a step of 0.1, and the experiment needs 21"),
         (lambda lines: [*lines[:5], *lines[6:], lines[-1].replace("2.0,", "2.1,", 1)], "give `resample: linear`"),
         (lambda lines: [*lines[:5], "0.4,,1.0,1.0,1.0", *lines[6:]], "the input is missing at sample 4"),
         (lambda lines: [*lines[:5], "0.4,1.0,1.0,,1.0", *lines[6:]], "x is missing at sample 4"),

@@ -18,8 +18,8 @@ ROW = {
     **{"mean_pct": -11.9, "mean_low": -13.0, "mean_high": -10.8},
     **{"difference": math.nan, "difference_low": math.nan, "difference_high": math.nan},
     **{"won": 162, "lost": 0, "tied": 38, "failed_only": 0, "baseline_failed_only": 0},
-    **{"far_worse_runs": math.nan, "far_worse_upper": math.nan},
-    **{"runs_for_direction": math.nan, "runs_for_equivalence": 1051},
+    **{"far_worse_runs": None, "far_worse_upper": math.nan},
+    **{"runs_for_direction": None, "runs_for_equivalence": 1051},
 }
 
 
@@ -125,5 +125,5 @@ def test_methods_with_equal_numbers_of_far_worse_runs_stand_together(trials):
 
 
 def test_runs_that_would_decide_have_two_digits_and_a_limit():
-    row = ROW | {"verdict": "inconclusive", "runs_for_direction": 1234567890, "runs_for_equivalence": math.nan}
+    row = ROW | {"verdict": "inconclusive", "runs_for_direction": 1234567890, "runs_for_equivalence": None}
     assert verdict_text(row, "1 %") == "inconclusive (runs needed: more than 1000000 for better or worse)"
