@@ -119,7 +119,9 @@ def test_such_a_kind_is_listed_and_described(monkeypatch):
     monkeypatch.setitem(extras.NEEDED_BY, ("estimators", "kalman"), "filterpy")
     hide(monkeypatch, "filterpy")
     needs = "kalman  needs the extra filterpy, which is not installed"
-    assert re.search(r"^ kalman +linear gaps +needs rmpc-bench\[filterpy\]$", cli("list", "estimators").stdout, re.MULTILINE)
+    assert re.search(
+        r"^ kalman +linear gaps +needs rmpc-bench\[filterpy\]$", cli("list", "estimators").stdout, re.MULTILINE
+    )
     assert cli("describe", "estimators/kalman").stdout.startswith(f"estimators/{needs}\n")
     monkeypatch.setattr(extras, "is_installed", lambda extra: True)
     assert "needs rmpc-bench[filterpy]" not in cli("list", "estimators").stdout
