@@ -12,8 +12,10 @@ from rmpc_bench.figures.recorded_runs import signal_of
 from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.metrics.tracking import SettlingTime, SteadyStateError, Tracking
 from rmpc_bench.simulation.angles import _chosen, _joined
+from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.linear_loop import applies
-from rmpc_bench.types import Command, ConfigError, Estimate, MetricLayout, Record
+from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.types import Command, ConfigError, Estimate, Journal, MetricLayout, Record
 from rmpc_bench.types.angles import near, turns, wrapped
 
 TURN = 2.0 * np.pi
@@ -75,6 +77,24 @@ def pair(folder, text):
     return config_of(folder, text), config_of(folder, text, angles="", output="straight")
 
 
+NEES = 1
+"""Place of the metric in TEXT."""
+
+
+def simulated(config, name, runs=range(20)):
+    """Trajectories and metrics of some runs, as one block."""
+    experiment, method = config.experiment, config.experiment.method(name)
+    draws = experiment.scenario.draw(experiment.plant, runs, experiment.n_steps)
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.preview)
+    record, status = simulate(
+        experiment.plant, method, draws, r, experiment.n_steps, with_P=True, info=["e"],
+        start=RunStart(experiment.scenario.seed, tuple(runs), Journal()),
+    )  # fmt: skip
+    assert not status.any()
+    record = record._replace(experiment=experiment.metric_layout)
+    return record, np.array([metric.evaluate(record) for metric in experiment.metrics])
+
+
 def test_filters_of_the_issue(tmp_path):
     """Oracle: the filters of y = theta without angles; without `angles` the wrapped output destroys the estimate."""
     wrapped_, straight = pair(tmp_path, TEXT)
@@ -87,15 +107,14 @@ def test_filters_of_the_issue(tmp_path):
         "MHE": {**SOLVER, "atol": 1e-7},
     }
     for name, tolerance in tolerances.items():
-        for run in range(20):
-            one, other = run_one(wrapped_, name, run), run_one(straight, name, run)
-            assert one.x[-1, 0] > TURN and np.abs(one.y).max() < np.pi
-            np.testing.assert_allclose(one.x_hat, other.x_hat, **tolerance)
-            np.testing.assert_allclose(one.P, other.P, **tolerance)
-            np.testing.assert_allclose(one.signals["e"], other.signals["e"], rtol=1e-6, atol=1e-7)
-            assert one.metrics["nees"] < 5.0
+        (one, metrics), (other, _) = simulated(wrapped_, name), simulated(straight, name)
+        assert (one.x[:, -1, 0] > TURN).all() and np.abs(one.y).max() < np.pi
+        np.testing.assert_allclose(one.x_hat, other.x_hat, **tolerance)
+        np.testing.assert_allclose(one.P, other.P, **tolerance)
+        np.testing.assert_allclose(one.info["e"], other.info["e"], rtol=1e-6, atol=1e-7)
+        assert (metrics[NEES] < 5.0).all()
     bare = config_of(tmp_path, TEXT, angles="", output="cut")
-    assert max(run_one(bare, name, run).metrics["nees"] for name in ("spread", "EKF") for run in range(20)) > 50.0
+    assert max(simulated(bare, name)[1][NEES].max() for name in ("spread", "EKF")) > 50.0
 
 
 @pytest.mark.parametrize(("factor", "angles"), [(1.0, "[theta]"), (180.0 / np.pi, "{theta: 360}")])
@@ -190,14 +209,15 @@ def test_runs_with_different_turns_do_not_depend_on_their_block(tmp_path):
     """Oracle: every run alone.  Runs turn in both directions at once, so that laws are called for groups of them."""
     wild = ("noise: same", "noise: {process: {gaussian: {std: [0.3, 0.5]}}, measurement: same}")
     config = config_of(tmp_path, driven("{kind: constant, value: 3}", noise=wild))
-    texts = []
-    for name, size in (("one", 1), ("all", 20)):
-        made = load_config(tmp_path / "cut.yaml", overrides=[f"execution.block={size}", "execution.engine=serial"])
-        rmpc_bench.run(made, directory=tmp_path / name, progress=False)
-        frame = rmpc_bench.load_trials(tmp_path / name).frame
-        texts.append(frame.to_csv())
-    assert texts[0] == texts[1] and set(frame["status"]) == {"ok"}
-    final = np.array([run_one(config, "mpc", run).x[-1, 0] for run in range(20)])
+    final = np.empty(20)
+    for name in config.methods:
+        whole, metrics = simulated(config, name)
+        for run in range(20):
+            alone, own = simulated(config, name, range(run, run + 1))
+            for signal in ("x", "x_hat", "y", "u"):
+                np.testing.assert_array_equal(getattr(alone, signal)[0], getattr(whole, signal)[run], err_msg=name)
+            np.testing.assert_array_equal(own[:, 0], metrics[:, run], err_msg=name)
+        final = whole.x[:, -1, 0] if name == "mpc" else final
     assert len({*np.rint(final / TURN).tolist()}) > 2
     method = config.experiment.method("mpc")
     assert method.period is not None and not applies(config.experiment, method)
