@@ -218,10 +218,8 @@ class MethodBuilder:
         if estimator is None or controller is None or delay is None:
             return None
         remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
-        made, period = (
-            Method(name, estimator, controller, model.n_disturbances, remarks, delay),
-            model.undisturbed.y_period,
-        )
+        made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
+        period = model.undisturbed.y_period
         period = period_of(self.angles, places("y", model.ny)) if period is None else period
         made = made if period is None else made.with_angles(period, model)
         return with_prediction(made, model, components.controller, problems)
