@@ -62,7 +62,7 @@ def test_a_vector_for_every_output():
 @pytest.mark.parametrize(
     ("keys", "parameter", "message"),
     [
-        ({"period": 0.25}, "period", "must lie on samples, 0.1 s apart"),
+        ({"period": 0.25}, "period", "must lie on samples, 0.1 apart"),
         ({"period": 0.04}, "period", "must lie on samples"),
         ({"period": 0.3}, "duty", "must lie on samples"),  # half of three samples
         ({"period": 0.1}, "duty", "must lie on samples"),
