@@ -115,15 +115,15 @@ def metric_remarks(experiment: Experiment) -> list[str]:
     if not metrics:
         return []
     plant, n_steps, info = experiment.plant, experiment.n_steps, {name for each in metrics for name in each.needs_info}
-    built_in = [
+    built_in = (
         each
         for each in experiment.methods
         if not any(_WITH_CODE.match(type(design).__module__) for design in (plant, each.estimator, each.controller))
-    ]
+    )
     record = None
-    for method in built_in[:1]:
+    if (method := next(built_in, None)) is not None:
         draws = experiment.scenario.draw(plant, range(1), n_steps)
-        r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
+        r = experiment.scenario.reference.sample(n_steps + 1 + method.preview)
         start, limits = RunStart(experiment.scenario.seed, (0,), Journal()), experiment.state_range
         run, status = simulate(plant, method, draws, r, n_steps, info=info, state_range=limits, start=start)
         record = run._replace(experiment=layout) if status[0] == OK else None

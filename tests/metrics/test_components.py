@@ -19,6 +19,7 @@ from rmpc_bench.metrics.input import InputPeak, InputPower, InputRms, InputRough
 from rmpc_bench.metrics.runaway import Runaway
 from rmpc_bench.metrics.tracking import Iae, Mae, Mse, Rmse, SettlingTime, SteadyStateError, Tracking
 from rmpc_bench.plants.linear import design as linear
+from rmpc_bench.simulation.closed_loop import metric_remarks
 from rmpc_bench.types import ConfigError, MetricLayout, Record
 
 A = np.diag([0.9, 0.8])
@@ -196,6 +197,16 @@ def test_names_units_and_the_line_under_the_table(tmp_path):
     share = float(re.search(r"T makes ([\d.]+) %", summary)[1])
     # The sentence has three digits.
     np.testing.assert_allclose(share, 100 * rows[0]["own"] / (2 * rows[0]["estimation_mse"]), rtol=5e-3)
+
+
+def test_the_sentence_of_a_law_that_knows_a_delay(tmp_path):
+    """The run behind it has the reference over the delay, too: r(k)..r(k+4+Hp)."""
+    path = written(tmp_path, "[estimation_mse]")
+    noise, law = "{process: same, measurement: same, input: {delayed: 4}}", "{kind: mpc, Hp: 5, Hu: 2, Q: 1, R: 0.1}"
+    text = path.read_text(encoding="utf-8").replace("noise: same", f"noise: {noise}\ncontroller: {law}")
+    path.write_text(text, encoding="utf-8")
+    [text] = metric_remarks(load_config(path).experiment)
+    assert re.search(r"T makes [\d.]+ % of it in the first run", text)
 
 
 def test_the_old_word_is_refused_with_the_new_one(tmp_path):
