@@ -98,8 +98,18 @@ class _DeclaredRecord(Record):
 class _Checked:
     """What the checked calls of all components share."""
 
-    def __init__(self, alive: Bool[Array, " runs"], journal: Journal) -> None:
-        self._alive, self._n, self._journal = alive, len(alive), journal
+    def __init__(self, component: Any, alive: Bool[Array, " runs"], journal: Journal) -> None:
+        self._component, self._alive, self._n, self._journal = component, alive, len(alive), journal
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """Return a call of the component whose answer only itself can read, such as its next state."""
+        call = getattr(self._component, name)
+
+        def called(*given: Any) -> Any:
+            with self._user_code():
+                return call(*given)
+
+        return called
 
     def _user_code(self) -> AbstractContextManager[None]:
         return self._journal.user_code(floating=bool(self._alive.all()))
@@ -108,24 +118,20 @@ class _Checked:
 class CheckedPlant(_Checked):
     """The calls of a plant in the loop; `alive` is updated in place."""
 
-    def __init__(self, plant: Plant, alive: Bool[Array, " runs"], journal: Journal) -> None:
-        super().__init__(alive, journal)
-        self._plant = plant
-
     def output(self, k: int, delta: Any, x: Array, v: Array) -> Array:
         """Return the checked output."""
         with self._user_code():
-            y = self._plant.output(k, delta, x, v)
-        _check_array(y, "output", "y", (self._n, self._plant.ny))
+            y: Array = self._component.output(k, delta, x, v)
+        _check_array(y, "output", "y", (self._n, self._component.ny))
         return y
 
     def step(self, k: int, delta: Any, x: Array, u: Array, w: Array) -> Motion:
         """Return the checked motion."""
         with self._user_code():
-            answer = self._plant.step(k, delta, x, u, w)
+            answer = self._component.step(k, delta, x, u, w)
         _check_answer(answer, "step", Motion, "x or Motion(x, status)")
         motion = as_motion(answer)
-        _check_array(motion.x, "step", "x", (self._n, self._plant.nx))
+        _check_array(motion.x, "step", "x", (self._n, self._component.nx))
         _check_status(motion.status, "step", self._n)
         return motion
 
@@ -134,13 +140,13 @@ class CheckedEstimator(_Checked):
     """The calls of an estimator in the loop; `alive` is updated in place."""
 
     def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"], journal: Journal) -> None:
-        super().__init__(alive, journal)
-        self._estimator, self._nx = estimator, -1
+        super().__init__(estimator, alive, journal)
+        self._nx = -1
 
     def correct(self, k: int, state: Any, y: Array) -> tuple[Any, Estimate]:
         """Return the checked estimate."""
         with self._user_code():
-            answer = self._estimator.correct(k, state, y)
+            answer = self._component.correct(k, state, y)
         state, second = _pair(answer, "correct", "(state, x_hat) or (state, Estimate)")
         _check_answer(second, "correct", Estimate, "(state, x_hat) or (state, Estimate)")
         estimate = as_estimate(second)
@@ -154,30 +160,21 @@ class CheckedEstimator(_Checked):
         _check_info(estimate.info, "correct", self._n)
         return state, estimate
 
-    def copied(self, state: Any) -> Any:
-        """Return a copy of a state."""
-        return self._estimator.copied(state)
-
-    def predict(self, k: int, state: Any, u: Array) -> Any:
-        """Return the state at k+1, which only the estimator itself can read."""
-        with self._user_code():
-            return self._estimator.predict(k, state, u)
-
 
 class CheckedController(_Checked):
     """The calls of a controller in the loop; `alive` is updated in place."""
 
     def __init__(self, controller: Controller, alive: Bool[Array, " runs"], journal: Journal, nu: int) -> None:
-        super().__init__(alive, journal)
-        self._controller, self._nu = controller, nu
+        super().__init__(controller, alive, journal)
+        self._nu = nu
 
     def control(self, *given: Any) -> tuple[Any, Command]:
         """Return the checked input."""
-        return self._checked(self._controller.control, given)
+        return self._checked(self._component.control, given)
 
     def control_ahead(self, *given: Any) -> tuple[Any, Command]:
         """Return the checked input of a law whose input acts later."""
-        return self._checked(self._controller.control_ahead, given)
+        return self._checked(self._component.control_ahead, given)
 
     def _checked(self, call: Callable[..., Any], given: Sequence[Any]) -> tuple[Any, Command]:
         with self._user_code():
@@ -191,11 +188,6 @@ class CheckedController(_Checked):
                 _check_status(status, "control", self._n)
         _check_info(command.info, "control", self._n)
         return state, command
-
-    def applied(self, k: int, state: Any, u: Array) -> Any:
-        """Return the state with the input that acts, which only the controller itself can read."""
-        with self._user_code():
-            return self._controller.applied(k, state, u)
 
 
 def _pair(answer: Any, call: str, right: str) -> tuple[Any, Any]:
