@@ -22,40 +22,44 @@ _T = TypeVar("_T", bound=tuple[Any, ...])
 
 def turned_calls(method: Method, estimator: Any, controller: Any) -> tuple[Any, Any]:
     """Return estimator and controller for the loop; those of a user and of other libraries wrap angles themselves."""
-    calls = TurnedCalls(method, estimator, controller)
+    if method.period is None:
+        return estimator, controller
+    is_built_in = type(method.estimator).__module__.startswith("rmpc_bench.estimators.")
     return (
-        calls if type(method.estimator).__module__.startswith("rmpc_bench.estimators.") else estimator,
-        calls if method.controller.compares_estimate else controller,
+        TurnedEstimator(method, estimator) if is_built_in else estimator,
+        TurnedController(method, controller) if method.controller.compares_estimate else controller,
     )
 
 
-class TurnedCalls:
-    """The calls of the built-in estimator and controller of a method in the loop."""
+class _Turned:
+    """A component of a method in the loop; calls that are not defined here are its own."""
 
-    def __init__(self, method: Method, estimator: Any, controller: Any) -> None:
+    def __init__(self, method: Method, component: Any) -> None:
         assert method.period is not None
-        self._period, self._method = method.period, method
-        self._estimator, self._controller = estimator, controller
+        self._period, self._method, self._component = method.period, method, component
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._component, name)
+
+
+class TurnedEstimator(_Turned):
+    """The calls of a built-in estimator in the loop."""
 
     def correct(self, k: int, state: Any, y: Array) -> Any:
         """Correct with the measurement that is nearest to its prediction."""
-        answer = self._estimator.correct(k, state, y)
+        answer = self._component.correct(k, state, y)
         for _ in range(MOST - 1):
             e = as_estimate(answer[1]).info.get("e")
             n = np.zeros_like(y) if e is None else turns(e, self._period)
             if not n.any():
                 break
             y = y - self._period * n
-            answer = self._estimator.correct(k, state, y)
+            answer = self._component.correct(k, state, y)
         return answer
 
-    def copied(self, state: Any) -> Any:
-        """Return a copy of a state of the estimator."""
-        return self._estimator.copied(state)
 
-    def predict(self, k: int, state: Any, u: Array) -> Any:
-        """Call the estimator with u(k)."""
-        return self._estimator.predict(k, state, u)
+class TurnedController(_Turned):
+    """The calls of a controller in the loop."""
 
     def control_ahead(self, *given: Any) -> tuple[Any, Command]:
         """Call the controller with a prediction of the estimate."""
@@ -72,9 +76,9 @@ class TurnedCalls:
 
         def called(state: Any, y: Array, estimate: Estimate, r: Array, rows: Any) -> tuple[Any, Command]:
             if ahead is None or y_hat is None:
-                return self._controller.control(k, state, y, estimate, r)  # type: ignore[no-any-return]
+                return self._component.control(k, state, y, estimate, r)  # type: ignore[no-any-return]
             given = ahead._replace(y_hat=y_hat[:, rows])
-            return self._controller.control_ahead(k, state, y, estimate, r, given)  # type: ignore[no-any-return]
+            return self._component.control_ahead(k, state, y, estimate, r, given)  # type: ignore[no-any-return]
 
         n = turns(r - centre[:, None], self._period)
         patterns, group = np.unique(n.reshape(len(n), -1), axis=0, return_inverse=True)
@@ -90,10 +94,6 @@ class TurnedCalls:
         back = np.argsort(order, kind="stable")
         states, commands = zip(*found, strict=True)
         return _joined(states, back), _joined(commands, back)
-
-    def applied(self, k: int, state: Any, u: Array) -> Any:
-        """Pass the u(k) that acts to the controller."""
-        return self._controller.applied(k, state, u)
 
 
 def _chosen(record: _T, rows: Array) -> _T:

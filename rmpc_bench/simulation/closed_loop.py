@@ -164,7 +164,7 @@ def simulate(
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     moving, *own = checked_calls(plant, method, alive, start.journal)
-    filter_, law = own if method.period is None else turned_calls(method, *own)
+    filter_, law = turned_calls(method, *own)
     arrivals = Arrivals(draws, method.delay)
     timed = BlockTimes(arrivals.used_by(filter_), law)
     known = r[: n_steps + 1].copy()
