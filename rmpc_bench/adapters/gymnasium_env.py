@@ -16,7 +16,6 @@ from rmpc_bench.config.identity import chosen_point
 from rmpc_bench.config.load import load_config
 from rmpc_bench.extras import library
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.simulation.angles import turned_calls
 from rmpc_bench.simulation.episode import Episode, Sample
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, DesignError, Method, PlantInfo, Status
@@ -139,14 +138,7 @@ class Episodes:
         limits: Any,
         Box: Any,
     ) -> None:
-        self.experiment, self.cost, self.preview = experiment, cost, preview
-        self.estimator = None if method is None else method.estimator
-        calls = None
-        if method is not None and method.period is not None:
-            calls = turned_calls(method, self.estimator, None)[0]
-        self.keys: dict[str, Any] = {"estimator": self.estimator, "preview": preview, "calls": calls}
-        if method is not None:
-            self.keys |= {"n_disturbances": method.n_disturbances, "delay": method.delay, "u_before": method.u_before}
+        self.experiment, self.method, self.cost, self.preview = experiment, method, cost, preview
         nu = experiment.plant.nu
         low, high = PlantInfo.of(experiment.plant).limits.u if limits is None else limits
         self.low, self.high = (np.broadcast_to(np.asarray(each, dtype=float), (nu,)) for each in (low, high))
@@ -175,7 +167,7 @@ class Episodes:
         return self._seen(), -cost, failed, not failed and self.episode.is_over, self._info()
 
     def _start(self, run: int) -> Array:
-        self.episode = Episode(self.experiment, run, **self.keys)
+        self.episode = Episode(self.experiment, run, self.method, preview=self.preview)
         self.u, self.y = np.zeros(self.experiment.plant.nu), self.episode.sample.r[0].copy()
         return self._seen()
 

@@ -6,17 +6,18 @@ applied here gives the trajectory of the experiment, bit for bit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.angles import turned_calls
 from rmpc_bench.simulation.input_channel import InputChannel
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment, own_draws
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Estimator, Journal, KnownDelay, RunInfo, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, Journal, KnownDelay, Method, RunInfo, Status, as_estimate, as_motion
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -47,44 +48,31 @@ class Episode:
     ----------
     experiment : gives plant, random inputs and reference
     run : index of the run; one beyond those of the experiment has random inputs that no run of it has
-    estimator : gives an estimate at every sample; None for none
-    n_disturbances : number of its last states that are disturbances
+    method : its estimator gives an estimate at every sample; None for none
     preview : number of samples of the reference, r(k) included
-    delay : delays that the estimator knows; None for none
-    u_before : input before k = 0; 0 where it is empty
-    calls : calls of the estimator in place of its own; None for those
     """
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        run: int,
-        *,
-        estimator: Estimator | None = None,
-        n_disturbances: int = 0,
-        preview: int = 1,
-        delay: KnownDelay | None = None,
-        u_before: tuple[float, ...] = (),
-        calls: Any = None,
-    ) -> None:
+    def __init__(self, experiment: Experiment, run: int, method: Method | None = None, *, preview: int = 1) -> None:
         self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
-        self.estimator, self.n_disturbances, self.preview, self.k = estimator, n_disturbances, preview, 0
+        self.method, self.preview, self.k = method, preview, 0
         scenario, runs = experiment.scenario, range(run, run + 1)
         draws = scenario.draw(self.plant, runs, self.n_steps)
         self.r = scenario.reference.sample(self.n_steps + 1 + preview)
         start, self._runs = RunStart(scenario.seed, (run,), Journal()), RunState.of(1)
         self.journal = start.journal
         counted = RunInfo((run,), (), self._runs.alive, start.journal)
-        self._channel = InputChannel(self.plant, draws.inputs, delay or KnownDelay(), u_before, counted)
+        delay, u_before = (KnownDelay(), ()) if method is None else (method.delay, method.u_before)
+        self._channel = InputChannel(self.plant, draws.inputs, delay, u_before, counted)
         draws = own_draws(scenario, self.plant, runs, self.n_steps, draws)
         self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
         mixes = self.plant.mixes_noise
-        self._draws, self._arrivals = draws, Arrivals(draws, delay or KnownDelay())
-        self._filter: Any = self._arrivals.used_by(calls or estimator)
+        self._draws, self._arrivals = draws, Arrivals(draws, delay)
         self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-        if estimator is not None:
-            self._e = start.estimator(estimator, 1, self._delta, self._runs)
+        if method is not None:
+            filter_, _ = turned_calls(method, method.estimator, None)
+            self._filter = self._arrivals.used_by(filter_)
+            self._e = start.estimator(method.estimator, 1, self._delta, self._runs)
         self._limits = RunLimits(experiment.state_range, self._x, self.r[: self.n_steps + 1])
         with np.errstate(over="ignore", invalid="ignore"):
             self._status = self._runs.after(self._limits.of_state(np.full(1, OK), self._runs.failed, self._x))
@@ -108,8 +96,8 @@ class Episode:
             self._status = self._runs.after(self._limits.of_state(self._status, motion.status, motion.x))
             if self._runs.alive.all():
                 self._x = np.array(motion.x)
-            if self.estimator is not None:
-                self._e = self._filter.predict(k, self._e, u_m.copy())
+            if self.method is not None:
+                self._e = self._filter.predict(k, self._e, self.method.controller.known_inputs(u_m.copy()))
             self.k = k + 1
             self.sample = self._measured()
         return self.sample
@@ -123,10 +111,10 @@ class Episode:
         y, given = self._arrivals.at(k, self._draws.altered(k, y))
         self._status = self._runs.with_reported(self._status)
         x_hat = None
-        if self.estimator is not None:
+        if self.method is not None:
             self._e, answer = self._filter.correct(k, self._e, given)
             estimate = as_estimate(answer)
-            x_hat, nd = np.array(estimate.x_hat), self.n_disturbances
+            x_hat, nd = np.array(estimate.x_hat), self.method.n_disturbances
             self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat, nd))
             x_hat = x_hat[0]
         failure = self.journal.failures.get(self.run)

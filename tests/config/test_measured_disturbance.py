@@ -13,6 +13,7 @@ from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
 from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.episode import Episode
 from rmpc_bench.types import ConfigError
 
 MATRICES = "A: 0.8, B: [[0.5, 0.3]], C: 1"
@@ -58,6 +59,15 @@ def test_neither_knows_it(tmp_path):
     record = recorded(written(tmp_path, signal=f"{{{D}, only: [1], known: false}}"))
     np.testing.assert_allclose(record.x[0, 6, 0], 1.21, **ROUND)
     np.testing.assert_allclose(record.u[0, :2, 0], [2.0, 0.4], **ROUND)
+
+
+def test_an_episode_is_the_run(tmp_path):
+    """Oracle: the estimates of the loop, bit for bit, of a method that does not know the disturbance."""
+    path = written(tmp_path, signal=f"{{{D}, only: [1], known: false}}")
+    experiment, record = load_config(path).experiment, recorded(path)
+    episode = Episode(experiment, 0, experiment.methods[0])
+    samples = [episode.sample, *(episode.step(u) for u in record.u[0])]
+    np.testing.assert_array_equal([each.x_hat for each in samples], record.x_hat[0])
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_an_episode_is_the_run(experiment):
     """Oracle: the estimates of the loop, bit for bit; y of a sample is what is measured."""
     made = experiment()
     record, _ = recorded(made, "KF", range(2, 3))
-    episode = Episode(made, 2, estimator=made.method("KF").estimator)
+    episode = Episode(made, 2, made.method("KF"))
     samples = [episode.sample]
     while not episode.is_over:
         samples.append(episode.step(np.zeros(made.plant.nu)))

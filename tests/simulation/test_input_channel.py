@@ -385,7 +385,7 @@ def test_an_episode_is_the_run(tmp_path):
     experiment = load(tmp_path, RANDOM, MODEL=", delay: {input: 1}", PLANT=", bounds: {f: [-0.01, 0.01]}")
     method, run = experiment.methods[0], 2
     traces = simulate_block(experiment, method, range(6)).traces
-    episode = Episode(experiment, run, estimator=method.estimator, delay=method.delay, u_before=method.u_before)
+    episode = Episode(experiment, run, method)
     acting = []
     samples = [episode.sample]
     for u in traces["u_command"][run]:

@@ -13,7 +13,8 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
 from rmpc_bench.simulation.episode import Episode
 from rmpc_bench.simulation.late_measurements import Arrivals
-from rmpc_bench.types import Estimate, Estimator, InvalidReturnValue, KnownDelay, Status
+from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.types import Estimate, Estimator, InvalidReturnValue, Journal, KnownDelay, Status
 
 A, B, C = np.array([[1.0, 0.1], [0.0, 0.98]]), np.array([[0.005], [0.1]]), np.array([[1.0, 0.0]])
 P_W, P_V = np.diag([1e-5, 1e-3]), np.array([[4e-3]])
@@ -240,6 +241,28 @@ def test_answers_of_a_class_of_the_user_are_checked(load):
         simulate(experiment.plant, own, draws, np.zeros((60, 1)), 10)
 
 
+class Copied(Checked):
+    """A predictor with a warning when a state is copied."""
+
+    def correct(self, k, state, y):
+        return state, Estimate(state)
+
+    def copied(self, state):
+        np.log(np.zeros(1))
+        return state.copy()
+
+
+def test_warnings_of_a_copy_are_those_of_the_user(load):
+    """They are counted, as those of `correct` and `predict` are."""
+    experiment = load(LATE, "same", time={"steps": 10}).experiment
+    own, start = experiment.methods[0]._replace(estimator=Copied()), RunStart(0, (0, 1), Journal())
+    draws = experiment.scenario.draw(experiment.plant, range(2), 10)
+    simulate(experiment.plant, own, draws, np.zeros((60, 1)), 10, start=start)
+    assert [text.partition(" (")[0] for text in start.journal.warnings] == [
+        "RuntimeWarning: divide by zero encountered in log"
+    ]
+
+
 def test_a_failed_run_leaves_the_others(load):
     """Oracle: the other runs without it, bit for bit."""
     experiment = load(RANDOM, "same", time={"steps": 40}).experiment
@@ -299,7 +322,7 @@ def test_an_episode_is_the_run(load, delay):
     """Oracle: the estimates of the loop, bit for bit, with its inputs; y is what arrives."""
     experiment = load(RANDOM, delay, time={"steps": 30}).experiment
     [method], found = experiment.methods, record(experiment, range(2, 3))
-    episode = Episode(experiment, 2, estimator=method.estimator, delay=method.delay)
+    episode = Episode(experiment, 2, method)
     samples = [episode.sample, *(episode.step(u) for u in found.u[0])]
     np.testing.assert_array_equal([each.x_hat for each in samples], found.x_hat[0])
     assert np.isnan([each.y[0] for each in samples]).sum() > 3
