@@ -88,6 +88,25 @@ PASSED = (
 """What a controller around a law declares as that does."""
 
 
+@dataclass(frozen=True, eq=False)
+class Around(Controller):
+    """A controller around a law; it declares what the law declares."""
+
+    law: Controller
+
+    def __post_init__(self) -> None:
+        """Take over what the law declares."""
+        self.__dict__.update({name: getattr(self.law, name) for name in PASSED})
+
+    def warm_up(self) -> None:
+        """Compile the law."""
+        self.law.warm_up()
+
+    def with_period(self, period: Float[Array, " ny"]) -> Controller:
+        """Return the law for outputs of which some are angles."""
+        return replace(self, law=self.law.with_period(period))
+
+
 class HeldState(NamedTuple):
     """State of a law that is called at every m-th sample."""
 
@@ -97,7 +116,7 @@ class HeldState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Held(Controller):
+class Held(Around):
     """A law that is called at k = 0, m, 2 m, ..; its input is held between.  It may not know the reference ahead.
 
     Parameters
@@ -108,7 +127,6 @@ class Held(Controller):
     knows_ahead : whether the law gets r(k+1), ..; otherwise it gets r(k) in their place
     """
 
-    law: Controller
     every: int
     held: Float[Array, "nx nx"]
     knows_ahead: bool = True
@@ -120,7 +138,7 @@ class Held(Controller):
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
-        self.__dict__.update({name: getattr(self.law, name) for name in PASSED})
+        super().__post_init__()
         ahead = (self.law.preview - 1) * self.every if self.knows_ahead else 0
         self.__dict__["preview"] = ahead + 1 if self.law.preview else 0
 
@@ -155,12 +173,8 @@ class Held(Controller):
         return HeldState(after, command), command
 
     def applied(self, k: int, state: HeldState, u: Float[Array, "runs nu"]) -> HeldState:
-        """Say to the law what acts."""
+        """Pass the input that acts to the law."""
         return state if k % self.every else state._replace(law=self.law.applied(k // self.every, state.law, u))
-
-    def with_period(self, period: Float[Array, " ny"]) -> Held:
-        """Return the law for outputs of which some are angles."""
-        return replace(self, law=self.law.with_period(period))
 
 
 class FedState(NamedTuple):
@@ -171,7 +185,7 @@ class FedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Fed(Controller):
+class Fed(Around):
     """A law of some inputs beside a signal of the others, such as a measured disturbance d.
 
     Parameters
@@ -184,7 +198,6 @@ class Fed(Controller):
     point : (nd,) d at the operating point, which a method assumes that does not know it
     """
 
-    law: Controller
     signal: InputSignal
     n_steps: int
     places: Sequence[int]
@@ -195,8 +208,8 @@ class Fed(Controller):
 
     def __post_init__(self) -> None:
         """Take over what the law declares."""
-        self.__dict__.update({name: getattr(self.law, name) for name in (*PASSED, "preview")})
-        self.__dict__["starts_runs"] = True
+        super().__post_init__()
+        self.__dict__.update(preview=self.law.preview, starts_runs=True)
         if self.law.input_limits is not None:
             limits = np.tile([[-np.inf], [np.inf]], len(self.places) + len(self.rest))
             limits[:, self.rest] = [np.broadcast_to(each, len(self.rest)) for each in self.law.input_limits]
@@ -204,9 +217,9 @@ class Fed(Controller):
 
     def init(self, n_runs: int, runs: RunInfo | None = None) -> FedState:
         """Start the law, and sample d of the runs."""
-        index, given = (range(n_runs), {}) if runs is None else (runs.index, {"runs": runs})
-        law = self.law.init(n_runs, **given) if self.law.starts_runs else self.law.init(n_runs)
-        return FedState(law, self.signal.sample(index, self.n_steps))
+        index = range(n_runs) if runs is None else runs.index
+        given = {"runs": runs} if runs is not None and self.law.starts_runs else {}
+        return FedState(self.law.init(n_runs, **given), self.signal.sample(index, self.n_steps))
 
     def control(
         self,
@@ -228,12 +241,8 @@ class Fed(Controller):
         return state._replace(law=law), command._replace(u=u)
 
     def applied(self, k: int, state: FedState, u: Float[Array, "runs nu"]) -> FedState:
-        """Say to the law what acts."""
+        """Pass the input that acts to the law."""
         return state._replace(law=self.law.applied(k, state.law, u[:, self.rest]))
-
-    def with_period(self, period: Float[Array, " ny"]) -> Fed:
-        """Return the law for outputs of which some are angles."""
-        return replace(self, law=self.law.with_period(period))
 
     def known_inputs(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
         """Return the input for the estimator, with d at the operating point where it is not known."""

@@ -196,6 +196,16 @@ def test_without_preview_the_reference_is_held(tmp_path, kind):
     np.testing.assert_array_equal(found, expected)
 
 
+def test_it_prepares_its_law(tmp_path, monkeypatch):
+    """A law whose input is held is compiled before the runs, as the same law alone is."""
+    path = scalar(tmp_path, "Np: 4, Q_yw: 1, Q_u: 0.1, preview: false", "gpc")
+    held = load_config(path).experiment.methods[0].controller
+    called = []
+    monkeypatch.setattr(type(held.law), "warm_up", lambda law: called.append(law))
+    held.warm_up()
+    assert called == [held.law]
+
+
 def test_preview_of_other_laws_is_refused(tmp_path):
     """With the place of the key; `preview: true` changes nothing."""
     with pytest.raises(ConfigError) as caught:
