@@ -175,15 +175,8 @@ NONLINEAR: Mapping[str, frozenset[str]] = {
     "controllers": frozenset({"pid"}),
 }
 """Kinds that take a nonlinear design model, too; the others of these groups need a linear one."""
-BRIDGING = (
-    *("control-lqe", "correntropy-kalman", "directional-kalman", "enhanced-robust", "extended-kalman"),
-    *("fading-kalman", "gated-kalman", "h-infinity", "huber-kalman", "kalman", "kalman-disturbance"),
-    *("kalman-predictor", "lmmse", "lp-window", "mixed", "moving-horizon", "oracle", "risk-sensitive"),
-    "nonlinear-moving-horizon",
-    *("robust-h-infinity", "robust-kalman", "sayed-bdu", "set-membership", "student-kalman", "unscented-kalman"),
-    "wasserstein-kalman",
-)
-"""Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
+BRIDGING = tuple(sorted(BUILT_IN["estimators"]))
+"""Kinds of estimators that predict where a measurement is missing: all built-in ones; others may do so as well."""
 TAGS = ("linear", "nonlinear", "both", "gaps")
 """Tags of `list`: the design model that a kind takes, and whether an estimator predicts where outputs are missing."""
 
