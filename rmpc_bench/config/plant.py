@@ -243,11 +243,8 @@ def refuse_unreachable(draft: DraftConfig, r: Float[Array, "samples ny"], plant:
 def angles_of(draft: DraftConfig, plant: Plant) -> dict[str, float]:
     """Return the periods of the angles of a plant by the places of their components; unknown names are noted."""
     found, known = dict[str, float](), dict[str, list[str]]()
-    names = {"x": state_names(plant), "y": () if plant.signals is None else plant.signals.outputs}
     for place in (*places("x", plant.nx), *places("y", plant.ny)):
-        letter, number = place[0], int(place[2:])
-        own = names[letter][number] if names[letter] else plant.names.get(place, place)
-        for name in {place, own}:
+        for name in {place, plant.names.get(place, place)}:
             known.setdefault(name, []).append(place)
     for name, period in (draft.plant_range.get("angles") or {}).items():
         if name not in known:
