@@ -11,9 +11,10 @@ import numpy as np
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.plant import refuse_runs
 from rmpc_bench.config_file.component import Component
-from rmpc_bench.registry import NONLINEAR, unknown
+from rmpc_bench.registry import NONLINEAR
 from rmpc_bench.simulation.open_loop import Fed
-from rmpc_bench.types import DesignError, Plant
+from rmpc_bench.types import DesignError, Plant, PlantInfo
+from rmpc_bench.types.signals import indices_of
 
 
 def check_input(draft: DraftConfig) -> None:
@@ -30,21 +31,16 @@ def check_input(draft: DraftConfig) -> None:
         draft.note(["input"], message, key=True)
 
 
-def _places(draft: DraftConfig, plant: Plant) -> list[int] | None:
+def _places(draft: DraftConfig, signal: Component, plant: Plant) -> list[int] | None:
     """Return the inputs that `only` names; None, with an error, where there is a wrong one, or none is left."""
-    assert draft.input is not None
-    names = [f"u.{i}" for i in range(plant.nu)] if plant.signals is None else [*plant.signals.inputs]
-    found: list[int] = []
-    for number, each in enumerate(draft.input.shared["only"]):
-        place = each if isinstance(each, int) else names.index(each) if each in names else -1
-        if not 0 <= place < plant.nu:
-            draft.note(["input", "only", number], unknown(str(each), [*names, *map(str, range(plant.nu))], "input"))
-            return None
-        found.append(place)
-    if len({*found}) < len(found) or not 0 < len(found) < plant.nu:
-        draft.note(["input", "only"], "must name some of the inputs, each once; the controller needs one of them")
+    try:
+        found = indices_of(signal.shared["only"], PlantInfo.of(plant).inputs, plant.nu, "input")
+        if len(found) < plant.nu:
+            return found
+        raise DesignError("must leave an input out: the controller needs one of them", "only")
+    except DesignError as error:
+        draft.problems.append(signal.problem(str(error), error.parameter))
         return None
-    return found
 
 
 def built_controller(
@@ -54,15 +50,14 @@ def built_controller(
     component, model, estimator = draft.input, provided["model"], provided["estimator"]
     if component is None or "only" not in component.shared:
         return controller.called_rarely(draft.problems, **provided)
-    places = None if plant is None else _places(draft, plant)
+    places = None if plant is None else _places(draft, component, plant)
     if plant is None or places is None:
         return None
     if controller.code is not None:
         draft.problems.append(controller.problem("a controller of your own returns all inputs; leave out `input`"))
         return None
     signal = component.build(draft.problems, nu=len(places), Ts=provided["Ts"], n_steps=provided["n_steps"])
-    known, names = component.shared.get("known", True), [f"u.{i}" for i in places]
-    names = names if plant.signals is None else [plant.signals.inputs[i] for i in places]
+    known, names = component.shared.get("known", True), PlantInfo.of(plant).inputs
     if known:
         # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.
         estimator = copy(estimator)
@@ -75,7 +70,7 @@ def built_controller(
         draft.problems.append(controller.problem(f"beside `input` it needs a linear model: {error}", "kind"))
         return None
     rest = [i for i in range(plant.nu) if i not in places]
-    given = {**provided, "estimator": estimator, "measured": tuple(names) if known else ()}
+    given = {**provided, "estimator": estimator, "measured": [names[i] for i in places] if known else ()}
     law = controller.called_rarely(draft.problems, inputs=rest, **given)
     if law is None or signal is None:
         return None

@@ -34,7 +34,7 @@ from pydantic import BeforeValidator
 from rmpc_bench.noise.parameters import Share
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError, Noise, Positive
-from rmpc_bench.types.errors import unknown
+from rmpc_bench.types.signals import indices_of
 
 NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
@@ -56,9 +56,10 @@ Samples: TypeAlias = Annotated[int, BeforeValidator(_whole)]
 class Quantised(Noise):
     """Rounds every chosen component to a grid."""
 
-    step: Float[Array, " n"]
-    offset: Float[Array, " n"]
-    chosen: Bool[Array, " n"]
+    step: Float[Array, " few"]
+    offset: Float[Array, " few"]
+    indices: list[int]
+    """The components."""
     alters_output = True
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
@@ -67,8 +68,9 @@ class Quantised(Noise):
 
     def altered(self, y: Float[Array, "runs n"], drawn: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
         """Round to the nearest point of the grid."""
-        rounded: Array = self.offset + self.step * np.rint((y - self.offset) / self.step)
-        return np.where(self.chosen, rounded, y)
+        y = y.copy()
+        y[:, self.indices] = self.offset + self.step * np.rint((y[:, self.indices] - self.offset) / self.step)
+        return y
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +171,8 @@ def quantised(
     DesignError
         If a size does not fit, or a name is unknown.
     """
-    chosen = _chosen(only, signal_names, ny)
-    number, steps, offsets = {name: i for i, name in enumerate(signal_names)}, np.ones(ny), np.zeros(ny)
-    places = np.arange(ny) if only is None else [number.get(each, each) for each in only]
-    steps[places], offsets[places] = as_vector(step, len(places), "step"), as_vector(offset, len(places), "offset")
-    return Quantised(steps, offsets, chosen)
+    indices = _indices(only, signal_names, ny)
+    return Quantised(as_vector(step, len(indices), "step"), as_vector(offset, len(indices), "offset"), indices)
 
 
 def missing(
@@ -217,7 +216,7 @@ def missing(
             raise DesignError(f"has no effect without `{'every' if key == 'first' else 'probability'}`", key)
     if every is not None and (first or 0) >= every:
         raise DesignError(f"must be less than `every` (got {first})", "first")
-    p, chosen = probability or 0.0, _chosen(only, signal_names, ny)
+    p, chosen = probability or 0.0, np.isin(range(ny), _indices(only, signal_names, ny))
     enters, stays = (p, p) if gap is None else _chain_of(p, gap)
     return Missing(chosen, p, enters, stays, outputs == "together", every or 1, first or 0, known)
 
@@ -262,23 +261,9 @@ def delayed(
         raise DesignError(message, "samples")
     if per == "run" and bounds[0] == bounds[1]:
         raise DesignError("has no effect on a constant delay; a random one is [low, high]", "per")
-    return Delayed(_chosen(only, signal_names, ny), bounds[0], bounds[1], per)
+    return Delayed(np.isin(range(ny), _indices(only, signal_names, ny)), bounds[0], bounds[1], per)
 
 
-def _chosen(only: list[Any] | None, names: Sequence[str], n: int) -> Bool[Array, " n"]:
-    """Return which components of a signal are meant by names or indices; all without any."""
-    if only is None:
-        return np.ones(n, dtype=bool)
-    chosen = np.zeros(n, dtype=bool)
-    for number, each in enumerate(only):
-        place = list(names).index(each) if each in names else each
-        if isinstance(place, str) or not isinstance(place, int) or isinstance(place, bool):
-            raise DesignError(unknown(str(each), names, "name of this signal"), f"only.{number}")
-        if not 0 <= place < n:
-            raise DesignError(f"there is no component {place}: the signal has {n}, counted from 0", f"only.{number}")
-        if chosen[place]:
-            raise DesignError(f"names {each!r} twice", f"only.{number}")
-        chosen[place] = True
-    if not chosen.any():
-        raise DesignError("must name at least one component", "only")
-    return chosen
+def _indices(only: list[Any] | None, names: Sequence[str], n: int) -> list[int]:
+    """Return the indices of the components of a signal that are concerned; all without `only`."""
+    return [*range(n)] if only is None else indices_of(only, names, n, "name of this signal")

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.errors import DesignError, unknown
 from rmpc_bench.types.run_info import RunInfo
+
+
+def indices_of(only: Sequence[Any], names: Sequence[str], n: int, noun: str) -> list[int]:
+    """Return the indices of the components of a signal that the key `only` has, as names or indices (from 0)."""
+    found: list[int] = []
+    for number, each in enumerate(only):
+        index = names.index(each) if each in names else each
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < n:
+            size = "" if isinstance(each, str) else f"the signal has {n}, counted from 0"
+            raise DesignError(unknown(str(each), names, noun, size), f"only.{number}")
+        if index in found:
+            raise DesignError(f"names {each!r} twice; name each once", f"only.{number}")
+        found.append(index)
+    if not found:
+        raise DesignError("must name at least one component", "only")
+    return found
 
 
 class NamedSignals:
