@@ -388,10 +388,9 @@ class _ExperimentBuilder:
         laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model), plant)
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
-        measurement = laws.terms(
-            draft.noise.get("measurement", ()), plant.nv, "measurement", PlantInfo.of(plant).outputs
-        )
-        of_input = laws.terms(draft.noise.get("input", ()), plant.nu, "input", PlantInfo.of(plant).inputs)
+        info = PlantInfo.of(plant)
+        measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement", info.outputs)
+        of_input = laws.terms(draft.noise.get("input", ()), plant.nu, "input", info.inputs)
         if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
@@ -426,10 +425,10 @@ class _ExperimentBuilder:
         """Build the metrics; two of the same name are refused."""
         invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
         bursts = None if scenario is None or invalid else has_bursts(scenario)
-        units, unit = (plant.y_unit, plant.u_unit), (self.time.unit,)
+        units, time = (plant.y_unit, plant.u_unit), self.time
         r = None if scenario is None else scenario.reference.sample(self.n_steps + 1)
         layout = MetricLayout(
-            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, *unit
+            self.n_steps, time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, time.unit
         )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()

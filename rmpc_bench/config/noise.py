@@ -441,18 +441,18 @@ def delay_of(draft: DraftConfig, model: Component | None, plant: Plant | None) -
 def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[Method]) -> None:
     """Report estimators that bridge no missing measurements, or cannot use late ones, where there are some."""
     longest = sum(law.longest_delay for law in scenario.measurement)
-    unfit = [each for each in methods if not each.estimator.bridges_missing]
+    without: list[str] = []
     for each in methods:
-        known = each.delay.measurement
+        known, bridges = each.delay.measurement, each.estimator.bridges_missing
         late = longest if known is None else max(known, default=0)
-        if late and (each in unfit or not each.estimator.repeats):
+        if late and not (bridges and each.estimator.repeats):
             message = f"the estimator of {each.name!r} cannot use late measurements"
             draft.note(["methods", each.name], f"{message}: `delay: none` gives it y as it arrives")
-            unfit = [other for other in unfit if other is not each]
         elif late and not each.controller.allows_late_outputs:
             message = "its law needs the errors of a filter without late measurements: choose another, or `delay: none`"
             draft.note(["methods", each.name, "controller"], message)
-    if unfit and any(law.omits_measurements for law in scenario.measurement):
-        names = ", ".join(repr(each.name) for each in unfit)
-        message = f"omits measurements, and the estimator of {names} cannot predict without one"
+        elif not bridges:
+            without.append(repr(each.name))
+    if without and any(law.omits_measurements for law in scenario.measurement):
+        message = f"omits measurements, and the estimator of {', '.join(without)} cannot predict without one"
         draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(registry.BRIDGING)}")
