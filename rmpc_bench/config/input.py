@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from rmpc_bench.config_file.component import Component
 from rmpc_bench.registry import NONLINEAR
 from rmpc_bench.simulation.open_loop import Fed
 from rmpc_bench.types import DesignError, Plant, PlantInfo
+from rmpc_bench.types.basics import declaring
 from rmpc_bench.types.signals import indices_of
 
 
@@ -49,7 +49,7 @@ def built_controller(
     """Build a controller of all inputs, or of those beside the signal; None where there is an error."""
     component, model, estimator = draft.input, provided["model"], provided["estimator"]
     if component is None or "only" not in component.shared:
-        return controller.called_rarely(draft.problems, **provided)
+        return controller.build_law(draft.problems, **provided)
     places = None if plant is None else _places(draft, component, plant)
     if plant is None or places is None:
         return None
@@ -60,8 +60,7 @@ def built_controller(
     known, names = component.shared.get("known", True), PlantInfo.of(plant).inputs
     if known:
         # What the disturbance adds to x(k+1) is a mean of the process noise, which laws use as an estimated one.
-        estimator = copy(estimator)
-        estimator.__dict__["estimates_mean"] = True
+        estimator = declaring(estimator, estimates_mean=True)
     try:
         # A law that takes a nonlinear model uses none for d.
         is_linear = controller.kind not in NONLINEAR["controllers"]
@@ -71,7 +70,7 @@ def built_controller(
         return None
     rest = [i for i in range(plant.nu) if i not in places]
     given = {**provided, "estimator": estimator, "measured": [names[i] for i in places] if known else ()}
-    law = controller.called_rarely(draft.problems, inputs=rest, **given)
+    law = controller.build_law(draft.problems, inputs=rest, **given)
     if law is None or signal is None:
         return None
     refuse_runs(draft, signal.n_runs, "input.file")

@@ -6,7 +6,6 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +32,7 @@ from rmpc_bench.models.linear import HeldModel
 from rmpc_bench.simulation.open_loop import Held
 from rmpc_bench.simulation.scenario import initial_state
 from rmpc_bench.types import Count, DesignError, Issue, Problem
+from rmpc_bench.types.basics import declaring
 
 SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
     "models": {"disturbance": Disturbance, "delay": DelayKey},
@@ -101,7 +101,7 @@ class Component:
             recipe.remember(made)
         return made
 
-    def called_rarely(self, problems: list[Problem], *, inputs: Sequence[int] | None = None, **provided: Any) -> Any:
+    def build_law(self, problems: list[Problem], *, inputs: Sequence[int] | None = None, **provided: Any) -> Any:
         """Build a controller; with `every: m` it is designed for a model over m samples, and its input is held.
 
         With `preview: false` it predicts with r(k) for all samples ahead.  The law has the `inputs`, or all.
@@ -127,8 +127,7 @@ class Component:
                 key = "every" if every > 1 else ""
                 problems.append(self.problem(f"{key or 'it'} needs a linear model: {error}", key))
                 return None
-            over, model = None, copy(model)
-            model.__dict__.update({} if inputs is None else {"nu": len(inputs)})
+            over, model = None, model if inputs is None else declaring(model, nu=len(inputs))
         size = {"model": over or model, "Ts": every * provided["Ts"], "n_steps": -(-provided["n_steps"] // every)}
         made = self.build(problems, **{**provided, **size})
         held = np.eye(model.nx) if over is None else over.held

@@ -6,6 +6,7 @@ The constraints are annotations of annotated-types, a dependency of pydantic, wh
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -119,3 +120,10 @@ class Design:
 
     def warm_up(self) -> None:
         """Do costly work that workers share, such as compiling; doing it again costs nothing."""
+
+
+def declaring(design: Any, **values: Any) -> Any:
+    """Return a copy of a design with other values of attributes that its class does not compute."""
+    made = copy(design)
+    made.__dict__.update(values)
+    return made
