@@ -49,21 +49,20 @@ def with_grid(tree: Map, problems: list[Problem]) -> Map:
     if wrong:
         return tree
     grid, mark, found = methods[GRID], locate_key(methods, [GRID]), Map(mark=methods.mark)
-    for names in product(*grid.values()):
-        name, own, first = JOINT.join(names), methods.get(JOINT.join(names)), next(iter(grid.values()))
-        if not _is_excluded(methods, names):
-            method = _method(grid, names)
-            if own is not None:
-                # What is no mapping is refused where methods are read.
-                method = merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else own
-            found.put(name, method, *(methods.places(name) if name in methods else first.places(names[0])))
+    cells, first = [each for each in product(*grid.values()) if not _is_excluded(methods, each)], grid[next(iter(grid))]
+    for names in cells:
+        name, method = JOINT.join(names), _method(grid, names)
+        own = methods.get(name)
+        if own is not None:
+            # What is no mapping is refused where methods are read.
+            method = merge(_with_kinds(method), _with_kinds(own)) if isinstance(own, Map) else own
+        found.put(name, method, *(methods.places(name) if name in methods else first.places(names[0])))
     for name in methods:
         if name not in found and name not in _TYPES:
             found.take(methods, name)
     result, statistics = tree.copy(), tree.get("statistics", Map(mark=mark))
     result["methods"] = found
     if len(grid) == 2 and isinstance(statistics, Map) and "two_way" not in statistics:
-        cells = [cell for cell in product(*grid.values()) if not _is_excluded(methods, cell)]
         levels = {
             axis: Items([name for name in grid[axis] if any(cell[place] == name for cell in cells)], mark=mark)
             for place, axis in enumerate(grid)
