@@ -301,7 +301,7 @@ def _shared(
         if name not in own or name in keys.model_fields:
             continue
         mark, value = locate(own, [name]), own.pop(name)
-        if value is not None and (value != NONE or name == "delay"):
+        if value is not None and (value != NONE or name != "disturbance"):
             found[name] = validate(annotation, value, [*path, name], problems, mark=mark)
     return found
 

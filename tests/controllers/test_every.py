@@ -115,6 +115,7 @@ CURVED = {
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 0}", {}, "must be >= 1"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 100000000}", {}, "at most the number of samples, 24"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 1.5}", {}, "must be a whole number"),
+        ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: none}", {}, "unknown name 'none'"),
         ("{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 2}", CURVED, "every needs a linear model"),
         (
             "{kind: mpc, Hp: 3, Hu: 1, Q: 1, R: 1, every: 2}",
