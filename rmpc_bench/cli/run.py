@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rmpc_bench.results.record import StoredStop
 
 _RARELY = (400_000, 50, 10)
-"""After how many new objects, and how many such looks, a report looks for cycles: a figure leaves some."""
+"""Thresholds of the garbage collection while a report is made: a figure leaves some cycles."""
 
 
 @click.command()
@@ -81,7 +81,7 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
-    _look_for_no_cycles(click.get_current_context())
+    _collect_no_garbage(click.get_current_context())
     if options.pop("if_installed") and _is_skipped(options["config"]):
         return 0
     request = Request(**options)
@@ -115,15 +115,15 @@ def run(**options: Any) -> int:
         return exits.code_of_store(error)
 
 
-def _look_for_no_cycles(context: click.Context) -> None:
-    """Look for no cycles of objects: those of imports stay, and a look passes through all of them."""
+def _collect_no_garbage(context: click.Context) -> None:
+    """Switch the garbage collection off, which would visit all objects of imports, although these stay."""
     context.call_on_close(gc.enable)
     context.call_on_close(partial(gc.set_threshold, *gc.get_threshold()))
     gc.disable()
 
 
 def load_scipy() -> None:
-    """Load SciPy while empty modules stand for two of NumPy, which it would load only to copy their names.
+    """Load SciPy while empty modules stand for two of NumPy, which it would load only to copy their names (0.1 s).
 
     A SciPy that needs them is not loaded here, but as usual by the next import.
     """

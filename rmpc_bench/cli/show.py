@@ -122,14 +122,11 @@ def _differs(found: Replay, until: int | None) -> bool:
 def _lines(found: Replay, until: int | None) -> list[str]:
     where = f" at {found.point}" if found.point else ""
     lines = [f"run {found.run} of {found.method}{where}: {found.status}"]
-    if found.failure is not None:
-        at = (
-            ""
-            if found.failure.k is None
-            else f" at k = {found.failure.k}, t = {found.Ts * found.failure.k:g} {found.units['t']}"
-        )
-        lines += [f"{found.failure.component}{at}: {found.failure.message}"]
-        lines += [found.failure.trace.rstrip()] if found.failure.trace else []
+    failure, unit = found.failure, found.units["t"]
+    if failure is not None:
+        at = "" if failure.k is None else f" at k = {failure.k}, t = {found.Ts * failure.k:g} {unit}"
+        lines += [f"{failure.component}{at}: {failure.message}"]
+        lines += [failure.trace.rstrip()] if failure.trace else []
     if found.failed_steps:
         counts = ", ".join(f"{n} {word}" for word, n in found.failed_steps.items())
         lines += [f"steps whose optimisation failed, where the fallback was applied: {counts}"]

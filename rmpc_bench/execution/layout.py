@@ -89,9 +89,8 @@ class _Layout:
     def _point(self, point: SweepPoint) -> StoredPoint:
         experiment, plant = point.experiment, point.experiment.plant
         # The shares are those of the first run of the experiment.
-        remarks = (
-            metric_remarks(experiment) if point is self._config.points[0] and "runs" in self._config.evaluate else ()
-        )
+        has_first = point is self._config.points[0] and "runs" in self._config.evaluate
+        remarks = metric_remarks(experiment) if has_first else ()
         recording = experiment.recording
         is_recorded = bool(recording.n_runs and recording.signals)
         extra = {name: unit for name, unit in plant.extra_signals.items() if name in recording.signals}

@@ -67,7 +67,7 @@ def stored_blocks(
     """Compute tasks; yield every block when it is stored, with the queue that further tasks may be added to."""
     experiments = tuple(point.experiment for point in config.points)
     queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
-    with closing(engine(experiments, queue)) as results, cycles_collected():
+    with closing(engine(experiments, queue)) as results, garbage_collected():
         for done in results:
             store_block(store, config.points[done.task.point], done)
             queue.note(done)
@@ -75,12 +75,12 @@ def stored_blocks(
 
 
 @contextmanager
-def cycles_collected() -> Iterator[None]:
-    """Look for cycles of objects as usual where the command has switched that off: those of components may be large."""
+def garbage_collected() -> Iterator[None]:
+    """Collect garbage where the command has switched that off: cycles of components may hold large arrays."""
     if gc.isenabled():
         yield
         return
-    gc.freeze()  # what is loaded stays: no look passes through it
+    gc.freeze()  # what is loaded stays, and is not visited
     gc.enable()
     try:
         yield
