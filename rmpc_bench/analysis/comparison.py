@@ -18,7 +18,7 @@ import numpy as np
 from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.intervals import FEW, NONE, holm, mean_interval, signed_rank_p, student
 from rmpc_bench.analysis.levels import held_level, unplanned_level
-from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
+from rmpc_bench.analysis.pairs import Pairs, pairs_of, two_way, worst_finished
 from rmpc_bench.analysis.rounding import without_noise
 from rmpc_bench.analysis.superiority import (
     runs_for_count,
@@ -29,7 +29,6 @@ from rmpc_bench.analysis.superiority import (
     superiority_interval,
 )
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.two_way import two_way
 from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, largest_share, verdict
 from rmpc_bench.types import Array, MetricInfo
 

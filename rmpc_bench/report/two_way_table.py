@@ -10,11 +10,10 @@ import numpy as np
 from rmpc_bench.analysis.columns import Columns, columns_of
 from rmpc_bench.analysis.comparison import levels
 from rmpc_bench.analysis.intervals import student
-from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.pairs import TwoWay, name_of_distance, two_way
 from rmpc_bench.analysis.rounding import without_noise
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts, plain, short
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.two_way import TwoWay, two_way
 from rmpc_bench.report.point_tables import rounded_columns
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.types import Array, MetricInfo
