@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rmpc_bench.analysis import comparison_text
-from rmpc_bench.analysis.columns import Columns, data_frame, n_rows
-from rmpc_bench.analysis.comparison import COLUMNS, WHOLE, comparisons, levels
+from rmpc_bench.analysis.columns import Columns, n_rows
+from rmpc_bench.analysis.comparison import WHOLE, comparisons, levels
 from rmpc_bench.analysis.comparison_text import margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
@@ -17,16 +17,13 @@ from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import pair_text
 from rmpc_bench.report.latex import WIDTH
-from rmpc_bench.report.point_tables import AVERAGES, PointSummary, markdown_table, stacked_points, texts_of
+from rmpc_bench.report.point_tables import AVERAGES, FrameTable, PointSummary, markdown_table, texts_of
 from rmpc_bench.report.run_notes import counted
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.errors import unknown
 from rmpc_bench.types.result_layout import Column
 from rmpc_bench.types.texts import inert_markdown
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
@@ -91,31 +88,28 @@ def explanation(trials: Trials) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComparisonTable:
+class ComparisonTable(FrameTable):
     """Paired comparisons of methods with a baseline."""
 
     summary: Summary  # of the compared methods and metrics, with the same comparisons
-    columns: Columns  # sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
     sentences: tuple[str, ...]  # each row as one sentence that can be quoted
     notes: tuple[str, ...]  # what the columns mean: pairing, level of the intervals, relevant change
 
-    @property
-    def frame(self) -> pd.DataFrame:
-        """The comparisons."""
-        return data_frame(self.columns, WHOLE)
+    whole = WHOLE
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the comparisons."""
-        return self.frame
+    @property
+    def content(self) -> Columns:
+        """Sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method."""
+        return self.summary.compared_columns
 
     def to_dict(self) -> list[dict[str, Any]]:
         """Return the rows as plain data; a missing number is None."""
-        rows = [dict(zip(self.columns, cells, strict=True)) for cells in zip(*self.columns.values(), strict=True)]
+        rows = [{**point.trials.point, **row} for point in self.summary.points for row in point.compared]
         return [{name: value if value == value else None for name, value in row.items()} for row in rows]
 
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
-        return inert_markdown("\n".join([markdown_table(texts_of(self.columns)), "", *self.notes, ""]))
+        return inert_markdown("\n".join([markdown_table(texts_of(self.content)), "", *self.notes, ""]))
 
     def to_latex(
         self, metric: str | None = None, *, columns: Sequence[Column] | None = None, width: float = WIDTH
@@ -124,7 +118,7 @@ class ComparisonTable:
         return self.summary.to_latex(metric, columns=columns, width=width)
 
     def __repr__(self) -> str:
-        return f"<ComparisonTable: {n_rows(self.columns)} comparisons with {self.summary.points[0].trials.baseline}>"
+        return f"<ComparisonTable: {n_rows(self.content)} comparisons with {self.summary.points[0].trials.baseline}>"
 
     def _repr_html_(self) -> str:
         return self.summary._repr_html_()
@@ -180,15 +174,13 @@ def comparison_table(
         for point in trials.each
     ]
     of = levels(replace(trials, points=tuple(points)) if trials.points else points[0])
-    tables = [comparisons(point, of) for point in points]
-    found = [PointSummary(point, summary(point), table) for point, table in zip(points, tables, strict=True)]
+    found = [PointSummary(point, summary(point), comparisons(point, of)) for point in points]
     return ComparisonTable(
         summary=Summary(found),
-        columns=stacked_points(list(zip(points, tables, strict=True)), COLUMNS),
         sentences=tuple(
             (f"{point.title}: " if point.title else "") + sentence(row, infos[row["metric"]], point)
-            for point, table in zip(points, tables, strict=True)
-            for row in table
+            for point, _, compared in found
+            for row in compared
         ),
         notes=(explanation(points[0]),),
     )

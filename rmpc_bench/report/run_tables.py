@@ -199,7 +199,7 @@ class DriversTable(FrameTable):
 
 
 def correlated_text(points: Sequence[Trials]) -> str:
-    """Say which quantities are correlated at a point, so that their shares cannot be told apart; empty for none."""
+    """Say which quantities are correlated at a point, so that their shares cannot be separated; empty for none."""
     pairs = dict.fromkeys(f"{a} with {b}" for trials in points for a, b in inputs(trials).correlated)
     return f"Correlated, |r| > 1/2: {', '.join(pairs)}. What one explains, the other may explain." if pairs else ""
 
