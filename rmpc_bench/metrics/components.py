@@ -91,7 +91,7 @@ class SumMetric(ComponentMetric):
     scale: dict[str, Positive] | list[Positive] | None = None
 
     adds: ClassVar[str] = "sizes"
-    """What is added: sizes or squares."""
+    """What is added: sizes or squares; empty where only the largest one counts."""
     is_root: ClassVar[bool] = False
     """Whether the value is the root of a sum of squares."""
 
@@ -137,9 +137,10 @@ class SumMetric(ComponentMetric):
         if len(units) < 2 or self.scale is not None:
             return ""
         *first, last = units
-        text = f"{self.name} adds {self.adds} of {', '.join(first)} and {last}"
+        what = f"adds {self.adds} of" if self.adds else "is the largest of sizes in"
+        text = f"{self.name} {what} {', '.join(first)} and {last}"
         numbers = self.indices(layout) or range(len(self.units(layout)))
-        if record is not None:
+        if record is not None and self.adds:
             parts = np.array([abs(replace(self, only=[i]).evaluate(record)[0]) for i in numbers])
             parts = parts**2 if self.is_root else parts
             if np.isfinite(parts).all() and parts.any():

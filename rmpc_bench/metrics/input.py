@@ -149,6 +149,7 @@ class InputPeak(BurstMetric, SumMetric):
     name: str = "input_peak"
 
     letter: ClassVar[str] = "u"
+    adds: ClassVar[str] = ""
     better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True

@@ -284,8 +284,8 @@ class Tracking(BurstMetric, SumMetric):
 
     @property
     def adds(self) -> str:  # type: ignore[override]
-        """What is added, before the root is taken of squares."""
-        return "squares" if self.is_root else "sizes"
+        """What is added, before the root is taken; only the largest component counts for `peak` and `bias`."""
+        return "squares" if self.is_root else ""
 
     @property
     def is_root(self) -> bool:  # type: ignore[override]

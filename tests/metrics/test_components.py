@@ -125,6 +125,10 @@ def test_remark_on_units():
     )
     assert Rmse(of="estimate").remark(RECORD, LAYOUT).startswith("rmse adds squares of mol/l and K; T makes 99.5 % ")
     assert Mae(of="estimate").remark(None, LAYOUT) == "mae adds sizes of mol/l and K: use `only` or `scale`"
+    for metric in (InputPeak(), Tracking(norm="peak"), Tracking(norm="bias")):
+        units = "l/min and K" if isinstance(metric, InputPeak) else "mol/l and K"
+        text = f"{metric.name} is the largest of sizes in {units}: use `only` or `scale`"
+        assert metric.remark(RECORD, LAYOUT) == text
     for metric in (EstimationMse(only=["T"]), EstimationMse(scale=[1.0, 1.0]), Nees(), SettlingTime(), Departures()):
         assert metric.remark(RECORD, LAYOUT) == ""
 
