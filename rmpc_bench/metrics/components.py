@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, TypeAlias
 
@@ -66,17 +66,7 @@ class ComponentMetric(WindowMetric):
 
     def units(self, layout: MetricLayout) -> list[str]:
         """Return the units of the components that count, empty texts for those without one."""
-        common = {"y": layout.y_unit, "u": layout.u_unit}.get(self.letter, "")
-        if layout.plant is None:
-            return [common]
-        indices = self.indices(layout)
-        numbers = range(getattr(layout.plant, f"n{self.letter}")) if indices is None else indices
-        return [layout.plant.units.get(f"{self.letter}.{i}", common) for i in numbers]
-
-    def common_unit(self, layout: MetricLayout) -> str:
-        """Return the unit that they have in common; empty where they differ."""
-        units = {*self.units(layout)}
-        return units.pop() if len(units) == 1 else ""
+        return units_of(layout, self.letter, None if layout.plant is None else self.indices(layout))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +118,7 @@ class SumMetric(ComponentMetric):
 
     def unit(self, layout: MetricLayout) -> str:
         """Return the unit that the components have in common; a scaled one has none."""
-        unit = "" if self.scale is not None else self.common_unit(layout)
+        unit = "" if self.scale is not None else in_common(self.units(layout))
         return squared(unit) if self.adds == "squares" and not self.is_root else unit
 
     def remark(self, record: Record | None, layout: MetricLayout) -> str:
@@ -147,6 +137,21 @@ class SumMetric(ComponentMetric):
                 name, share = _labels(layout, self.letter, numbers)[parts.argmax()], 100 * parts.max() / parts.sum()
                 text += f"; {name} makes {share:.3g} % of it in the first run"
         return f"{text}: use `only` or `scale`"
+
+
+def units_of(layout: MetricLayout, letter: str, indices: Iterable[int] | None) -> list[str]:
+    """Return the units of components of y, x or u, of all if None; empty texts for those without one."""
+    common = {"y": layout.y_unit, "u": layout.u_unit}.get(letter, "")
+    if layout.plant is None:
+        return [common]
+    numbers = range(getattr(layout.plant, f"n{letter}")) if indices is None else indices
+    return [layout.plant.units.get(f"{letter}.{i}", common) for i in numbers]
+
+
+def in_common(units: Iterable[str]) -> str:
+    """Return the unit that components have in common; empty where they differ."""
+    found = {*units}
+    return found.pop() if len(found) == 1 else ""
 
 
 def _names(layout: MetricLayout, letter: str) -> dict[str, int]:

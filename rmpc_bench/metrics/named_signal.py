@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.metrics.components import in_common, units_of
 from rmpc_bench.types import Array, DesignError, MetricLayout, Plant, Record, SampleWindow
 from rmpc_bench.types.errors import unknown
 
@@ -39,15 +40,9 @@ class NamedSignal:
 
     def unit(self, layout: MetricLayout) -> str:
         """Return the unit that its components have in common; empty where they have none."""
-        plant = layout.plant
         if self.letter == "extra":
-            return "" if plant is None else plant.extra_signals.get(self.name, "")
-        common = {"y": layout.y_unit, "u": layout.u_unit, "x": ""}[self.letter[0]]
-        if plant is None:
-            return common
-        indices = range(_size(plant, self.letter)) if self.index is None else [self.index]
-        units = {plant.units.get(f"{self.letter[0]}.{i}", common) for i in indices}
-        return units.pop() if len(units) == 1 else ""
+            return "" if layout.plant is None else layout.plant.extra_signals.get(self.name, "")
+        return in_common(units_of(layout, self.letter[0], None if self.index is None else [self.index]))
 
     def at_samples(self, record: Record, window: SampleWindow) -> Float[Array, "runs window n"]:
         """Return the components at the samples of a window."""
