@@ -9,6 +9,7 @@ from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
+from rmpc_bench.analysis.columns import columns_of, data_frame
 from rmpc_bench.analysis.comparison_text import about, margin_of
 from rmpc_bench.analysis.improvement_difference import AverageDifference, ImprovementDifference
 from rmpc_bench.analysis.pairs import name_of_distance
@@ -107,15 +108,13 @@ class ResultsComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the compared metrics: point, method, metric, counts and the largest differences with their runs."""
-        import pandas as pd
-
         rows = []
         for each in self.trials.values:
             found = {name: getattr(each, name) for name in ("point", "method", "metric", "n", "n_differ")}
             for name, largest in (("relative", each.relative), ("absolute", each.absolute)):
                 found |= {name: largest.size, f"{name}_run": largest.run}
             rows.append(found | {"n_apart": each.n_apart})
-        return pd.DataFrame(rows)
+        return data_frame(columns_of(rows, [*rows[0]] if rows else []))
 
     def __repr__(self) -> str:
         return f"<ResultsComparison of {' and '.join(self.names)}: equal={self.equal}>"
@@ -295,8 +294,6 @@ class ImprovementComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row per point and average; see `ImprovementDifference` and `AverageDifference`."""
-        import pandas as pd
-
         names = ["point", "method", "baseline", "metric", "paired", "n_a", "n_b", "failed_a", "failed_b"]
         names += ["superiority_a", "superiority_b", "verdict", "level"]
         rows = []
@@ -306,7 +303,7 @@ class ImprovementComparison:
                 for name in ("in_a", "in_b", "difference", "ratio"):
                     found |= zip((name, f"{name}_low", f"{name}_high"), getattr(each, name), strict=True)
                 rows.append(found)
-        return pd.DataFrame(rows)
+        return data_frame(columns_of(rows, [*rows[0]]))
 
     def __repr__(self) -> str:
         return f"<ImprovementComparison of {' and '.join(self.names)}: {len(self.rows)} points>"
