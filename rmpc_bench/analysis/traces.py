@@ -7,7 +7,7 @@ out: single runs where the trajectories are recorded, else the groups of runs th
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -44,11 +44,11 @@ class Traces(NamedTuple):
     angles: Mapping[str, float] = {}
     """Component that is an angle, such as x.0 -> its period."""
 
-    def difference(self, signal: str, one: Array, other: Array, first: int = 0) -> Array:
-        """Subtract two series (runs, samples, components) of a signal from `first` on; that of an angle is wrapped."""
+    def difference(self, signal: str, one: Array, other: Array, components: Sequence[int] | None = None) -> Array:
+        """Subtract two series (.., components) of a signal, of all components if None; that of an angle is wrapped."""
         error = one - other
-        names = [f"{signal.removesuffix('_hat')}.{first + i}" for i in range(error.shape[-1])]
-        return wrapped(error, period_of(self.angles, names))
+        numbers = range(error.shape[-1]) if components is None else components
+        return wrapped(error, period_of(self.angles, [f"{signal.removesuffix('_hat')}.{i}" for i in numbers]))
 
     def until(self, last: Mapping[int, int]) -> Traces:
         """Return the runs with NaN after the last sample of those that failed, run -> sample."""

@@ -311,7 +311,7 @@ def _tube(point: Trials, method: str, quantity: Quantity, window: TimeWindow, ch
     own = shapes[:, i, i]
     own = own[window.slice] if len(own) > 1 else np.repeat(own, len(x))
     half, t = np.sqrt(np.maximum(own, 0.0)), window.times
-    error = point.traces[method].difference("x", x[:, None], x_hat[:, None], i)[:, 0]
+    error = point.traces[method].difference("x", x[:, None], x_hat[:, None], [i])[:, 0]
     beyond = np.where(np.abs(error) > half * (1.0 + EDGE), x, np.nan)
     lines = [Line("main", t, drawable(x_hat)), Line("state", t, drawable(x))]
     lines += [Line("outside", t, drawable(beyond))] if np.isfinite(beyond).any() else []

@@ -91,7 +91,7 @@ def signal_of(traces: Traces, name: str, component: int) -> Array | None:
     values = None if recorded is None else recorded[:, :, component]
     if values is None or name != ERROR:
         return values
-    return traces.difference(OUTPUT, traces.r[:, [component]], values[:, :, None], component)[:, :, 0]
+    return traces.difference(OUTPUT, traces.r[:, [component]], values[:, :, None], [component])[:, :, 0]
 
 
 def shown_part(values: Array, traces: Traces, window: TimeWindow) -> Array:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.curves import limits_of
 from rmpc_bench.figures.labels import at_point, joined, name_of, sentence, short_title, unit_of
@@ -117,12 +116,6 @@ def paths_content(keys: SignalPlane, points: Sequence[Trials]) -> PathContent:
     return PathContent(keys, point, title, (x, y), window, paths)
 
 
-def _error(traces: Traces, quantities: Sequence[Quantity], values: Array, reference: Array) -> Array:
-    """Return the distances of two outputs from the reference."""
-    columns = ((each.number, values[:, [i]], reference[:, [i]]) for i, each in enumerate(quantities))
-    return np.hstack([traces.difference(OUTPUT, value, r, number) for number, value, r in columns])
-
-
 def _path(
     keys: SignalPlane, point: Trials, name: str, quantities: tuple[Quantity, Quantity], window: TimeWindow
 ) -> Path:
@@ -133,13 +126,11 @@ def _path(
     columns = [shown_part(each[[row]], traces, window)[0] for each in signals if each is not None]
     values, reference = np.stack(columns, axis=1), None
     if all(each.name == OUTPUT for each in quantities):
-        reference = traces.r[window.slice][:, [each.number for each in quantities]]
+        numbers = [each.number for each in quantities]
+        reference = traces.r[window.slice][:, numbers]
         with np.errstate(over="ignore", invalid="ignore"):
-            values = (
-                values
-                if keys.magnify == 1.0
-                else reference + keys.magnify * _error(traces, quantities, values, reference)
-            )
+            error = traces.difference(OUTPUT, values, reference, numbers)
+            values = values if keys.magnify == 1.0 else reference + keys.magnify * error
     return Path(drawable(values), reference, failure)
 
 
