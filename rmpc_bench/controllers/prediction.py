@@ -73,7 +73,8 @@ def of_inputs(
     A, B, f, C = _augmented(model, uses_mean=uses_mean)
     head, inputs = A.copy(), slice(model.nx, model.nx + model.nu)
     head[:, inputs] = 0.0
-    return Problem(head, B, f + B @ model.u_op, C, root_Q, root_R, Hp, Hu, (A, f))
+    acting = head, B, f + B @ model.u_op, C
+    return Problem(*acting, root_Q, root_R, Hp, Hu, over=[acting] * Hu + [(A, B, f, C)] * (Hp - Hu))
 
 
 def _augmented(model: LinearModel, *, uses_mean: bool) -> tuple[Array, Array, Array, Array]:

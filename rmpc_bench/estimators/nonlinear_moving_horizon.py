@@ -151,15 +151,7 @@ class NonlinearMovingHorizon(Estimator):
         R_inv = np.where(both, np.linalg.inv(np.where(both, R_v, np.eye(R_v.shape[1]))), 0.0)
         size = np.sqrt(np.einsum("rjab,rjab->rja", root, root))
         y = np.where(there, state.y, 0.0)
-        return Windows(
-            state.x_bar[:, 0],
-            inverse.mT @ inverse,
-            state.u,
-            y,
-            R_inv,
-            size,
-            np.zeros((*size.shape[:2], 0, size.shape[2])),
-        )
+        return Windows(state.x_bar[:, 0], inverse.mT @ inverse, state.u, y, R_inv, size)
 
     def _maps(self, first: int, k: int) -> WindowMaps:
         """Return the model at the samples first..k."""

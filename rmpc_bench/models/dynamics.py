@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -169,12 +170,12 @@ class OdeDynamics(Dynamics):
         """Names of the equation."""
         return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
 
-    @property
+    @cached_property
     def x_period(self) -> Float[Array, " nx"] | None:  # type: ignore[override]
         """Period of every state of the equation."""
         return period_of(self.ode.angles, self.ode.states)
 
-    @property
+    @cached_property
     def y_period(self) -> Float[Array, " ny"] | None:  # type: ignore[override]
         """Period of every output of the equation."""
         return period_of(self.ode.angles, self.ode.outputs)

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -44,6 +44,8 @@ SMALLEST_STEP = 1e-8
 BEST_STEP = float(np.cbrt(np.finfo(float).eps))
 """Step of a difference relative to |x_i| or 1 where the standard deviation is zero: least sum of both errors."""
 
+Means: TypeAlias = Float[Array, "runs n"]
+Roots: TypeAlias = Float[Array, "runs n n"]
 Map = Callable[[Float[Array, "runs points n"]], Float[Array, "runs points m"]]
 """A function of the points of every run."""
 
@@ -70,12 +72,7 @@ class MomentRule:
         return 2 * n + 1
 
     def moments(
-        self,
-        f: Map,
-        x: Float[Array, "runs n"],
-        root: Float[Array, "runs n n"],
-        limits: Interval | None = None,
-        period: Array | None = None,
+        self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
     ) -> Moments:
         """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits.
 
@@ -100,12 +97,7 @@ class SigmaPoints(MomentRule):
     kappa: float = 0.0
 
     def moments(
-        self,
-        f: Map,
-        x: Float[Array, "runs n"],
-        root: Float[Array, "runs n n"],
-        limits: Interval | None = None,
-        period: Array | None = None,
+        self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
     ) -> Moments:
         """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
         n = x.shape[1]
@@ -139,12 +131,7 @@ class CentralDifferences(MomentRule):
     spread: float | None = None
 
     def moments(
-        self,
-        f: Map,
-        x: Float[Array, "runs n"],
-        root: Float[Array, "runs n n"],
-        limits: Interval | None = None,
-        period: Array | None = None,
+        self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
     ) -> Moments:
         """Return the moments of f(x) with f linearised at `x`; the root also sets the steps."""
         at_mean, J = self.slopes(f, x, np.sqrt(np.einsum("rij,rij->ri", root, root)), limits, period)
@@ -155,12 +142,7 @@ class CentralDifferences(MomentRule):
         return Moments(at_mean, J @ root, root)
 
     def slopes(
-        self,
-        f: Map,
-        x: Float[Array, "runs n"],
-        deviation: Float[Array, "runs n"],
-        limits: Interval | None = None,
-        period: Array | None = None,
+        self, f: Map, x: Means, deviation: Means, limits: Interval | None = None, period: Array | None = None
     ) -> tuple[Float[Array, "runs m"], Float[Array, "runs m n"]]:
         """Return f(x) and its Jacobian; x has the given standard deviations."""
         n, points = x.shape[1], self.points(x, deviation, limits)
@@ -171,9 +153,7 @@ class CentralDifferences(MomentRule):
         d = wrapped(values[:, 1 : n + 1] - values[:, n + 1 :], period)
         return values[:, 0], np.ascontiguousarray((d / step[:, :, None]).mT)
 
-    def points(
-        self, x: Float[Array, "runs n"], deviation: Float[Array, "runs n"], limits: Interval | None = None
-    ) -> Float[Array, "runs points n"]:
+    def points(self, x: Means, deviation: Means, limits: Interval | None = None) -> Float[Array, "runs points n"]:
         """Return x, then x with a step up, then with a step down, in every state."""
         size = np.abs(x)
         if self.spread is None:
@@ -186,7 +166,7 @@ class CentralDifferences(MomentRule):
 
 
 def _points(
-    x: Float[Array, "runs n"], steps: Float[Array, "runs p n"], limits: Interval | None
+    x: Means, steps: Float[Array, "runs p n"], limits: Interval | None
 ) -> tuple[Float[Array, "runs points n"], Bool[Array, " runs"]]:
     """Return x, and x plus and minus every step, inside the limits, and in which runs a point has been moved there."""
     centre = x[:, None] if limits is None else np.clip(x, *limits)[:, None]

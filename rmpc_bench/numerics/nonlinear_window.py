@@ -77,8 +77,8 @@ class Windows(NamedTuple):
     """0 in the rows and columns of a missing measurement."""
     size: Float[Array, "runs samples n"]
     """Standard deviations of predictions, for the steps of differences."""
-    lead: Float[Array, "runs samples points n"]
-    """Points that decide on intervals; none if nothing depends on them."""
+    lead: Float[Array, "runs samples points n"] = np.zeros((0, 0, 0, 0))
+    """Points that decide on intervals, which `solve` chooses; none if nothing depends on them."""
 
     def of(self, rows: Array) -> Windows:
         """Return those of some runs."""

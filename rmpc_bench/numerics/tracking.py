@@ -74,17 +74,12 @@ class Problem(NamedTuple):
     Q_u: Float[Array, "nu nu"]
     N: int
     moves: int
-    after: tuple[Float[Array, "nx nx"], Float[Array, " nx"]] | None = None
-    """A and f of the samples without input; those of the others if not given."""
     over: Sequence[tuple[Array, Array, Array, Array]] | None = None
     """A, B, f of the step to every sample 1..N, and C there, of a model that changes; those above if not given."""
 
     def step(self, j: int) -> tuple[Array, Array, Array, Array]:
         """Return A, B, f of the step to sample j, and C there."""
-        if self.over is not None:
-            return self.over[j - 1]
-        A, f = (self.A, self.f) if j <= self.moves or self.after is None else self.after
-        return A, self.B, f, self.C
+        return (self.A, self.B, self.f, self.C) if self.over is None else self.over[j - 1]
 
     def stages(self) -> tuple[list[Stage], Float[Array, "lost columns"]]:
         """Return the inputs, first one first, and the rows [E_x, e] of the minimal cost |e - E_x x|^2.
