@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from timeit import default_timer
 from typing import Any
 
-from rmpc_bench.types import Array, Journal
+from rmpc_bench.types import Journal
 
 BLOCK = "block"
 """Phase under which the time per run and step is noted; calls for single runs are noted one by one elsewhere."""
@@ -15,37 +16,19 @@ class BlockTimes:
     """The calls of estimator and controller in the loop, with the time that they take."""
 
     def __init__(self, estimator: Any, controller: Any) -> None:
-        self._estimator, self._controller = estimator, controller
         self._seconds = {"estimator": 0.0, "controller": 0.0}
+        self.correct, self.predict = (self._timed("estimator", call) for call in (estimator.correct, estimator.predict))
+        calls = controller.control, controller.control_ahead, controller.applied
+        self.control, self.control_ahead, self.applied = (self._timed("controller", call) for call in calls)
 
-    def correct(self, k: int, state: Any, y: Any) -> Any:
-        """Call the estimator with y(k), or with what arrives at k."""
-        start = default_timer()
-        answer = self._estimator.correct(k, state, y)
-        self._seconds["estimator"] += default_timer() - start
-        return answer
+    def _timed(self, role: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*given: Any) -> Any:
+            start = default_timer()
+            answer = call(*given)
+            self._seconds[role] += default_timer() - start
+            return answer
 
-    def predict(self, k: int, state: Any, u: Array) -> Any:
-        """Call the estimator with u(k)."""
-        start = default_timer()
-        answer = self._estimator.predict(k, state, u)
-        self._seconds["estimator"] += default_timer() - start
-        return answer
-
-    def control(self, k: int, state: Any, y: Array, estimate: Any, r: Array, *ahead: Any) -> Any:
-        """Call the controller; `ahead` is what `control_ahead` takes besides."""
-        start = default_timer()
-        call = self._controller.control_ahead if ahead else self._controller.control
-        answer = call(k, state, y, estimate, r, *ahead)
-        self._seconds["controller"] += default_timer() - start
-        return answer
-
-    def applied(self, k: int, state: Any, u: Array) -> Any:
-        """Pass the u(k) that acts to the controller."""
-        start = default_timer()
-        answer = self._controller.applied(k, state, u)
-        self._seconds["controller"] += default_timer() - start
-        return answer
+        return timed
 
     def note(self, journal: Journal, n_runs: int, n_steps: int) -> None:
         """Note the time per run and step of the components whose calls are not timed run by run, once for every run.

@@ -230,8 +230,10 @@ class _Loop(NamedTuple):
     ) -> tuple[Any, Command, ActingInput, Statuses]:
         """Call the controller; return its state, its command, the input that acts and the statuses."""
         estimate, *ahead = self._ahead(k, estimate)
-        r = r if ahead else r[: self.method.controller.preview]
-        state, chosen = self.timed.control(k, state, y, estimate, r, *ahead)
+        if ahead:
+            state, chosen = self.timed.control_ahead(k, state, y, estimate, r, *ahead)
+        else:
+            state, chosen = self.timed.control(k, state, y, estimate, r[: self.method.controller.preview])
         command = as_command(chosen)
         status = self.runs.after(self.limits.of_input(status, command.status, command.u))
         self.start.note_steps(command.step_status, self.runs)

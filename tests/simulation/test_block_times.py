@@ -31,7 +31,7 @@ def timed(clock):
         return call
 
     estimator = SimpleNamespace(correct=taking(3.0, ("e", "x_hat")), predict=taking(1.0, "e1"))
-    return BlockTimes(estimator, SimpleNamespace(control=taking(2.0, ("c", "u"))))
+    return BlockTimes(estimator, SimpleNamespace(control=taking(2.0, ("c", "u")), control_ahead=None, applied=None))
 
 
 def test_time_per_run_and_step(clock):
