@@ -56,10 +56,9 @@ Samples: TypeAlias = Annotated[int, BeforeValidator(_whole)]
 class Quantised(Noise):
     """Rounds every chosen component to a grid."""
 
-    step: Float[Array, " few"]
-    offset: Float[Array, " few"]
-    indices: list[int]
-    """The components."""
+    step: Float[Array, " n"]
+    offset: Float[Array, " n"]
+    chosen: Bool[Array, " n"]
     alters_output = True
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
@@ -68,9 +67,8 @@ class Quantised(Noise):
 
     def altered(self, y: Float[Array, "runs n"], drawn: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
         """Round to the nearest point of the grid."""
-        y = y.copy()
-        y[:, self.indices] = self.offset + self.step * np.rint((y[:, self.indices] - self.offset) / self.step)
-        return y
+        rounded: Array = self.offset + self.step * np.rint((y - self.offset) / self.step)
+        return np.where(self.chosen, rounded, y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +169,10 @@ def quantised(
     DesignError
         If a size does not fit, or a name is unknown.
     """
-    indices = _indices(only, signal_names, ny)
-    return Quantised(as_vector(step, len(indices), "step"), as_vector(offset, len(indices), "offset"), indices)
+    indices, steps, offsets = _indices(only, signal_names, ny), np.ones(ny), np.zeros(ny)
+    steps[indices] = as_vector(step, len(indices), "step")
+    offsets[indices] = as_vector(offset, len(indices), "offset")
+    return Quantised(steps, offsets, np.isin(range(ny), indices))
 
 
 def missing(

@@ -32,7 +32,7 @@ def test_with_only_a_list_has_one_number_per_name():
     """Oracle: the law of all outputs, by hand; the order is that of `only`."""
     law = quantised(3, signal_names=["a", "b", "c"], step=[2.0, 0.5], offset=[1.0, 0.25], only=["c", 0])
     y = np.array([[0.6, 0.123, 4.2]])
-    np.testing.assert_array_equal(law.altered(y, np.zeros((1, 3))), [[0.75, 0.123, 5.0]])
+    np.testing.assert_array_equal(law.altered(y, law.draw(fresh(), 1)), [[0.75, 0.123, 5.0]])
 
 
 def test_the_error_of_rounding_is_uniform_for_a_small_step():
