@@ -87,17 +87,10 @@ def start(
     directory: Path | None = None,
     session: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """Start a Python process that calls ``main`` of a module; nothing of the program that runs here is imported in it.
+    """Start a Python process that calls ``main`` of a module, with `given` as keyword arguments, which JSON can write.
 
-    Parameters
-    ----------
-    module : imported along the search path of this process
-    stdin, stdout, stderr : as `subprocess.Popen` takes them
-    given : keyword arguments of ``main``, which JSON can write
-    inherited : open files that the process keeps, beside the three streams
-    environment : variables that differ from those of this process
-    directory : working directory; this one unless given
-    session : whether the process gets a group of its own, which can be ended together
+    Nothing of the program that runs here is imported in it.  It keeps the files `inherited`, `environment` has the
+    variables that differ, and with `session` the process gets a group of its own, which can be ended together.
     """
     # Each entry once: an argument has a limited length.
     path = [*dict.fromkeys(entry or os.getcwd() for entry in sys.path)]

@@ -95,17 +95,9 @@ def missing_extra(error: BaseException) -> str:
 
 
 def library(extra: str, module: str = "") -> Any:
-    """Import and return the module of an extra.
+    """Import and return the module of an extra, or a submodule of it such as ``kalman`` of filterpy.
 
-    Parameters
-    ----------
-    extra : a key of `EXTRAS`
-    module : a submodule, such as ``kalman`` of filterpy
-
-    Raises
-    ------
-    MissingLibraryError
-        If it is not installed.
+    A MissingLibraryError says that it is not installed.
     """
     if not is_installed(extra):
         raise MissingLibraryError(missing(extra), name=EXTRAS[extra])

@@ -20,16 +20,10 @@ class BrokenPackageError(Exception):
 
 @dataclass(frozen=True)
 class InstalledComponent:
-    """A component of an installed package.
+    """A component of an installed package."""
 
-    Parameters
-    ----------
-    name : name of the entry point
-    points : entry points with this name; more than one if several packages have it
-    """
-
-    name: str
-    points: tuple[EntryPoint, ...]
+    name: str  # name of the entry point
+    points: tuple[EntryPoint, ...]  # entry points with this name; more than one if several packages have it
 
     @property
     def origin(self) -> str:
@@ -37,13 +31,7 @@ class InstalledComponent:
         return " and ".join(_origin(point) for point in self.points)
 
     def load(self) -> Any:
-        """Import the component.
-
-        Raises
-        ------
-        BrokenPackageError
-            If the import fails, whatever the reason, or several packages have the name.
-        """
+        """Import the component; a BrokenPackageError says that this fails, or that several packages have the name."""
         if len(self.points) > 1:
             packages = " and ".join(_package(point) for point in self.points)
             written = " or ".join(f"{_package(point)}:{self.name}" for point in self.points)
@@ -59,12 +47,7 @@ class InstalledComponent:
 
 @cache
 def installed(group: str) -> Mapping[str, InstalledComponent]:
-    """Return the installed components of a group: by their names, and by ``package:name``.
-
-    Parameters
-    ----------
-    group : of the registry, such as ``estimators``
-    """
+    """Return the installed components of a group of the registry: by their names, and by ``package:name``."""
     named: dict[str, list[EntryPoint]] = {}
     for point in sorted(entry_points(group=f"rmpc_bench.{group}"), key=_package):
         named.setdefault(point.name, []).append(point)

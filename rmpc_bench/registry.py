@@ -263,12 +263,7 @@ def package_of(group: str, name: str) -> str:
 def get(group: str, name: str) -> DesignFunction:
     """Import and return a design function.
 
-    Raises
-    ------
-    KeyError
-        If the name is not known, with the nearest known one in the message.
-    BrokenPackageError
-        If it is that of an installed package that cannot be loaded.
+    A KeyError has the nearest known name; a BrokenPackageError says that an installed package cannot be loaded.
     """
     if name in _REGISTERED[group]:
         return _REGISTERED[group][name]

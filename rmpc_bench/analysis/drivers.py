@@ -305,12 +305,7 @@ MUCH_OF = 0.25
 
 
 def share_text(row: Mapping[str, Any]) -> str:
-    """Write a share with its interval in per cent, such as ``79 % [67, 85]``; ``-`` in place of one that is unclear.
-
-    Parameters
-    ----------
-    row : a row of `rmpc_bench.analysis.drivers`
-    """
+    """Write a share of a row of `drivers` with its interval, such as ``79 % [67, 85]``; ``-`` for an unclear one."""
     if math.isnan(row["share"]):
         return "-"
     low, high = (per_cent(row[name]) for name in ("share_low", "share_high"))
@@ -325,16 +320,9 @@ def per_cent(share: float) -> str:
 
 
 def gist(rows: Rows, baseline: str) -> str:
-    """Say in a few words what drives the changes from the baseline; nothing where no share is resolved.
+    """Say what drives the changes from the baseline, such as ``mostly eps``; empty where no share is resolved.
 
-    Parameters
-    ----------
-    rows : of `rmpc_bench.analysis.drivers`, at one point
-    baseline : its name; where it is alone, its own metric is meant
-
-    Returns
-    -------
-    such as ``mostly eps`` or ``a and b``
+    The rows are those of `drivers` at one point.  A baseline that is alone is meant with its own metric.
     """
     of_each = [row for row in rows if row["quantity"] != REST and row["response"] != "failed"]
     of_each = [row for row in of_each if row["method"] != baseline] or of_each

@@ -30,13 +30,7 @@ class Spectrum(NamedTuple):
 
     @classmethod
     def of(cls, matrices: Array) -> Spectrum:
-        """Decompose matrices (..., n, n).
-
-        Raises
-        ------
-        ValueError
-            when one of them has a negative eigenvalue
-        """
+        """Decompose matrices (..., n, n); a ValueError says that one has a negative eigenvalue."""
         finite = are_finite(matrices)
         values, directions = np.linalg.eigh(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
         size = np.abs(values).max(axis=-1, keepdims=True)
@@ -52,13 +46,7 @@ def are_finite(matrices: Array) -> Array:
 
 
 def symmetrised(matrices: Array) -> Array:
-    """Return the symmetric part of matrices (..., n, n) that are symmetric up to rounding.
-
-    Raises
-    ------
-    ValueError
-        when they are not
-    """
+    """Return the symmetric part of matrices (..., n, n); a ValueError says that they are not symmetric."""
     mirrored = np.swapaxes(matrices, -2, -1)
     if (np.abs(matrices - mirrored) > ASYMMETRIC * np.abs(matrices).max(axis=(-2, -1), keepdims=True)).any():
         raise ValueError("is not symmetric")
@@ -66,22 +54,10 @@ def symmetrised(matrices: Array) -> Array:
 
 
 def distances(gaps: Array, shapes: Array) -> Array:
-    """Compute sqrt(z' P^-1 z): at most 1 in the ellipsoid of P about 0.
+    """Compute sqrt(z' P^-1 z) of gaps z (..., n) and shapes P (..., n, n): at most 1 in the ellipsoid of P about 0.
 
-    Parameters
-    ----------
-    gaps : (..., n) differences z from the centre
-    shapes : (..., n, n) symmetric matrices P without negative eigenvalues
-
-    Returns
-    -------
-    (...) distances; if P is singular inf where z reaches outside its range, else the distance in the range; inf where
-    an entry of z is infinite, NaN where an entry is missing
-
-    Raises
-    ------
-    ValueError
-        when a matrix has a negative eigenvalue
+    If P is singular it is inf where z reaches outside its range, else the distance in the range; inf where an entry of
+    z is infinite, NaN where one is missing.  A ValueError says that a P has a negative eigenvalue.
     """
     part = Spectrum.of(shapes)
     finite = np.isfinite(gaps)

@@ -72,13 +72,7 @@ class ErrorMoments(NamedTuple):
 
 
 def recorded_errors(point: Trials, method: str) -> ErrorRuns | None:
-    """Read the errors of the recorded runs; None where x or x_hat is not recorded, or they have other lengths.
-
-    Parameters
-    ----------
-    point : the table of an experiment, or of a point of its sweep
-    method : name of the method
-    """
+    """Read the errors of the recorded runs; None where x or x_hat is not recorded, or they have other lengths."""
     traces = point.traces.get(method)
     if traces is None or not {"x", "x_hat"} <= set(traces.signals):
         return None
@@ -97,13 +91,7 @@ def recorded_errors(point: Trials, method: str) -> ErrorRuns | None:
 
 
 def recorded_innovations(point: Trials, method: str) -> ErrorRuns | None:
-    """Read the innovations and their covariances; None where one of them is not recorded.
-
-    Parameters
-    ----------
-    point : the table of an experiment, or of a point of its sweep
-    method : name of the method
-    """
+    """Read the innovations and their covariances; None where one of them is not recorded."""
     traces = point.traces.get(method)
     if traces is None or not {INNOVATION, INNOVATION_COVARIANCE} <= set(traces.signals):
         return None
@@ -114,28 +102,14 @@ def recorded_innovations(point: Trials, method: str) -> ErrorRuns | None:
 
 
 def ensemble_errors(point: Trials, method: str, *, exact: bool) -> ErrorMoments | None:
-    """Read the moments of the errors over an ensemble; None where there are none.
-
-    Parameters
-    ----------
-    point : the table of an experiment, or of a point of its sweep
-    method : name of the method
-    exact : the exact moments, and not those from runs
-    """
+    """Read the moments of the errors over an ensemble, exact ones or those from runs; None where there are none."""
     found = ([each for each in point.series_of(name, method) if (each.n == 0) == exact] for name in (MEAN, SCATTER))
     mean, cov = (next(iter(each), None) for each in found)
     return None if mean is None or cov is None else ErrorMoments(-mean.values, cov.values, mean.n)
 
 
 def reported_covariance(point: Trials, method: str, n_samples: int) -> Array | None:
-    """Read the covariance that a design reports, (samples, n, n); None where it has none.
-
-    Parameters
-    ----------
-    point : the table of an experiment, or of a point of its sweep
-    method : name of the method
-    n_samples : number of samples, over which a constant one is repeated
-    """
+    """Read the covariance that a design reports, (n_samples, n, n); None where it has none."""
     try:
         P = point.matrix_series(COVARIANCE, method)
     except KeyError:
@@ -169,11 +143,8 @@ class NormalisedSquares(NamedTuple):
 def normalised_squares(e: Array, P: Array, size: Array | float = 1.0) -> NormalisedSquares:
     """Compute e' P^+ e with the pseudo-inverse of P, which is brought to the form of a correlation matrix first.
 
-    Parameters
-    ----------
-    e : (..., n) errors
-    P : (..., n, n) positive semidefinite covariances; its leading axes broadcast with those of e
-    size : (..., n) size of the numbers whose difference is e, for what counts as rounding
+    Leading axes of e (..., n) and P (..., n, n) broadcast.  `size` is that of the numbers whose difference is e, for
+    what counts as rounding.
     """
     std, lam, U = _correlation(P)
     certain = std == 0.0

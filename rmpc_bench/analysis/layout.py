@@ -11,16 +11,9 @@ if TYPE_CHECKING:
 
 
 def layout_of(trials: Trials) -> ResultLayout:
-    """Return the names and sizes of a table of trials.
+    """Return the names and sizes of a table of trials; its `end` is not known.
 
-    Parameters
-    ----------
-    trials : the table of an experiment, or of a point of its sweep; the table of a whole sweep has no series or
-        recorded runs of its own
-
-    Returns
-    -------
-    the layout; its `end` is not known
+    The table of a whole sweep has no series or recorded runs of its own.
     """
     of_points = bool(trials.points)
     arrays = {} if of_points else _shapes(trials)

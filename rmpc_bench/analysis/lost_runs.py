@@ -23,26 +23,16 @@ from rmpc_bench.analysis.verdict import far_worse
 
 @dataclass(frozen=True, kw_only=True)
 class LostRuns:
-    """Lost runs of one method; a row of lost.csv.
-
-    Parameters
-    ----------
-    method, baseline, metric : names
-    factor : a finished run is lost where its metric exceeds this number times that of the baseline
-    n : runs of the method, failed ones included
-    n_failed : failed runs, all of which are lost
-    n_lost : lost runs
-    lost_pct, lost_low, lost_high : share of lost runs with its Wilson interval [%]
-    """
+    """Lost runs of one method; a row of lost.csv."""
 
     method: str
     baseline: str
     metric: str
-    factor: float
-    n: int
-    n_failed: int
-    n_lost: int
-    lost_pct: float
+    factor: float  # a finished run is lost where its metric exceeds this number times that of the baseline
+    n: int  # runs of the method, failed ones included
+    n_failed: int  # failed runs, all of which are lost
+    n_lost: int  # lost runs
+    lost_pct: float  # lost_pct, lost_low, lost_high: share of lost runs with its Wilson interval [%]
     lost_low: float
     lost_high: float
 

@@ -95,14 +95,7 @@ class Response(NamedTuple):
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def response_of(trials: Trials, method: str, info: MetricInfo) -> Response:
-    """Return the response of a method.
-
-    Parameters
-    ----------
-    trials : the table of an experiment without sweep, or of one point
-    method : name of the method
-    info : the metric
-    """
+    """Return the response of a method at one point, or in an experiment without sweep."""
     is_baseline = method == trials.baseline
     a = distance_from_best(trials.column(info.name, method), info.direction)
     b = distance_from_best(trials.column(info.name, trials.baseline), info.direction)

@@ -218,14 +218,7 @@ class ResultTable(NamedTuple):
 
 
 def result_table(trials: Trials, described: Rows, compared: Rows, info: MetricInfo) -> ResultTable:
-    """Collect the rows of one metric at one point.
-
-    Parameters
-    ----------
-    trials : the table of the point; its methods are shown in their order
-    described, compared : of `statistics.summary` and `comparison.comparisons`
-    info : the metric
-    """
+    """Collect the rows of one metric at one point, from those of `statistics.summary` and `comparison.comparisons`."""
     of_summary = {row["method"]: row for row in described if row["metric"] == info.name}
     of_pairs = {row["method"]: row for row in compared if row["metric"] == info.name}
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())

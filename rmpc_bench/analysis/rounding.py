@@ -51,13 +51,7 @@ def _stable(value: float) -> Decimal:
 
 
 def negligible(value: float, scale: float) -> bool:
-    """Whether a number cannot be distinguished from 0 beside a scale.
-
-    Parameters
-    ----------
-    value : the number
-    scale : size of the numbers that it was computed from; one that is not finite hides nothing
-    """
+    """Whether a number cannot be distinguished from 0 beside the finite size of those it was computed from."""
     return math.isfinite(scale) and abs(value) < NEGLIGIBLE * abs(scale)
 
 

@@ -106,27 +106,18 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class RunNotes:
-    """Notes on the runs of one method.
+    """Notes on the runs of one method."""
 
-    Parameters
-    ----------
-    n_steps : number of control periods of a run
-    holds : whether a component of the method holds a failed step
-    failures : failures that have a description, in the order of the runs
-    held : run -> number of held steps, of the runs that have some
-    warnings : text of a warning of a component -> how often it was given
-    seconds_per_step : time of estimator and controller together per run and step [s]; None where it is not known
-    optimises : whether the controller goes on after a step whose optimisation failed
-    failed_steps : run -> word of a status -> number of steps whose optimisation failed so, of the runs that have some
-    """
-
-    n_steps: int
-    holds: bool = False
-    failures: tuple[RunFailure, ...] = ()
-    held: Mapping[int, int] = field(default_factory=dict)
+    n_steps: int  # number of control periods of a run
+    holds: bool = False  # whether a component of the method holds a failed step
+    failures: tuple[RunFailure, ...] = ()  # failures that have a description, in the order of the runs
+    held: Mapping[int, int] = field(default_factory=dict)  # run -> number of held steps, of the runs that have some
+    # text of a warning of a component -> how often it was given
     warnings: Mapping[str, int] = field(default_factory=dict)
+    # time of estimator and controller together per run and step [s]; None where it is not known
     seconds_per_step: float | None = None
-    optimises: bool = False
+    optimises: bool = False  # whether the controller goes on after a step whose optimisation failed
+    # run -> word of a status -> number of steps whose optimisation failed so, of the runs that have some
     failed_steps: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
 
     def of_runs(self, runs: Array) -> RunNotes:

@@ -24,29 +24,17 @@ class Largest(NamedTuple):
 
 @dataclass(frozen=True)
 class MetricDifference:
-    """Differences of one metric of one method at one point.
+    """Differences of one metric of one method at one point."""
 
-    Parameters
-    ----------
-    point : the point of the sweep in words; empty without a sweep
-    method, metric : names
-    n : runs that ended equally in both tables, and have a value in one of them at least
-    n_differ : those of them whose values differ by more than the tolerance
-    relative : largest difference relative to the larger of the two values, of finite ones
-    absolute : largest difference in the unit of the metric, of finite values
-    n_apart : runs in which one of the two values is missing or infinite and the other is not equal to it
-    apart : the first of them
-    """
-
-    point: str
+    point: str  # the point of the sweep in words; empty without a sweep
     method: str
     metric: str
-    n: int
-    n_differ: int
-    relative: Largest
-    absolute: Largest
-    n_apart: int
-    apart: Largest
+    n: int  # runs that ended equally in both tables, and have a value in one of them at least
+    n_differ: int  # those of them whose values differ by more than the tolerance
+    relative: Largest  # largest difference relative to the larger of the two values, of finite ones
+    absolute: Largest  # largest difference in the unit of the metric, of finite values
+    n_apart: int  # runs in which one of the two values is missing or infinite and the other is not equal to it
+    apart: Largest  # the first of them
 
 
 @dataclass(frozen=True)
@@ -72,28 +60,18 @@ class RunsInOne:
 
 @dataclass(frozen=True)
 class TrialDifferences:
-    """How two tables of trials differ.
+    """How two tables of trials differ."""
 
-    Parameters
-    ----------
-    methods, metrics, points : names that only the first and only the second table has
-    runs : runs that only one of them has
-    statuses : runs that ended differently
-    values : one record per common point, method and metric
-    n_trials : trials that both tables have
-    n_values : values that were compared
-    tolerance : largest relative difference of equal values
-    """
-
+    # methods, metrics, points: names that only the first and only the second table has
     methods: tuple[tuple[str, ...], tuple[str, ...]]
     metrics: tuple[tuple[str, ...], tuple[str, ...]]
     points: tuple[tuple[str, ...], tuple[str, ...]]
-    runs: tuple[RunsInOne, ...]
-    statuses: tuple[StatusDifference, ...]
-    values: tuple[MetricDifference, ...]
-    n_trials: int
-    n_values: int
-    tolerance: float
+    runs: tuple[RunsInOne, ...]  # runs that only one of them has
+    statuses: tuple[StatusDifference, ...]  # runs that ended differently
+    values: tuple[MetricDifference, ...]  # one record per common point, method and metric
+    n_trials: int  # trials that both tables have
+    n_values: int  # values that were compared
+    tolerance: float  # largest relative difference of equal values
 
     @property
     def differing(self) -> tuple[MetricDifference, ...]:

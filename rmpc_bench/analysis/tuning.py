@@ -192,13 +192,7 @@ def pair_text(trials: Trials, method: str, baseline: str) -> str:
 
 
 def parameter_groups(trials: Trials, methods: Sequence[str]) -> dict[str, list[str]]:
-    """Return what is said of parameters -> the methods of which it is said, in their order.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    methods : names of methods; those of which nothing is known are left out
-    """
+    """Return what is said of parameters -> its methods in their order; nothing is said of unknown parameters."""
     found: dict[str, list[str]] = {}
     for method in methods:
         if word := parameter_text(trials, method):

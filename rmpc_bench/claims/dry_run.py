@@ -20,21 +20,13 @@ _PLACES = ("at", "since", "upto", "entry", "quantile")
 
 @dataclass(frozen=True)
 class PlaceholderResults:
-    """Ones and identity matrices in the layout of the results; an evaluator reads them as it reads `Trials`.
+    """Ones and identity matrices in the layout of the results; an evaluator reads them as it reads `Trials`."""
 
-    Parameters
-    ----------
-    layout : names and shapes that the results will have
-    known : methods whose series have the shapes of the layout at this point
-    point, keys : as those of `Trials`
-    points : the placeholder results of a sweep's points; empty for one of them
-    """
-
-    layout: ResultLayout
-    known: frozenset[str]
-    point: Mapping[str, str]
+    layout: ResultLayout  # names and shapes that the results will have
+    known: frozenset[str]  # methods whose series have the shapes of the layout at this point
+    point: Mapping[str, str]  # point, keys: as those of `Trials`
     keys: Mapping[str, str]
-    points: tuple[PlaceholderResults, ...] = ()
+    points: tuple[PlaceholderResults, ...] = ()  # the placeholder results of a sweep's points; empty for one of them
     confidence: float = 0.95
     seed: int = 0
     is_random: bool = True

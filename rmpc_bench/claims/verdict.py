@@ -103,25 +103,16 @@ def over_interpretations(findings: Sequence[Finding]) -> Finding:
 
 @dataclass(frozen=True)
 class Size:
-    """A computed number in comparison with the stated one.
+    """A computed number in comparison with the stated one."""
 
-    Parameters
-    ----------
-    stated : the number of the paper
-    value : the computed one
-    finding : equal, close or different for a number without Monte Carlo error; else as `effect`
-    effect : of a statement that holds: confirmed, or smaller or larger where the interval of the computed number lies
-        outside the tolerance, or where a number without Monte Carlo error is different
-    relative : difference relative to the stated number, for a number without Monte Carlo error
-    interval : of the computed number; None where it has none
-    """
-
-    stated: Stated
-    value: float
-    finding: Finding
+    stated: Stated  # the number of the paper
+    value: float  # the computed one
+    finding: Finding  # equal, close or different for a number without Monte Carlo error; else as `effect`
+    # of a statement that holds: confirmed, or smaller or larger where the interval of the computed number lies
+    # outside the tolerance, or where a number without Monte Carlo error is different
     effect: Finding
-    relative: float | None = None
-    interval: Interval | None = None
+    relative: float | None = None  # difference relative to the stated number, for a number without Monte Carlo error
+    interval: Interval | None = None  # of the computed number; None where it has none
 
     @property
     def is_exact(self) -> bool:

@@ -33,17 +33,12 @@ _named: set[tuple[Path, str]] = set()
 
 @dataclass(frozen=True)
 class CodeAccess:
-    """The Python files that a configuration may load.
+    """The Python files that a configuration may load."""
 
-    Parameters
-    ----------
-    directory : directory of the configuration, absolute; None for one that was not read from a regular file
-    allowed : files and directories that are allowed besides
-    start : current directory when the configuration was read, to which names of files in places are relative
-    """
-
+    # directory of the configuration, absolute; None for one that was not read from a regular file
     directory: Path | None
-    allowed: tuple[Path, ...] = ()
+    allowed: tuple[Path, ...] = ()  # files and directories that are allowed besides
+    # current directory when the configuration was read, to which names of files in places are relative
     start: Path = field(default_factory=Path.cwd, compare=False)
     _loaded: dict[tuple[str, CodeReference], Any] = field(default_factory=dict, compare=False, repr=False)
     """Group and reference -> what was loaded, or the error."""

@@ -40,19 +40,12 @@ class Package:
 
     A text is read once.  A worker process receives the texts, so that an edit during an experiment reaches no worker.
     No compiled files are written: their time stamps cannot tell two edits in one second.
-
-    Parameters
-    ----------
-    name : name of the package
-    directory : absolute
-    sources : file -> its text, for all files that were imported
-    fixed : whether the texts come from another process, so that files on disk do not count
     """
 
-    name: str
-    directory: Path
-    sources: dict[str, bytes] = field(default_factory=dict)
-    fixed: bool = False
+    name: str  # name of the package
+    directory: Path  # absolute
+    sources: dict[str, bytes] = field(default_factory=dict)  # file -> its text, for all files that were imported
+    fixed: bool = False  # whether the texts come from another process, so that files on disk do not count
 
     def is_current(self) -> bool:
         """Whether no imported file has changed."""

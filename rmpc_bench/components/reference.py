@@ -18,18 +18,11 @@ _REFERENCE = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)")
 
 @dataclass(frozen=True)
 class CodeReference:
-    """Something in a Python file of the user.
+    """Something in a Python file of the user."""
 
-    Parameters
-    ----------
-    path : the file, absolute, symbolic links resolved
-    name : the name in the file, with dots inside a class
-    text : ``PATH.py:NAME`` with the path relative to the directory of the configuration
-    """
-
-    path: Path
-    name: str
-    text: str
+    path: Path  # the file, absolute, symbolic links resolved
+    name: str  # the name in the file, with dots inside a class
+    text: str  # ``PATH.py:NAME`` with the path relative to the directory of the configuration
 
     @property
     def file(self) -> str:
@@ -39,16 +32,10 @@ class CodeReference:
 
 @dataclass(frozen=True)
 class DataReference:
-    """Data files that a key names.
+    """Data files that a key names."""
 
-    Parameters
-    ----------
-    text : path or pattern, relative to the directory of the configuration
-    paths : the files, absolute, links resolved, in the order of their names before that
-    """
-
-    text: str
-    paths: tuple[Path, ...]
+    text: str  # path or pattern, relative to the directory of the configuration
+    paths: tuple[Path, ...]  # the files, absolute, links resolved, in the order of their names before that
 
 
 class Place(NamedTuple):

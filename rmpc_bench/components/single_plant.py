@@ -115,28 +115,19 @@ def _started(delta: RunPlants) -> UserRuns:
 
 @dataclass(frozen=True)
 class Access:
-    """How the environments of a plant are made, moved and read.
+    """How the environments of a plant are made, moved and read."""
 
-    Parameters
-    ----------
-    make : returns a new environment for the parameters of a run
-    action : from an input u to an action of the environment
-    read : from the innermost environment to its state; None where the state is the observation
-    write : sets the state of the innermost environment; None where it cannot be set
-    measure : from the state, the parameters and the observation to the output; None where outputs are states
-    measures_observation : whether an output is an entry of the observation
-    starts_at_x0 : whether x(0) is that of the configuration; otherwise it is the one of `reset`
-    ends : whether a run ends where the environment ends an episode
-    """
-
-    make: Callable[[Parameters], Any]
-    action: Callable[[Array], Any]
+    make: Callable[[Parameters], Any]  # returns a new environment for the parameters of a run
+    action: Callable[[Array], Any]  # from an input u to an action of the environment
+    # from the innermost environment to its state; None where the state is the observation
     read: Callable[[Any], Any] | None
+    # sets the state of the innermost environment; None where it cannot be set
     write: Callable[[Any, Array], None] | None
+    # from the state, the parameters and the observation to the output; None where outputs are states
     measure: Callable[[Array, Parameters, Array], Any] | None = None
-    measures_observation: bool = False
-    starts_at_x0: bool = False
-    ends: bool = True
+    measures_observation: bool = False  # whether an output is an entry of the observation
+    starts_at_x0: bool = False  # whether x(0) is that of the configuration; otherwise it is the one of `reset`
+    ends: bool = True  # whether a run ends where the environment ends an episode
 
     def state(self, inner: Any, observation: Any) -> Float[Array, " nx"]:
         """Return a copy of the state in double precision."""

@@ -217,24 +217,16 @@ class SourceFile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A Python file with every file that it depends on.
-
-    Parameters
-    ----------
-    path : the file
-    files : the file itself, then all others by place
-    modules : names of the imported modules that are neither local nor of the standard library, and of the libraries
-        that are imported through the bench
-    problems : errors of the files: syntax, a file under `depends_on` that is not there
-    warnings : places where the syntax tree cannot show what the code depends on
-    readings : places where a file is read whose name is no literal; it may be a data file that a key names
-    """
+    """A Python file with every file that it depends on."""
 
     path: Path
-    files: tuple[SourceFile, ...]
+    files: tuple[SourceFile, ...]  # the file itself, then all others by place
+    # names of the imported modules that are neither local nor of the standard library, and of the libraries that are
+    # imported through the bench
     modules: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()
-    warnings: tuple[Problem, ...] = ()
+    problems: tuple[Problem, ...] = ()  # errors of the files: syntax, a file under `depends_on` that is not there
+    warnings: tuple[Problem, ...] = ()  # places where the syntax tree cannot show what the code depends on
+    # places where a file is read whose name is no literal; it may be a data file that a key names
     readings: tuple[Problem, ...] = ()
 
     @cached_property

@@ -43,25 +43,15 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WantedSearch:
-    """The search of one method at one point of the sweep.
+    """The search of one method at one point of the sweep."""
 
-    Parameters
-    ----------
-    point : title of the point
-    number : position of the point
-    method : name of the method
-    parameters : what is tuned
-    default : value of each parameter without tuning; None where it is no number
-    key : what identifies the search; equal searches have equal keys
-    values : path -> chosen value; None where none is known, empty where nothing could be tuned
-    """
-
-    point: str
-    number: int
-    method: str
-    parameters: tuple[TunedParameter, ...]
-    default: tuple[float | None, ...]
-    key: str
+    point: str  # title of the point
+    number: int  # position of the point
+    method: str  # name of the method
+    parameters: tuple[TunedParameter, ...]  # what is tuned
+    default: tuple[float | None, ...]  # value of each parameter without tuning; None where it is no number
+    key: str  # what identifies the search; equal searches have equal keys
+    # path -> chosen value; None where none is known, empty where nothing could be tuned
     values: Mapping[str, float | int] | None
     settings: str
     """What identifies the search but for the code: config.resolved.yaml keeps it with the values."""
@@ -71,23 +61,14 @@ class WantedSearch:
 
 @dataclass(frozen=True, eq=False)
 class TuningPlan:
-    """All searches of a configuration.
+    """All searches of a configuration."""
 
-    Parameters
-    ----------
-    protocol : the same for all of them
-    regret : whether all values are also computed on the runs of the experiment
-    searches : every tuned method at every point
-    seeds : seed of the tuning runs at every point
-    folder : identifies the tuning runs, as the hash of an experiment does its runs
-    test_runs : number of runs of the experiment on which values are compared; the largest one with a stopping rule
-    """
-
-    protocol: TuningProtocol
-    regret: bool
-    searches: tuple[WantedSearch, ...]
-    seeds: tuple[int, ...]
-    folder: str
+    protocol: TuningProtocol  # the same for all of them
+    regret: bool  # whether all values are also computed on the runs of the experiment
+    searches: tuple[WantedSearch, ...]  # every tuned method at every point
+    seeds: tuple[int, ...]  # seed of the tuning runs at every point
+    folder: str  # identifies the tuning runs, as the hash of an experiment does its runs
+    # number of runs of the experiment on which values are compared; the largest one with a stopping rule
     test_runs: int
 
     @property

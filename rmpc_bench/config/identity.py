@@ -42,30 +42,19 @@ def key_of_trials(definition: str, code: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SweepPoint:
-    """A configuration at one point of its sweep; without a sweep there is one point.
+    """A configuration at one point of its sweep; without a sweep there is one point."""
 
-    Parameters
-    ----------
-    coordinates : swept path -> text of its value; empty where nothing is swept
-    title : the point in words
-    experiment : all designs, ready to run
-    shared : what all methods share, as plain data (identity.py)
-    methods : method name -> what identifies the method, as plain data
-    metrics : metric name -> what identifies the metric, as plain data
-    own_code : method name -> what identifies the code that is not built in, as plain data; nothing where there is none
-    modules : method name -> names of the installed modules that this code imports
-    draft : the validated sections that all of this was made from
-    """
-
-    coordinates: Mapping[str, str]
-    title: str
-    experiment: Experiment
-    shared: Mapping[str, Any]
-    methods: Mapping[str, Any]
-    metrics: Mapping[str, Any]
+    coordinates: Mapping[str, str]  # swept path -> text of its value; empty where nothing is swept
+    title: str  # the point in words
+    experiment: Experiment  # all designs, ready to run
+    shared: Mapping[str, Any]  # what all methods share, as plain data (identity.py)
+    methods: Mapping[str, Any]  # method name -> what identifies the method, as plain data
+    metrics: Mapping[str, Any]  # metric name -> what identifies the metric, as plain data
+    # method name -> what identifies the code that is not built in, as plain data; nothing where there is none
     own_code: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # method name -> names of the installed modules that this code imports
     modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    draft: DraftConfig | None = None
+    draft: DraftConfig | None = None  # the validated sections that all of this was made from
 
     @cached_property
     def experiment_hash(self) -> str:

@@ -36,25 +36,16 @@ from rmpc_bench.types.result_layout import COPIES
 
 @dataclass
 class OwnCode:
-    """The files of a user that a configuration uses; every file is read once.
+    """The files of a user that a configuration uses; every file is read once."""
 
-    Parameters
-    ----------
-    access : what the configuration may load
-    sources : Python file -> the file with all that it imports
-    data : data file -> its hash
-    files : Python file as the configuration names it -> the file
-    patterns : paths and patterns of data files as the configuration names them
-    parts : hash of a part of a Python file -> the part with all that it imports
-    of_program : components that a program or a notebook has registered, which no other process knows
-    """
-
-    access: CodeAccess = NO_ACCESS
-    sources: dict[Path, Source] = field(default_factory=dict)
-    data: dict[Path, str] = field(default_factory=dict)
-    files: dict[str, Path] = field(default_factory=dict)
-    patterns: set[str] = field(default_factory=set)
+    access: CodeAccess = NO_ACCESS  # what the configuration may load
+    sources: dict[Path, Source] = field(default_factory=dict)  # Python file -> the file with all that it imports
+    data: dict[Path, str] = field(default_factory=dict)  # data file -> its hash
+    files: dict[str, Path] = field(default_factory=dict)  # Python file as the configuration names it -> the file
+    patterns: set[str] = field(default_factory=set)  # paths and patterns of data files as the configuration names them
+    # hash of a part of a Python file -> the part with all that it imports
     parts: dict[str, Source] = field(default_factory=dict)
+    # components that a program or a notebook has registered, which no other process knows
     of_program: set[str] = field(default_factory=set)
     _replacing: dict[bool, dict[Problem, None]] = field(default_factory=lambda: {True: {}, False: {}})
     """Whether a component is that of a method or a figure -> what such components replace for all others."""

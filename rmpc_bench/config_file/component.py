@@ -61,27 +61,17 @@ def without_path(reference: CodeReference | DataReference) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A validated component, ready to be built.
+    """A validated component, ready to be built."""
 
-    Parameters
-    ----------
-    group : group of the registry
-    kind : its name there, or ``PATH.py:NAME`` for a component from a file
-    parameters : keywords of the design function, with references in place of what stands in files of the user
-    tree : the mapping it was read from, with its marks
-    path : where it stands in the configuration
-    design : the design function or class
-    code : where a component from a file stands; None for others
-    shared : keys that every component of the group has; those that are not given are left out
-    """
-
-    group: str
-    kind: str
+    group: str  # group of the registry
+    kind: str  # its name there, or ``PATH.py:NAME`` for a component from a file
+    # keywords of the design function, with references in place of what stands in files of the user
     parameters: Mapping[str, Any]
-    tree: Map
-    path: tuple[str | int, ...]
-    design: Callable[..., Any]
-    code: CodeReference | None = None
+    tree: Map  # the mapping it was read from, with its marks
+    path: tuple[str | int, ...]  # where it stands in the configuration
+    design: Callable[..., Any]  # the design function or class
+    code: CodeReference | None = None  # where a component from a file stands; None for others
+    # keys that every component of the group has; those that are not given are left out
     shared: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:

@@ -49,19 +49,12 @@ class ControllerExample(RunsExample):
 
     Every estimate has a set M of its own for each run and a mean of the process noise, `w_mean`, so that a controller
     that uses them finds them.
-
-    Parameters
-    ----------
-    x_hat : (runs, steps, nx) estimates of at least six runs and four samples
-    y : (runs, steps, ny) measurements
-    r : (samples, ny) reference, at least steps + preview samples
-    nu : number of inputs; not checked where it is not known
     """
 
-    x_hat: Float[Array, "runs steps nx"]
-    y: Float[Array, "runs steps ny"]
-    r: Float[Array, "samples ny"]
-    nu: int | None = None
+    x_hat: Float[Array, "runs steps nx"]  # estimates of at least six runs and four samples
+    y: Float[Array, "runs steps ny"]  # measurements
+    r: Float[Array, "samples ny"]  # reference, at least steps + preview samples
+    nu: int | None = None  # number of inputs; not checked where it is not known
     pair: tuple[Controller, Controller] | None = None
     """The law without limits of its own, and with equal ones for all inputs; None where it has no such key."""
     bounds: tuple[float, float] | None = None
@@ -72,15 +65,7 @@ class ControllerExample(RunsExample):
     def random(
         cls, nx: int, ny: int, preview: int, *, n_runs: int = 9, n_steps: int = 12, seed: int = 12
     ) -> ControllerExample:
-        """Draw standard normal estimates, measurements and a reference.
-
-        Parameters
-        ----------
-        nx, ny : number of states and outputs
-        preview : samples of the reference that the controller sees
-        n_runs, n_steps : size of the example
-        seed : of the generator
-        """
+        """Draw standard normal estimates, measurements and a reference; the controller sees `preview` samples of it."""
         rng = np.random.default_rng(seed)
         r = rng.standard_normal((n_steps + preview, ny))
         x_hat, y = (rng.standard_normal((n_runs, n_steps, n)) for n in (nx, ny))
@@ -229,18 +214,11 @@ class DrivenPlant(LinearGaussian):
 
 @dataclass(frozen=True, eq=False)
 class ControllerInformationExample(InformationExample):
-    """Runs of a linear Gaussian system that a controller is checked on.
+    """Runs of a linear Gaussian system that a controller is checked on."""
 
-    Parameters
-    ----------
-    system : the system with the random inputs of its runs
-    preview : samples of the reference that the controller sees
-    regulates : whether its reference is 0
-    """
-
-    system: LinearSystem
-    preview: int
-    regulates: bool = False
+    system: LinearSystem  # the system with the random inputs of its runs
+    preview: int  # samples of the reference that the controller sees
+    regulates: bool = False  # whether its reference is 0
 
     @cached_property
     def _samples(self) -> tuple[Array, Array]:

@@ -29,15 +29,10 @@ PER_RUN = ("x", "y", "x_hat", "u")
 
 @dataclass(frozen=True, eq=False)
 class MetricExample:
-    """Trajectories that a metric is checked with.
+    """Trajectories that a metric is checked with."""
 
-    Parameters
-    ----------
-    record : trajectories of at least four runs and three samples, with everything that the metric needs
-    delta : for a metric of an extra signal: what the plant has drawn for the runs of the given indices
-    """
-
-    record: Record
+    record: Record  # trajectories of at least four runs and three samples, with everything that the metric needs
+    # for a metric of an extra signal: what the plant has drawn for the runs of the given indices
     delta: Callable[[Sequence[int]], Any] | None = None
     checks: ClassVar[tuple[Check, ...]]
 
@@ -146,14 +141,9 @@ MetricExample.checks = (
 
 @dataclass(frozen=True, eq=False)
 class FigureExample:
-    """Results that a figure is checked with.
+    """Results that a figure is checked with."""
 
-    Parameters
-    ----------
-    results : a table of trials that the figure can draw
-    """
-
-    results: Trials
+    results: Trials  # a table of trials that the figure can draw
     checks: ClassVar[tuple[Check, ...]]
 
     def drawn(self, figure: Figure) -> Any:

@@ -27,22 +27,13 @@ from rmpc_bench.types import Array, Estimate, Method, Plant, PlantInfo, Status, 
 
 @dataclass(frozen=True, eq=False)
 class PlantExample(RunsExample):
-    """Parameters, initial states, inputs and noises that a plant is checked with.
+    """Parameters, initial states, inputs and noises that a plant is checked with."""
 
-    Parameters
-    ----------
-    parameters : name -> (runs,) values, for every name in the plant's `nominal`
-    x : (runs, nx) initial states of at least six runs
-    u : (runs, steps, nu) inputs of at least four steps
-    w : (runs, steps, nw) process noise
-    v : (runs, steps, nv) measurement noise
-    """
-
-    parameters: Mapping[str, Float[Array, " runs"]]
-    x: Float[Array, "runs nx"]
-    u: Float[Array, "runs steps nu"]
-    w: Float[Array, "runs steps nw"]
-    v: Float[Array, "runs steps nv"]
+    parameters: Mapping[str, Float[Array, " runs"]]  # name -> (runs,) values, for every name in the plant's `nominal`
+    x: Float[Array, "runs nx"]  # initial states of at least six runs
+    u: Float[Array, "runs steps nu"]  # inputs of at least four steps
+    w: Float[Array, "runs steps nw"]  # process noise
+    v: Float[Array, "runs steps nv"]  # measurement noise
     noun: ClassVar[str] = "(x, y)"
 
     @classmethod
@@ -51,14 +42,8 @@ class PlantExample(RunsExample):
     ) -> PlantExample:
         """Draw parameters within 10 % of the nominal ones and normal states, inputs and noises.
 
-        States and inputs with limits are drawn between the quarters of their ranges.
-
-        Parameters
-        ----------
-        plant : gives the sizes
-        n_runs, n_steps : size of the example
-        scale : standard deviation of states and measurement noise; inputs have 20 times, process noise 0.1 times it
-        seed : of the generator
+        States and measurement noise have the standard deviation `scale`, inputs 20 times and process noise 0.1 times
+        that.  States and inputs with limits are drawn between the quarters of their ranges.
         """
         rng = np.random.default_rng(seed)
         parameters = {name: value * rng.uniform(0.9, 1.1, n_runs) for name, value in plant.nominal.items()}

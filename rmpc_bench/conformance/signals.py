@@ -18,21 +18,14 @@ MOST_ERRORS = 5.0
 
 @dataclass(frozen=True)
 class NoiseExample:
-    """Size of the draws that a noise law is checked with.
+    """Size of the draws that a noise law is checked with."""
 
-    Parameters
-    ----------
-    n : dimension of the noise
-    n_samples : samples of a short draw
-    n_many : samples whose mean and covariance are compared with the law's: those of one draw, or of a law that is
-        correlated over time the last samples of short draws
-    seed : of the generators
-    """
-
-    n: int
-    n_samples: int = 12
+    n: int  # dimension of the noise
+    n_samples: int = 12  # samples of a short draw
+    # samples whose mean and covariance are compared with the law's: those of one draw, or of a law that is correlated
+    # over time the last samples of short draws
     n_many: int = 20_000
-    seed: int = 14
+    seed: int = 14  # of the generators
     checks: ClassVar[tuple[Check, ...]]
 
     def draw(self, law: Noise, n_samples: int | None = None) -> Float[Array, "samples n"]:
@@ -123,16 +116,10 @@ NoiseExample.checks = (
 
 @dataclass(frozen=True)
 class ReferenceExample:
-    """Size of the signal that a reference is checked with.
+    """Size of the signal that a reference is checked with."""
 
-    Parameters
-    ----------
-    ny : number of outputs
-    n_samples : length of the signal
-    """
-
-    ny: int
-    n_samples: int = 40
+    ny: int  # number of outputs
+    n_samples: int = 40  # length of the signal
     checks: ClassVar[tuple[Check, ...]]
 
 

@@ -23,28 +23,17 @@ from rmpc_bench.types.errors import unknown
 
 @dataclass(frozen=True)
 class Subject:
-    """A component under test as a recipe, so that it can be made in every process.
+    """A component under test as a recipe, so that it can be made in every process."""
 
-    Parameters
-    ----------
-    text : how the report names it
-    group : group of the registry; empty where it follows from the component
-    code : file and name; None for a component of an installed module or of the registry
-    module, name : installed module and name in it; a module of ``""`` is a kind of the registry
-    keys : keywords of its design function
-    written : whether the keys are those of a configuration, which are validated as such
-    value : the class or function itself, where it stands neither in a file nor in a module
-    provided : what an experiment provides in place of what the checks provide
-    """
-
-    text: str
-    group: str = ""
-    code: CodeReference | None = None
-    module: str = ""
+    text: str  # how the report names it
+    group: str = ""  # group of the registry; empty where it follows from the component
+    code: CodeReference | None = None  # file and name; None for a component of an installed module or of the registry
+    module: str = ""  # module, name: installed module and name in it; a module of ``""`` is a kind of the registry
     name: str = ""
-    keys: Mapping[str, Any] = field(default_factory=dict)
-    written: bool = False
-    value: Any = None
+    keys: Mapping[str, Any] = field(default_factory=dict)  # keywords of its design function
+    written: bool = False  # whether the keys are those of a configuration, which are validated as such
+    value: Any = None  # the class or function itself, where it stands neither in a file nor in a module
+    # what an experiment provides in place of what the checks provide
     provided: Mapping[str, Any] = field(default_factory=dict)
 
     def loaded(self) -> Any:

@@ -124,26 +124,16 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """A linear Gaussian system with the random inputs of its runs.
+    """A linear Gaussian system with the random inputs of its runs."""
 
-    Parameters
-    ----------
-    model : matrices and noises, exactly those of the true system
-    x0, P0 : (nx,), (nx, nx) mean and covariance of x(0)
-    n_runs, n_steps : size
-    seed : of the generator
-    Ts : sampling time [s]
-    largest : largest size of an input that acts
-    """
-
-    model: LinearModel
-    x0: Float[Array, " nx"]
+    model: LinearModel  # matrices and noises, exactly those of the true system
+    x0: Float[Array, " nx"]  # x0, P0: mean and covariance of x(0)
     P0: Float[Array, "nx nx"]
-    n_runs: int = N_RUNS
+    n_runs: int = N_RUNS  # n_runs, n_steps: size
     n_steps: int = N_STEPS
-    seed: int = 15
-    Ts: float = 1.0
-    largest: float = np.inf
+    seed: int = 15  # of the generator
+    Ts: float = 1.0  # sampling time [s]
+    largest: float = np.inf  # largest size of an input that acts
 
     @classmethod
     def shipped(cls) -> LinearSystem:
@@ -202,35 +192,21 @@ class LinearSystem:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorExample(RunsExample):
-    """Measurements and inputs that an estimator is checked with.
+    """Measurements and inputs that an estimator is checked with."""
 
-    Parameters
-    ----------
-    y : (runs, samples, ny) measurements of at least six runs and four samples; the design must know as many samples
-    u : (runs, samples, nu) inputs
-    delta : for an oracle estimator: the plant's record of uncertain parameters for the runs of the given indices
-    nx : length of an estimate; not checked where it is not known
-    """
-
+    # measurements of at least six runs and four samples; the design must know as many samples
     y: Float[Array, "runs samples ny"]
     u: Float[Array, "runs samples nu"]
+    # for an oracle estimator: the plant's record of uncertain parameters for the runs of the given indices
     delta: Callable[[Sequence[int]], Any] | None = None
-    nx: int | None = None
+    nx: int | None = None  # length of an estimate; not checked where it is not known
     noun: ClassVar[str] = "x_hat"
 
     @classmethod
     def random(
         cls, nu: int, ny: int, *, n_runs: int = 9, n_steps: int = 12, seed: int = 11, delta: Any = None
     ) -> EstimatorExample:
-        """Draw standard normal measurements and inputs.
-
-        Parameters
-        ----------
-        nu, ny : number of inputs and outputs
-        n_runs, n_steps : size of the example; there are n_steps + 1 samples
-        seed : of the generator
-        delta : as above
-        """
+        """Draw standard normal measurements of n_steps + 1 samples, and inputs; `delta` as above."""
         rng = np.random.default_rng(seed)
         y, u = (rng.standard_normal((n_runs, n_steps + 1, n)) for n in (ny, nu))
         return cls(y, u, delta)

@@ -87,24 +87,14 @@ class Moves(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedMoves:
-    """Programs that differ in their parameters.
+    """Programs that differ in their parameters."""
 
-    Parameters
-    ----------
-    M : (n, np) moves of the minimum without rows
-    L : (n, unknowns) moves for the unknowns V
-    rows : the limits, whose A belongs to V
-    n_own : number of parameters of every run; the other ones are shared by all runs
-    skips : whether no program is solved where no limit acts; otherwise every program is
-    iteration_limit : largest number of iterations of the solver
-    """
-
-    M: Float[Array, "n np"]
-    L: Float[Array, "n unknowns"]
-    rows: Rows
-    n_own: int
-    skips: bool = True
-    iteration_limit: int = MOST_ITERATIONS
+    M: Float[Array, "n np"]  # moves of the minimum without rows
+    L: Float[Array, "n unknowns"]  # moves for the unknowns V
+    rows: Rows  # the limits, whose A belongs to V
+    n_own: int  # number of parameters of every run; the other ones are shared by all runs
+    skips: bool = True  # whether no program is solved where no limit acts; otherwise every program is
+    iteration_limit: int = MOST_ITERATIONS  # largest number of iterations of the solver
 
     def moves(self, own: Float[Array, "runs own"], shared: Float[Array, " shared"]) -> Moves:
         """Return the moves of a block of runs for the parameters of every run and those that all runs share."""

@@ -50,26 +50,15 @@ class TunedState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gpc(Controller):
-    """The law with a constant output weight; create it with `design`.
+    """The law with a constant output weight; create it with `design`."""
 
-    Parameters
-    ----------
-    model : design model, linear or state-dependent
-    Np : prediction horizon [samples]
-    Q_yw : root of the output weight
-    R_u : upper triangular root of the input weight
-    gains : the constant law, None if the law varies with k or with the state
-    uses_mean : whether the predictions use the estimated mean of the process noise
-    limits : limits of inputs and signals; None without
-    """
-
-    model: Any
-    Np: int
-    Q_yw: Float[Array, "ny ny"]
-    R_u: Float[Array, "nu nu"]
-    gains: TrackingLaw | None
-    uses_mean: bool
-    limits: GpcLimits | None = field(default=None, kw_only=True)
+    model: Any  # design model, linear or state-dependent
+    Np: int  # prediction horizon [samples]
+    Q_yw: Float[Array, "ny ny"]  # root of the output weight
+    R_u: Float[Array, "nu nu"]  # upper triangular root of the input weight
+    gains: TrackingLaw | None  # the constant law, None if the law varies with k or with the state
+    uses_mean: bool  # whether the predictions use the estimated mean of the process noise
+    limits: GpcLimits | None = field(default=None, kw_only=True)  # limits of inputs and signals; None without
 
     compares_estimate = True
 
@@ -220,14 +209,9 @@ class Gpc(Controller):
 
 @dataclass(frozen=True, eq=False)
 class TunedGpc(Gpc):
-    """The law with an output weight adapted to the noise; create it with `design`.
+    """The law with an output weight adapted to the noise; create it with `design`."""
 
-    Parameters
-    ----------
-    noise : tuning of the output weight
-    """
-
-    noise: NoiseTuning
+    noise: NoiseTuning  # tuning of the output weight
 
     allows_delay = False
     allows_late_outputs = False

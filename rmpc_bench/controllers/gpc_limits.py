@@ -62,17 +62,11 @@ class InputLimits:
 
 @dataclass(frozen=True, eq=False)
 class GpcLimits:
-    """Limits of a law; create them with `limits_of`.
+    """Limits of a law; create them with `limits_of`."""
 
-    Parameters
-    ----------
-    inputs : limits of the inputs
-    horizon : rows of every sample; None where the limits clip
-    program : of a constant model with constant weights, or of any other one; None where the limits clip
-    """
-
-    inputs: InputLimits
-    horizon: LimitedHorizon | None = None
+    inputs: InputLimits  # limits of the inputs
+    horizon: LimitedHorizon | None = None  # rows of every sample; None where the limits clip
+    # of a constant model with constant weights, or of any other one; None where the limits clip
     program: ConstantProgram | VaryingProgram | None = None
 
     @property

@@ -66,16 +66,10 @@ def constant_program(
 
 @dataclass(frozen=True, eq=False)
 class VaryingProgram:
-    """Programs of models or weights that differ from run to run, or from sample to sample.
+    """Programs of models or weights that differ from run to run, or from sample to sample."""
 
-    Parameters
-    ----------
-    R_u : upper triangular root of the input weight
-    skips : whether no program is solved where no limit acts
-    """
-
-    R_u: Float[Array, "nu nu"]
-    skips: bool = True
+    R_u: Float[Array, "nu nu"]  # upper triangular root of the input weight
+    skips: bool = True  # whether no program is solved where no limit acts
 
     def inputs(
         self,

@@ -85,16 +85,10 @@ class SignalRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """All rows of a horizon.
+    """All rows of a horizon."""
 
-    Parameters
-    ----------
-    hard : limits of the inputs
-    signals : limits of signals
-    """
-
-    hard: HardRows
-    signals: SignalRows
+    hard: HardRows  # limits of the inputs
+    signals: SignalRows  # limits of signals
 
     @cached_property
     def unit(self) -> Float[Array, " rows"]:

@@ -51,22 +51,13 @@ from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Horizon, M
 
 @dataclass(frozen=True, eq=False)
 class MinimaxLq(Regulator):
-    """The minimax law; create it with `design`.
+    """The minimax law; create it with `design`."""
 
-    Parameters
-    ----------
-    stages : system and weights to the end of the last window
-    horizon : N
-    set : noise sequences that the bound includes
-    M_roots : roots of the sets of e, axis 0 = k; None if they depend on the data
-    w_roots : roots of the sets of w
-    """
-
-    stages: Stages
-    horizon: int
-    set: str
-    M_roots: Float[Array, "k nx nx"] | None
-    w_roots: Float[Array, "t nx nx"]
+    stages: Stages  # system and weights to the end of the last window
+    horizon: int  # N
+    set: str  # noise sequences that the bound includes
+    M_roots: Float[Array, "k nx nx"] | None  # roots of the sets of e, axis 0 = k; None if they depend on the data
+    w_roots: Float[Array, "t nx nx"]  # roots of the sets of w
 
     allows_delay = False
     allows_late_outputs = False

@@ -57,14 +57,10 @@ class NoState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Regulator(Controller):
-    """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`.
+    """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`."""
 
-    Parameters
-    ----------
-    point : operating point to which the law regulates instead, None without one; a subclass then receives and returns
-        deviations from it
-    """
-
+    # operating point to which the law regulates instead, None without one; a subclass then receives and returns
+    # deviations from it
     point: OperatingPoint | None = field(default=None, kw_only=True)
 
     regulates = True

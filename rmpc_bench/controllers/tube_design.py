@@ -135,26 +135,15 @@ def _require_stabilisable(A: Array, B: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class TubeDesign:
-    """Tightened limits, terminal set and rows.
+    """Tightened limits, terminal set and rows."""
 
-    Parameters
-    ----------
-    B : (nx, nu) input matrix
-    feedback : gain and cost of the infinite horizon
-    limits : limits of inputs and states
-    horizon : N
-    tightening : how the limits are tightened
-    half_widths : (nx,) of the box W of the design, its margin included
-    largest_alpha : accuracy of Z
-    """
-
-    B: Float[Array, "nx nu"]
-    feedback: Feedback
-    limits: LimitRows
-    horizon: int
-    tightening: Tightening
-    half_widths: Float[Array, " nx"]
-    largest_alpha: float
+    B: Float[Array, "nx nu"]  # input matrix
+    feedback: Feedback  # gain and cost of the infinite horizon
+    limits: LimitRows  # limits of inputs and states
+    horizon: int  # N
+    tightening: Tightening  # how the limits are tightened
+    half_widths: Float[Array, " nx"]  # of the box W of the design, its margin included
+    largest_alpha: float  # accuracy of Z
 
     @cached_property
     def Z(self) -> Zonotope:

@@ -115,14 +115,8 @@ def model_mismatch(
 ) -> Mismatch:
     """Compare the plants of the first runs with the design models, and find when the gains converge.
 
-    Parameters
-    ----------
-    experiment : the designs
-    methods : method name -> plain data from which its designs were made
-    plant : kind of the plant
-    baseline : name of the method that the others are compared with
-    build : designs a component once more, for another number of steps
-    known : convergence of gains found for other experiments, to share; gets the new ones
+    `methods` has the plain data from which the designs of every method were made, `build` designs a component for
+    another number of steps.  `known` has the convergence of gains of other experiments, and gets the new ones.
     """
     known = {} if known is None else known
     plants, found = _plants(experiment), {}

@@ -37,11 +37,7 @@ SATURATED = 0.95
 def run_warnings(experiment: Experiment, methods: Mapping[str, Mapping[str, Any]], build: Build) -> list[str]:
     """Return one text per reason, each with the key, the numbers and a way out.
 
-    Parameters
-    ----------
-    experiment : the designs
-    methods : method name -> plain data from which its designs were made
-    build : designs a component once more
+    `methods` has the plain data from which the designs of every method were made, `build` designs a component again.
     """
     checks = {"plant": _uncontrolled, "estimator": _not_quadratically_stable, "controller.limits": _saturated}
     known, found = dict[str, str | None](), dict[tuple[str, str], list[str]]()

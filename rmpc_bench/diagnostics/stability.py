@@ -96,13 +96,7 @@ def loop_remarks(model: Model, estimator: Estimator, controller: Controller) -> 
 
 
 def spectral_radius(plant: LinearPlant, pair: LinearPair) -> float:
-    """Largest modulus of the poles of the loop with the last gains; it decays in the long run if below 1.
-
-    Parameters
-    ----------
-    plant : one plant
-    pair : what controls it
-    """
+    """Largest modulus of the poles of the loop with the last gains; it decays in the long run if below 1."""
     g, state = pair.at(-1), pair.law.state
     if state is not None:
         g = g._replace(J=g.J + state.K_y)

@@ -71,23 +71,12 @@ def divergence_over_time(
     n_steps: int,
     Q_true: Float[Array, "runs n n"] | None = None,
 ) -> Divergence:
-    """Divergence of the plants from the model while a pair controls them.
+    """Divergence of stacked linear plants from the design model of the filters while a pair controls them.
 
-    Parameters
-    ----------
-    plants : the linear plants, stacked: axis 0 of every matrix is the run
-    model : design model of the filters, without disturbances
-    pair : the pair that controls the plants; the model's filter has the initial estimate of its filter
-    x0 : (n,) mean of the plant's state at the start
-    P0 : (nx, nx) covariance of the model's state at the start
-    r : reference from k = 0 on
-    n_steps : number of control periods N
-    Q_true : covariances of the plants' process noise; by default that of the model, on the states of the model
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a covariance of the model's z, or of an innovation, is singular.
+    x0 is the mean of the plant's state, P0 the covariance of the model's state at the start.  The model's filter has
+    the initial estimate of the pair's filter.  `Q_true` has the covariances of the plants' process noise, by default
+    that of the model on its states.  A LinAlgError says that a covariance of the model's z, or of an innovation, is
+    singular.
     """
     lift = np.linalg.pinv(plants.E)
     true = _side(

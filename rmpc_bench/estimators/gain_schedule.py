@@ -247,22 +247,10 @@ def riccati_schedule(
 ) -> GainScheduleFilter:
     """Run a Riccati recursion of roots; that of the prediction is replaced by ``inflate(k, root)`` if there is one.
 
-    Parameters
-    ----------
-    model : design model
-    n_steps : N; gains are computed for k = 0..N
-    x0 : (nx,) prediction of x(0)
-    P0 : (nx, nx) covariance of its error
-    inflate : maps k and a root of P_pred to that of the covariance V that replaces P_pred, and its multiplier theta
-    form : `filter` uses y(k) for x_hat(k); `predictor` does not, and its P is V
-    use_y0 : whether to use y(0)
-    growth : factor of A P A' in the covariance of the prediction
-
-    Raises
-    ------
-    DesignError
-        If the innovation covariance is singular at some step, a covariance exceeds 1e100, or the noises of the model
-        are correlated.
+    `inflate` returns the root of the covariance V that replaces P_pred, and its multiplier theta.  A `predictor` does
+    not use y(k) for x_hat(k), and its P is V.  `growth` is a factor of A P A' in the covariance of the prediction.  A
+    DesignError says that an innovation covariance is singular, a covariance exceeds 1e100, or the noises are
+    correlated.
     """
     models = uncorrelated(model, n_steps)
     roots, V, P, K, L, theta = [root_of(P0)], [], [], [], [], []

@@ -50,19 +50,12 @@ class RelinearisedState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedFilter(Estimator):
-    """Kalman filter that evaluates a state-dependent model at every estimate.
+    """Kalman filter that evaluates a state-dependent model at every estimate."""
 
-    Parameters
-    ----------
-    model : state-dependent model
-    x0, P0 : prediction before the first measurement and covariance of its error
-    use_y0 : whether to use y(0)
-    """
-
-    model: StateDependentModel
-    x0: Float[Array, " nx"]
+    model: StateDependentModel  # state-dependent model
+    x0: Float[Array, " nx"]  # x0, P0: prediction before the first measurement and covariance of its error
     P0: Float[Array, "nx nx"]
-    use_y0: bool = True
+    use_y0: bool = True  # whether to use y(0)
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:

@@ -61,25 +61,15 @@ class WindowState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LpWindow(Estimator):
-    """LP1 on a moving window.
+    """LP1 on a moving window."""
 
-    Parameters
-    ----------
-    model : linear or state-dependent model
-    x0 : (nx,) estimate at k = 0
-    C, d : (1 or samples, ny, nx), (1 or samples, ny) output matrix and constant part of the output
-    Ne : length of the window, which has Ne + 1 samples
-    start : treatment of the first state of the window
-    tie_weight : weight of process noise where the optimum is not unique
-    """
-
-    model: Model | StateDependentModel
-    x0: Float[Array, " nx"]
-    C: Float[Array, "kC ny nx"]
+    model: Model | StateDependentModel  # linear or state-dependent model
+    x0: Float[Array, " nx"]  # estimate at k = 0
+    C: Float[Array, "kC ny nx"]  # C, d: output matrix and constant part of the output
     d: Float[Array, "kd ny"]
-    Ne: int = 3
-    start: Start = "free"
-    tie_weight: float = PROCESS
+    Ne: int = 3  # length of the window, which has Ne + 1 samples
+    start: Start = "free"  # treatment of the first state of the window
+    tie_weight: float = PROCESS  # weight of process noise where the optimum is not unique
 
     bridges_missing = True
 

@@ -75,22 +75,13 @@ class HorizonState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingHorizon(Estimator):
-    """Linear moving-horizon estimator.
+    """Linear moving-horizon estimator."""
 
-    Parameters
-    ----------
-    model : the design model over k
-    kalman : gains and covariances of the Kalman filter
-    window : number N of steps of the window
-    bounds : bounds of the noises and states
-    use_y0 : whether to use y(0)
-    """
-
-    model: ModelSeries
-    kalman: GainScheduleFilter
-    window: int
-    bounds: WindowBounds
-    use_y0: bool = True
+    model: ModelSeries  # the design model over k
+    kalman: GainScheduleFilter  # gains and covariances of the Kalman filter
+    window: int  # number N of steps of the window
+    bounds: WindowBounds  # bounds of the noises and states
+    use_y0: bool = True  # whether to use y(0)
     programs: tuple[WindowProgram, ...] = field(init=False)
     """The problem at every k; the same object where the matrices are the same."""
 

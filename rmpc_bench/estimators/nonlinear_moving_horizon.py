@@ -58,20 +58,12 @@ class WindowState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NonlinearMovingHorizon(Estimator):
-    """Moving-horizon estimator of a nonlinear model.
+    """Moving-horizon estimator of a nonlinear model."""
 
-    Parameters
-    ----------
-    filter : the extended Kalman filter, whose covariances are used
-    nu : number of inputs
-    window : number N of steps of the window
-    solver : the method, with the bounds
-    """
-
-    filter: GaussianFilter
-    nu: int
-    window: int
-    solver: WindowSolver
+    filter: GaussianFilter  # the extended Kalman filter, whose covariances are used
+    nu: int  # number of inputs
+    window: int  # number N of steps of the window
+    solver: WindowSolver  # the method, with the bounds
 
     bridges_missing = True
     form = "filter"

@@ -46,21 +46,13 @@ class OracleState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Oracle(Estimator):
-    """A filter or predictor that knows the uncertain matrices of every run.
+    """A filter or predictor that knows the uncertain matrices of every run."""
 
-    Parameters
-    ----------
-    system : matrices of the plant
-    model : design model, for the noises
-    x0, P0 : prediction before the first measurement and covariance of its error
-    form : whether x_hat(k) uses y(k)
-    """
-
-    system: UncertainSystem
-    model: UncertainModel
-    x0: Float[Array, " nx"]
+    system: UncertainSystem  # matrices of the plant
+    model: UncertainModel  # design model, for the noises
+    x0: Float[Array, " nx"]  # x0, P0: prediction before the first measurement and covariance of its error
     P0: Float[Array, "nx nx"]
-    form: Form = "predictor"
+    form: Form = "predictor"  # whether x_hat(k) uses y(k)
 
     knows_uncertainty = True
     bridges_missing = True

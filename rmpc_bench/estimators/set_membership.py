@@ -50,26 +50,16 @@ class SetState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class IntersectionFilter(Estimator):
-    """A set-membership filter whose sets depend on the data.
+    """A set-membership filter whose sets depend on the data."""
 
-    Parameters
-    ----------
-    x0, M0 : (nx,), (nx, nx) centre and shape matrix of the set of x(0)
-    models : the model at k = 0..N, a single one if it is constant
-    M_w, M_v : (1 or samples, ...) shape matrices of the sets of the noises
-    sets : sets from which M_w and M_v are computed
-    criterion : size measure that a correction minimises
-    use_y0 : whether to use y(0)
-    """
-
-    x0: Float[Array, " nx"]
+    x0: Float[Array, " nx"]  # x0, M0: centre and shape matrix of the set of x(0)
     M0: Float[Array, "nx nx"]
-    models: tuple[LinearModel, ...]
-    M_w: Float[Array, "kw nx nx"]
+    models: tuple[LinearModel, ...]  # the model at k = 0..N, a single one if it is constant
+    M_w: Float[Array, "kw nx nx"]  # M_w, M_v: shape matrices of the sets of the noises
     M_v: Float[Array, "kv ny ny"]
-    sets: NoiseSets
-    criterion: Criterion = "trace"
-    use_y0: bool = True
+    sets: NoiseSets  # sets from which M_w and M_v are computed
+    criterion: Criterion = "trace"  # size measure that a correction minimises
+    use_y0: bool = True  # whether to use y(0)
 
     estimates_set = True
     bridges_missing = True

@@ -36,33 +36,22 @@ OK = np.int8(Status.OK)
 
 @dataclass(frozen=True, eq=False)
 class WeightedFilter(Estimator):
-    """A Kalman filter with weights of the outputs; axis 0 of a matrix is k and has length 1 if it is constant.
+    """A Kalman filter with weights of the outputs; axis 0 of a matrix is k and has length 1 if it is constant."""
 
-    Parameters
-    ----------
-    x0, P0 : (nx,), (nx, nx) prediction before the first measurement and covariance of its error
-    A, B, C, f, d : (1 or samples, ...) model matrices and constant parts
-    Q_w, R_v : (1 or samples, ...) covariance of w, scale matrix of v
-    T : (1 or samples, ny, ny) inverse of the Cholesky factor of R_v
-    law : how the weights are computed
-    sets : sets of the noises on which P is based
-    use_y0 : whether to use y(0)
-    kept : share of the decrease of P by a correction without weights, where P does not depend on the weights
-    """
-
-    x0: Float[Array, " nx"]
+    x0: Float[Array, " nx"]  # x0, P0: prediction before the first measurement and covariance of its error
     P0: Float[Array, "nx nx"]
-    A: Float[Array, "kA nx nx"]
+    A: Float[Array, "kA nx nx"]  # A, B, C, f, d: model matrices and constant parts
     B: Float[Array, "kB nx nu"]
     C: Float[Array, "kC ny nx"]
     f: Float[Array, "kf nx"]
     d: Float[Array, "kd ny"]
-    Q_w: Float[Array, "kQ nx nx"]
+    Q_w: Float[Array, "kQ nx nx"]  # Q_w, R_v: covariance of w, scale matrix of v
     R_v: Float[Array, "kR ny ny"]
-    T: Float[Array, "kR ny ny"]
-    law: WeightLaw
-    sets: NoiseSets
-    use_y0: bool = True
+    T: Float[Array, "kR ny ny"]  # inverse of the Cholesky factor of R_v
+    law: WeightLaw  # how the weights are computed
+    sets: NoiseSets  # sets of the noises on which P is based
+    use_y0: bool = True  # whether to use y(0)
+    # share of the decrease of P by a correction without weights, where P does not depend on the weights
     kept: float = 1.0
 
     bridges_missing = True

@@ -49,24 +49,15 @@ WORKER = 1.2
 
 @dataclass(frozen=True)
 class Pilot:
-    """Measured time and memory of an experiment.
+    """Measured time and memory of an experiment."""
 
-    Parameters
-    ----------
-    n_runs : runs of the experiment
-    n_pilot : runs that were computed for the measurement
-    start : time until the first run: imports, design, compiled kernels, tables, and the estimated time of tuning [s]
-    per_run : time of one run with all methods at all points [s]
-    report : time of tables, figures and claims of all runs [s]
-    megabytes : largest memory of the process [MB]
-    """
-
-    n_runs: int
-    n_pilot: int
+    n_runs: int  # runs of the experiment
+    n_pilot: int  # runs that were computed for the measurement
+    # time until the first run: imports, design, compiled kernels, tables, and the estimated time of tuning [s]
     start: float
-    per_run: float
-    report: float
-    megabytes: float
+    per_run: float  # time of one run with all methods at all points [s]
+    report: float  # time of tables, figures and claims of all runs [s]
+    megabytes: float  # largest memory of the process [MB]
 
     @property
     def total(self) -> float:

@@ -33,57 +33,33 @@ MOST_ROWS = 12
 
 @dataclass(frozen=True)
 class ShardStatus:
-    """State of a shard, or of an experiment without shards: what one process computes or has computed.
+    """State of a shard, or of an experiment without shards: what one process computes or has computed."""
 
-    Parameters
-    ----------
-    name : of the shard; empty for an experiment without shards
-    state : running, finished, interrupted, or one of the states above
-    runs : first run and end of the runs; None where there is no file
-    total, done : trials, and those that are stored
-    failed : status -> failed trials
-    host, pid : process that writes or wrote
-    age_seconds : time since the last file [s]
-    rate : finished trials per second in the last session
-    left_seconds : time until the end at this rate [s]; None where it is not known
-    why : name of the exception that has ended the session
-    stage : the tuning whose trials are counted, in words; empty where they are those of the experiment
-    """
-
-    name: str
-    state: str
-    runs: tuple[int, int] | None
-    total: int
+    name: str  # of the shard; empty for an experiment without shards
+    state: str  # running, finished, interrupted, or one of the states above
+    runs: tuple[int, int] | None  # first run and end of the runs; None where there is no file
+    total: int  # total, done: trials, and those that are stored
     done: int
-    failed: Mapping[str, int]
-    host: str = ""
+    failed: Mapping[str, int]  # status -> failed trials
+    host: str = ""  # host, pid: process that writes or wrote
     pid: int = 0
-    age_seconds: float = 0.0
-    rate: float = 0.0
-    left_seconds: float | None = None
-    why: str = ""
-    stage: str = ""
+    age_seconds: float = 0.0  # time since the last file [s]
+    rate: float = 0.0  # finished trials per second in the last session
+    left_seconds: float | None = None  # time until the end at this rate [s]; None where it is not known
+    why: str = ""  # name of the exception that has ended the session
+    stage: str = ""  # the tuning whose trials are counted, in words; empty where they are those of the experiment
 
 
 @dataclass(frozen=True)
 class ExperimentStatus:
-    """How far an experiment is.
+    """How far an experiment is."""
 
-    Parameters
-    ----------
-    name : of the experiment
-    directory : of the results
-    shards : the shards; one without a name if the experiment is not divided
-    metric : the primary metric
-    means : (point of the sweep in words, method, mean so far)
-    total, done : trials of all shards, and those that are stored; of a shard that tunes first, those of its tuning
-    """
-
-    name: str
-    directory: Path
-    shards: tuple[ShardStatus, ...]
-    metric: str
-    means: tuple[tuple[str, str, RunningMean], ...]
+    name: str  # of the experiment
+    directory: Path  # of the results
+    shards: tuple[ShardStatus, ...]  # the shards; one without a name if the experiment is not divided
+    metric: str  # the primary metric
+    means: tuple[tuple[str, str, RunningMean], ...]  # (point of the sweep in words, method, mean so far)
+    # total, done: trials of all shards, and those that are stored; of a shard that tunes first, those of its tuning
     total: int
     done: int
 

@@ -62,18 +62,11 @@ class QuantityError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """Arithmetic with free names; call it with their values.
+    """Arithmetic with free names; call it with their values."""
 
-    Parameters
-    ----------
-    text : as written
-    names : free names that it uses
-    tree : what the text means
-    """
-
-    text: str
-    names: frozenset[str]
-    tree: Node = field(repr=False)
+    text: str  # as written
+    names: frozenset[str]  # free names that it uses
+    tree: Node = field(repr=False)  # what the text means
 
     @property
     def canonical(self) -> str:

@@ -58,12 +58,7 @@ def check_bursts(layout: MetricLayout, during: During) -> Iterator[Issue]:
 def burst_samples(record: Record, window: SampleWindow, during: During, memory: float) -> Bool[Array, "runs window"]:
     """Return which samples of a window count; in a record without bursts all samples are quiet.
 
-    Parameters
-    ----------
-    record : the trajectories
-    window : samples to choose from
-    during : all samples, those in bursts, or the quiet ones
-    memory : time after the end of a burst that still counts as part of it [s]
+    The time `memory` [s] after the end of a burst counts as part of it.
     """
     if during == "all" or record.bursts is None:
         return np.full((len(record.y), window.length), during != "bursts")

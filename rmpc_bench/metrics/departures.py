@@ -74,13 +74,7 @@ class Departures(ComponentMetric):
 
 
 def first_of_each(large: Bool[Array, "runs window"], apart: int) -> Bool[Array, "runs window"]:
-    """Return the large samples before which none of the samples less than `apart` away was large.
-
-    Parameters
-    ----------
-    large : samples of interest
-    apart : number of samples; two that follow each other are never apart
-    """
+    """Return the large samples before which none of the samples less than `apart` away was large."""
     before = np.zeros_like(large)
     before[:, 1:] = prolonged(large, max(apart, 2) - 2)[:, :-1]
     first: Array = large & ~before

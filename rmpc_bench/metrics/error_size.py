@@ -28,18 +28,9 @@ def squared_size(
     S: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
     states: Sequence[int] | None = None,
 ) -> Float[Array, "runs window"]:
-    """Return e' S^+ e with e = x_hat - x, run by run and sample by sample.
+    """Return e' S^+ e with e = x_hat - x and the symmetric S of all runs or of each; `states` are those that count.
 
-    Parameters
-    ----------
-    record : the trajectories
-    samples : the samples of the window
-    S : symmetric matrices at these samples, shared by the runs or one for each
-    states : indices of the states that count, with their block of S; None for all
-
-    Returns
-    -------
-    inf where e leaves the range of S, NaN where an entry is not a number
+    It is inf where e leaves the range of S, NaN where an entry is not a number.
     """
     size = np.maximum(np.abs(record.x), np.abs(record.x_hat)).max(axis=1)
     e = estimate_error(record)[:, samples]

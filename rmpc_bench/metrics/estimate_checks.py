@@ -45,13 +45,7 @@ def first_estimates(layout: MetricLayout) -> Iterator[tuple[str, Estimate]]:
 
 
 def check_state_lengths(layout: MetricLayout, key: str = "") -> Iterator[Issue]:
-    """Find the first method whose x_hat has not as many components as the plant's x.
-
-    Parameters
-    ----------
-    layout : of the experiment
-    key : the YAML key to blame
-    """
+    """Find the first method whose x_hat has not as many components as the plant's x; `key` is the one to blame."""
     for name, estimate in first_estimates(layout):
         nx = layout.plant.nx if layout.plant is not None else 0
         if estimate.x_hat.shape[1] != nx:
@@ -60,14 +54,7 @@ def check_state_lengths(layout: MetricLayout, key: str = "") -> Iterator[Issue]:
 
 
 def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "") -> Iterator[Issue]:
-    """Find the methods whose estimator reports none of the given matrices.
-
-    Parameters
-    ----------
-    layout : of the experiment
-    names : matrices of which one is enough
-    key : the YAML key to blame
-    """
+    """Find the methods whose estimator reports none of the given matrices; `key` is the one to blame."""
     without = [
         method for method, estimate in first_estimates(layout) if all(getattr(estimate, name) is None for name in names)
     ]
@@ -81,13 +68,7 @@ def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "") 
 
 
 def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:
-    """x_hat - x at all samples; that of an angle is wrapped.
-
-    Raises
-    ------
-    DesignError
-        If they differ in length, which `check_state_lengths` finds before any run.
-    """
+    """x_hat - x at all samples, that of an angle wrapped; a DesignError where `check_state_lengths` finds one."""
     if record.x_hat.shape != record.x.shape:
         raise DesignError(_other_lengths("", record.x_hat.shape[2], record.x.shape[2]))
     return wrapped(record.x_hat - record.x, period_of(record.layout.angles, places("x", record.x.shape[2])))

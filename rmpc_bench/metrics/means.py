@@ -28,13 +28,7 @@ def mean_absolute(values: Float[Array, "runs window n"]) -> Float[Array, " runs"
 
 
 def moving_mean(values: Float[Array, "runs samples n"], length: int) -> Float[Array, "runs samples n"]:
-    """Centred moving average; at the ends it uses the samples that exist.
-
-    Parameters
-    ----------
-    values : signals over time
-    length : number of samples, at least 1; an even number includes one more sample before than after
-    """
+    """Centred moving average over `length` samples, one more before than after if even; shorter at the ends."""
     n_samples = values.shape[1]
     before, after = length // 2, (length - 1) // 2
     total, count = np.zeros(values.shape), np.zeros((n_samples, 1))

@@ -51,13 +51,6 @@ def per_run(
     counted: Bool[Array, "runs window"],
     reduce: Callable[[Float[Array, "kept n"]], float],
 ) -> Float[Array, " runs"]:
-    """Reduce the samples that count to a number, run by run; NaN where no sample counts.
-
-    Parameters
-    ----------
-    values : signals over time
-    counted : the samples that count
-    reduce : makes a number of at least one sample
-    """
+    """Reduce the samples that count to a number, run by run; NaN where no sample counts."""
     rows = zip(values, counted, strict=True)
     return np.array([reduce(row[kept]) if kept.any() else np.nan for row, kept in rows], dtype=float)

@@ -40,13 +40,7 @@ class SignalComponent:
 
 
 def signal_component(of: str) -> SignalComponent:
-    """Read the name of a component.
-
-    Raises
-    ------
-    DesignError
-        If the text does not name a component.
-    """
+    """Read the name of a component; a DesignError where the text names none."""
     found = re.fullmatch(r"(x|x_hat|e|y|u|u_command)\.([0-9]+)", of)
     if found is None:
         raise DesignError(f"must be x.I, x_hat.I, e.I, y.I, u.I or u_command.I, I from 0 on (got {of!r})", "of")

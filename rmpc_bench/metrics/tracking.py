@@ -211,12 +211,7 @@ def settling_times(
 ) -> Float[Array, " runs"]:
     """Return the times after which the outputs stay in their bands [s]; inf if one is outside at the last sample.
 
-    Parameters
-    ----------
-    y, r : outputs and reference over the window
-    r_before : reference one sample before the window
-    band : half-width of the band relative to the step
-    Ts : sampling time [s]
+    The half-width `band` is relative to the step, from the reference `r_before` one sample before the window.
     """
     edge = r[0] - r_before
     step = np.where(edge != 0.0, np.abs(edge), np.abs(r[-1] - y[:, 0]))

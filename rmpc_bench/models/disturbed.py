@@ -35,18 +35,11 @@ from rmpc_bench.types import Array, Model, OperatingPoint
 
 
 class Augmented:
-    """What models with disturbances have in common; a subclass gives `undisturbed` and `entry`.
+    """What models with disturbances have in common; a subclass gives `undisturbed` and `entry`."""
 
-    Parameters
-    ----------
-    undisturbed : model of x
-    entry : how d enters it
-    label : places, drift and rank in words
-    """
-
-    undisturbed: Any
-    entry: Entry
-    label: str
+    undisturbed: Any  # model of x
+    entry: Entry  # how d enters it
+    label: str  # places, drift and rank in words
 
     @property
     def n_disturbances(self) -> int:

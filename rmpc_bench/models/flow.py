@@ -146,23 +146,14 @@ class LinearFlow(Flow):
 
 @dataclass(frozen=True, eq=False)
 class PlantFlow(Flow):
-    """The nominal plant, integrated over a sample by the Runge-Kutta method of order 4, or its map.
+    """The nominal plant, integrated over a sample by the Runge-Kutta method of order 4, or its map."""
 
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    substeps : given steps of the integration per sample; 0 for error control
-    Q_w, R_v : covariances of the noises
-    compiled : model whose method ``f(x, u, k)`` is compiled; None where there is none
-    """
-
-    dynamics: Dynamics
-    Ts: float
-    substeps: int
-    Q_w: Float[Array, "n n"]
+    dynamics: Dynamics  # the nominal plant
+    Ts: float  # sampling time [s]
+    substeps: int  # given steps of the integration per sample; 0 for error control
+    Q_w: Float[Array, "n n"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "ny ny"]
-    compiled: Any = None
+    compiled: Any = None  # model whose method ``f(x, u, k)`` is compiled; None where there is none
 
     @property
     def x_period(self) -> Float[Array, " n"] | None:  # type: ignore[override]

@@ -55,18 +55,11 @@ class SampledSystem(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ParametricSystem:
-    """A linear system whose matrices may depend on parameters.
+    """A linear system whose matrices may depend on parameters."""
 
-    Parameters
-    ----------
-    make : parameters by name -> the system
-    nominal : name of a parameter -> nominal value
-    key : of the configuration, for messages
-    """
-
-    make: Callable[[Mapping[str, float]], Realisation]
-    nominal: Mapping[str, float]
-    key: str
+    make: Callable[[Mapping[str, float]], Realisation]  # parameters by name -> the system
+    nominal: Mapping[str, float]  # name of a parameter -> nominal value
+    key: str  # of the configuration, for messages
 
     def sampled(self, values: Mapping[str, float], Ts: float) -> SampledSystem:
         """Return the matrices over a sampling period for some parameters."""
@@ -129,16 +122,7 @@ def _made(function: Callable[..., Any], read: Callable[[Any], Realisation], valu
 def arguments(function: Callable[..., Any], parameters: Mapping[str, float], key: str) -> dict[str, float]:
     """Return the arguments of a user's function that are numbers: from the configuration, else their defaults.
 
-    Parameters
-    ----------
-    function : of the user
-    parameters : values that the configuration gives; those of other names have no effect here
-    key : of the configuration that names the function
-
-    Raises
-    ------
-    DesignError
-        If an argument has no value.
+    Parameters of other names have no effect here.  A DesignError at `key` names an argument without a value.
     """
     found: dict[str, float] = {}
     for name, each in inspect.signature(function).parameters.items():

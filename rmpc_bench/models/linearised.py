@@ -40,20 +40,12 @@ from rmpc_bench.types import Array, DesignError, Model, OperatingPoint, Plant, U
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryModel(OfPlant, StateDependentModel):
-    """A model that is linearised at the latest estimate.
+    """A model that is linearised at the latest estimate."""
 
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    substeps : given steps of the integration per sample; 0 for error control
-    Q_w, R_v : covariances of the noises
-    """
-
-    dynamics: Dynamics
-    Ts: float
-    substeps: int
-    Q_w: Float[Array, "nx nx"]
+    dynamics: Dynamics  # the nominal plant
+    Ts: float  # sampling time [s]
+    substeps: int  # given steps of the integration per sample; 0 for error control
+    Q_w: Float[Array, "nx nx"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "ny ny"]
 
     has_offsets = True

@@ -27,15 +27,8 @@ MAX_ENTRIES = 12
 def sizes_of(read: Mapping[str, Array], table: Sizes) -> dict[str, int]:
     """Determine all sizes: first from lists in the order of the table, then from numbers.
 
-    Parameters
-    ----------
-    read : numbers (k,), diagonals (k, n) and matrices (k, rows, columns) by name
-    table : names of the sizes of every matrix, A first
-
-    Raises
-    ------
-    DesignError
-        If a matrix that is not square by its meaning is a flat list, or a size contradicts the matrices before.
+    Numbers are (k,), diagonals (k, n), matrices (k, rows, columns).  A DesignError says that a size contradicts those
+    before, or that a matrix which is not square by its meaning is a flat list.
     """
     sizes: dict[str, int] = {}
     given = {name: matrix for name, matrix in read.items() if matrix.ndim > 1}
@@ -77,14 +70,7 @@ def refuse_flat(name: str, values: Array, sizes: Mapping[str, int], names: tuple
 
 
 def misfit(matrix: Array, sizes: Mapping[str, int], names: tuple[str, str]) -> str:
-    """Describe a matrix of the wrong shape, with the shape given and the one expected.
-
-    Parameters
-    ----------
-    matrix : (rows, columns) the matrix
-    sizes : the sizes that are known
-    names : names of the number of rows and of columns
-    """
+    """Describe a matrix of the wrong shape, with the shape given and the one that the names of its sizes expect."""
     rows, columns = matrix.shape
     if names[0] == names[1] and rows != columns:
         return f"has the shape {rows} x {columns}; a square matrix is expected ({names[0]} x {names[1]})"

@@ -64,19 +64,12 @@ class MatrixOverTime(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MixedModel(Model):
-    """A linear model with stochastic and bounded noises.
+    """A linear model with stochastic and bounded noises."""
 
-    Parameters
-    ----------
-    matrices : matrices by the names of `TABLE`
-    w_mean, v_mean : (nx,), (ny,) known means of the noises
-    scale : factors on the standard deviations of the stochastic noises
-    """
-
-    matrices: Mapping[str, MatrixOverTime]
-    w_mean: Float[Array, " nx"]
+    matrices: Mapping[str, MatrixOverTime]  # matrices by the names of `TABLE`
+    w_mean: Float[Array, " nx"]  # w_mean, v_mean: known means of the noises
     v_mean: Float[Array, " ny"]
-    scale: NoiseScale = SAME_SCALE
+    scale: NoiseScale = SAME_SCALE  # factors on the standard deviations of the stochastic noises
     _made: dict[tuple[str, int], Any] = field(default_factory=dict, init=False, repr=False)
     """Cache of evaluated matrices by name and k; a constant one is stored at k = 0."""
 

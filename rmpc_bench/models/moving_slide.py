@@ -85,12 +85,9 @@ class Arms(NamedTuple):
 
 
 def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
-    """Compute the geometry of the arms; J of an arm of length zero is not finite.
+    """Compute the geometry of the arms for poses [m, m, rad]; J of an arm of length zero is not finite.
 
-    Parameters
-    ----------
-    y : (poses, 3) positions [m] and angles [rad] of the platform
-    a, b : half sides of the squares of the base joints and of the platform [m]
+    `a` and `b` are the half sides of the squares of the base joints and of the platform [m].
     """
     cos, sin = np.cos(y[:, 2, None]), np.sin(y[:, 2, None])
     p = b * np.stack([CORNERS[:, 0] * cos - CORNERS[:, 1] * sin, CORNERS[:, 0] * sin + CORNERS[:, 1] * cos], axis=2)
@@ -104,23 +101,14 @@ def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
 
 @dataclass(frozen=True, eq=False)
 class MovingSlideModel(StateDependentModel):
-    """State-dependent model of the robot; create it with `design`.
+    """State-dependent model of the robot; create it with `design`."""
 
-    Parameters
-    ----------
-    Ts : sampling time [s]
-    numbers : (8,) parameters in the order of `NUMBERS`, masses multiplied by `mass`
-    Q_w, R_v : (6, 6), (3, 3) covariances of the noises
-    euler : whether the matrices are sampled by Euler's method
-    bursts : samples at which the measurement noise is larger than R_v
-    """
-
-    Ts: float
-    numbers: Float[Array, " 8"]
-    Q_w: Float[Array, "6 6"]
+    Ts: float  # sampling time [s]
+    numbers: Float[Array, " 8"]  # parameters in the order of `NUMBERS`, masses multiplied by `mass`
+    Q_w: Float[Array, "6 6"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "3 3"]
-    euler: bool = False
-    bursts: tuple[Span, ...] = ()
+    euler: bool = False  # whether the matrices are sampled by Euler's method
+    bursts: tuple[Span, ...] = ()  # samples at which the measurement noise is larger than R_v
     nx: int = field(default=6, init=False)
     nu: int = field(default=4, init=False)
     ny: int = field(default=3, init=False)

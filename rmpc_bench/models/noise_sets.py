@@ -84,13 +84,7 @@ class MatchedModel(Model):
 
 
 def uniform_covariance(M: Float[Array, "n n"], n_disturbances: int = 0) -> Float[Array, "n n"]:
-    """Return the covariance of the uniform distribution on E(0, M).
-
-    Parameters
-    ----------
-    M : shape matrix
-    n_disturbances : number of the last coordinates that have no bounded part: the ellipsoid has so many dimensions less
-    """
+    """Return the covariance of the uniform distribution on E(0, M), whose last coordinates may have no bounded part."""
     cov: Array = M / (len(M) - n_disturbances + 2)
     return cov
 
@@ -140,14 +134,7 @@ class DesignNoise:
     def covariances(
         self, nx: int, ny: int, Ts: float | None = None, A: Float[Array, "nx nx"] | None = None
     ) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
-        """Return Q_w and R_v.
-
-        Parameters
-        ----------
-        nx, ny : numbers of states and outputs
-        Ts : sampling time of a continuous model, for densities; None of a discrete one
-        A : Jacobian of x', where the model has one that does not change; without it Q_w = Ts Q_c
-        """
+        """Return Q_w and R_v; `Ts` and the Jacobian `A` are for densities, where Q_w = Ts Q_c without `A`."""
         found = []
         for name, n in (("process", nx), ("measurement", ny)):
             given, key = getattr(self, name), f"noise.{name}"

@@ -31,27 +31,17 @@ from rmpc_bench.types import Array, Count, DesignError, Model, OperatingPoint, P
 
 @dataclass(frozen=True, eq=False)
 class NonlinearModel(OfPlant, Model):
-    """The nominal plant as functions of one run; create it with `nonlinear_model`.
+    """The nominal plant as functions of one run; create it with `nonlinear_model`."""
 
-    Parameters
-    ----------
-    dynamics : the nominal plant
-    Ts : sampling time [s]
-    substeps : given steps of the integration per sample; 0 for error control
-    Q_w, R_v : covariances of the noises
-    operating_point : point of the key `at`; None without it
-    linear_keys : keys `at`, `noise` and `jacobian` of the linear model around the operating point
-    compiled : whether f is compiled
-    """
-
-    dynamics: Dynamics
-    Ts: float
-    substeps: int
-    Q_w: Float[Array, "nx nx"]
+    dynamics: Dynamics  # the nominal plant
+    Ts: float  # sampling time [s]
+    substeps: int  # given steps of the integration per sample; 0 for error control
+    Q_w: Float[Array, "nx nx"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "ny ny"]
-    operating_point: OperatingPoint | None = None
+    operating_point: OperatingPoint | None = None  # point of the key `at`; None without it
+    # keys `at`, `noise` and `jacobian` of the linear model around the operating point
     linear_keys: tuple[At, DesignNoise, Any] | None = None
-    compiled: bool = False
+    compiled: bool = False  # whether f is compiled
     _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """The linear model and the compiled step, made on first use; they are not sent to workers."""
 
@@ -84,14 +74,10 @@ class NonlinearModel(OfPlant, Model):
     def f(
         self, x: ArrayLike, u: ArrayLike, k: int = 0, near: tuple[ArrayLike, ArrayLike] | None = None
     ) -> Float[Array, "*n nx"]:
-        """Return x(k+1) without noise.
+        """Return x(k+1) without noise, of one state and input or one per row.
 
-        Parameters
-        ----------
-        x, u : (nx,), (nu,) state and input, or one per row
-        k : sample, for an equation that depends on the time
-        near : state and input whose intervals error control uses, so that differences of f are smooth (default: every
-            state has its own)
+        Error control uses the intervals of the state and input `near`, so that differences of f are smooth; by default
+        every state has its own.
         """
         x, u = np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u, dtype=float))
         rows = x[None] if x.ndim == 1 else x

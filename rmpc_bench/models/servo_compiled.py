@@ -47,12 +47,7 @@ def servo_flow(
 ) -> tuple[Float[Array, "points 5"], Statuses]:
     """Return the states of one plant one sample later without noise, and the statuses of the kernel.
 
-    Parameters
-    ----------
-    linear, friction : coefficients of the plant, see `models.servo.coefficients`
-    Ts : sampling time [s]
-    tolerance : bound of the last terms of a Taylor series relative to its largest term
-    x, u : states and voltages [V]
+    `tolerance` bounds the last terms of a Taylor series relative to its largest term; inputs are voltages [V].
     """
     # No compiled function is passed to the kernel: finding its pointer costs as much as a hundred points.
     own, x_next, status = np.zeros((3, 9)), np.empty(x.shape), np.zeros(len(x), np.int8)

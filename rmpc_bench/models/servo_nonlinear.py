@@ -40,19 +40,12 @@ CURRENT_VARIANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ServoFlow(Flow):
-    """The flow of the servomechanism.
+    """The flow of the servomechanism."""
 
-    Parameters
-    ----------
-    Ts : sampling time [s]
-    linear, friction : coefficients of the equations of motion, see `servo.coefficients`
-    Q_w, R_v : covariances of the noises
-    """
-
-    Ts: float
-    linear: Float[Array, " 9"]
+    Ts: float  # sampling time [s]
+    linear: Float[Array, " 9"]  # linear, friction: coefficients of the equations of motion, see `servo.coefficients`
     friction: Float[Array, "2 3"]
-    Q_w: Float[Array, "5 5"]
+    Q_w: Float[Array, "5 5"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "1 1"]
     cost_per_point: float = field(default=3e-6, init=False)
 
@@ -98,16 +91,10 @@ def with_current_variance(P: Float[Array, "4 4"]) -> Float[Array, "5 5"]:
 
 @dataclass(frozen=True, eq=False)
 class ServoModel(Model):
-    """The servomechanism as a design model: linear for controllers, nonlinear for filters that use `flow`.
+    """The servomechanism as a design model: linear for controllers, nonlinear for filters that use `flow`."""
 
-    Parameters
-    ----------
-    linear : model of the four states without inductance and dry friction
-    flow : flow of the five states
-    """
-
-    linear: LinearModel
-    flow: ServoFlow
+    linear: LinearModel  # model of the four states without inductance and dry friction
+    flow: ServoFlow  # flow of the five states
 
     def at(self, k: int) -> LinearModel:
         """Return the linear model."""

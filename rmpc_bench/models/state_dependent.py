@@ -86,14 +86,7 @@ class StateDependentModel(Model):
 
 
 def pair_at(model: Model | StateDependentModel, k: int, x: Float[Array, "runs nx"]) -> Pair:
-    """Return the matrices from k to k+1 for every run; those of a linear model are the same for all runs.
-
-    Parameters
-    ----------
-    model : linear or state-dependent model
-    k : time index
-    x : (runs, nx) states at which a state-dependent model is evaluated
-    """
+    """Return the matrices from k to k+1 at the state of every run; a linear model has the same for all runs."""
     if isinstance(model, StateDependentModel):
         return model.at_state(x)
     now = model.at(k)

@@ -141,19 +141,10 @@ def takes_matrices(design: DesignFunction) -> DesignFunction:
 
 
 def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> UncertainSystem:
-    """Read the matrices of a system and complete the missing ones with zeros.
+    """Read the matrices of a system by the names of `SIZES`, at k = 0..N, and complete the missing ones with zeros.
 
-    Parameters
-    ----------
-    n_steps : N; matrices that vary are evaluated at k = 0..N
-    given : matrices by the names of `SIZES`; each None (zero), a number (times the identity), a matrix as a list of
-        rows, or an array (k, rows, columns); A may be a list, its diagonal; entries may be functions of ``{"k": k}``
-
-    Raises
-    ------
-    DesignError
-        If a name is unknown, a required matrix is missing, the sizes are inconsistent, or an entry is undefined at some
-        k.
+    A matrix is None (zero), a number (times the identity), a list of rows, or an array (k, rows, columns); A may be a
+    list, its diagonal.  Entries may be functions of ``{"k": k}``.  A DesignError says what is missing or does not fit.
     """
     for name in sorted({*given} - {*SIZES}):
         raise DesignError(f"{name!r} is not a matrix of an uncertain system; choose from {', '.join(SIZES)}", name)

@@ -111,18 +111,11 @@ class _Linearised(NamedTuple):
 
 @dataclass(frozen=True)
 class WindowSolver:
-    """The method with its bounds and its end.
+    """The method with its bounds and its end."""
 
-    Parameters
-    ----------
-    limits : bounds of the states; None where there are none
-    tolerance : step at which the iteration ends, in standard deviations
-    iterations : most iterations
-    """
-
-    limits: Interval | None
-    tolerance: float
-    iterations: int
+    limits: Interval | None  # bounds of the states; None where there are none
+    tolerance: float  # step at which the iteration ends, in standard deviations
+    iterations: int  # most iterations
 
     @np.errstate(all="ignore")  # trial points may overflow
     def solve(self, maps: WindowMaps, data: Windows, start: Float[Array, "runs samples n"]) -> Fits:

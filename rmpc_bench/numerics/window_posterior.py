@@ -198,25 +198,15 @@ class WindowFit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WindowProgram:
-    """What is fixed in the problems of windows with the same matrices.
+    """What is fixed in the problems of windows with the same matrices."""
 
-    Parameters
-    ----------
-    L : (points, nx, ny) gains of the Kalman filter of the window
-    value_gain : (values, p) values with bounds from the innovations, without bounds
-    interval : bounds of the values
-    size : (values,) standard deviations of the values; 0 of a fixed one
-    x_map : (nx, s) last state from the unknowns of the program
-    program : the program of the values that are not fixed
-    filter_map : predictions and innovations from the data, for short windows; see `ModelSeries.filter_map`
-    """
-
-    L: Float[Array, "points nx ny"]
-    value_gain: Float[Array, "values p"]
-    interval: Interval
-    size: Float[Array, " values"]
-    x_map: Float[Array, "nx s"]
-    program: QuadraticProgram
+    L: Float[Array, "points nx ny"]  # gains of the Kalman filter of the window
+    value_gain: Float[Array, "values p"]  # values with bounds from the innovations, without bounds
+    interval: Interval  # bounds of the values
+    size: Float[Array, " values"]  # standard deviations of the values; 0 of a fixed one
+    x_map: Float[Array, "nx s"]  # last state from the unknowns of the program
+    program: QuadraticProgram  # the program of the values that are not fixed
+    # predictions and innovations from the data, for short windows; see `ModelSeries.filter_map`
     filter_map: Float[Array, "answers data"] | None = None
 
     @cached_property

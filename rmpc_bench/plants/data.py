@@ -40,24 +40,14 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPlant(Plant):
-    """A plant that replays recorded runs; build it with `design`.
+    """A plant that replays recorded runs; build it with `design`."""
 
-    Parameters
-    ----------
-    Ts : sampling time [s]
-    y : (files, samples, ny) measurements, NaN where one is missing
-    x : (files, samples, nx) states; nx = 0 where they were not recorded
-    u : inputs
-    names : names of single components
-    recorded : number of runs, gaps and scale
-    """
-
-    Ts: float
-    y: Float[Array, "files samples ny"]
-    x: Float[Array, "files samples nx"]
+    Ts: float  # sampling time [s]
+    y: Float[Array, "files samples ny"]  # measurements, NaN where one is missing
+    x: Float[Array, "files samples nx"]  # states; nx = 0 where they were not recorded
     u: RecordedInput
-    names: Mapping[str, str]
-    recorded: RecordedRuns
+    names: Mapping[str, str]  # names of single components
+    recorded: RecordedRuns  # number of runs, gaps and scale
     starts_runs = True
     nw = 0
 

@@ -221,17 +221,9 @@ POINTS = 400
 
 
 def robot_at(y: Float[Array, " 3"], a: float, b: float) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
-    """Outline of the arms and of the platform, separated by NaN.
+    """Outline of the arms and of the platform at a pose [m, m, rad], separated by NaN: horizontal and vertical [m].
 
-    Parameters
-    ----------
-    y : (3,) position [m] and angle [rad] of the platform
-    a, b : half sides of the squares of the base joints and of the platform [m]
-
-    Returns
-    -------
-    tuple
-        Horizontal and vertical coordinates [m].
+    `a` and `b` are the half sides of the squares of the base joints and of the platform [m].
     """
     joints = arms(y[None], a, b).joints[0]
     gap = np.full((1, 2), np.nan)

@@ -21,16 +21,10 @@ EQUAL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class NominalStep:
-    """The functions x(k+1) and y(k) of a plant at its nominal parameters; create it with `of`.
-
-    Parameters
-    ----------
-    plant : the plant
-    linear : its matrices; None for a plant that is not linear or varies with k
-    """
+    """The functions x(k+1) and y(k) of a plant at its nominal parameters; create it with `of`."""
 
     plant: Plant
-    linear: LinearPlant | None
+    linear: LinearPlant | None  # its matrices; None for a plant that is not linear or varies with k
 
     @classmethod
     def of(cls, plant: Plant) -> NominalStep:

@@ -110,13 +110,9 @@ class Uncertainty:
         return dict.fromkeys(NAMES, self.value or 0.0)
 
     def draw(self, rngs: Sequence[np.random.Generator], n_samples: int, shapes: Sequence[tuple[int, int]]) -> Sequences:
-        """Draw the matrices of a block; all runs share the sequence of a fixed law.
+        """Draw F_x, F_w and F_v of a block, with their shapes (r, s); all runs share the sequence of a fixed law.
 
-        Parameters
-        ----------
-        rngs : one generator per run; more samples extend a shorter draw without changing it
-        n_samples : number of samples k
-        shapes : (r, s) of F_x, F_w, F_v
+        More samples extend a shorter draw without changing it.
         """
         n = [min(shape) for shape in shapes]
         if self.law == "fixed":

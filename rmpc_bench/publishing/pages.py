@@ -78,13 +78,7 @@ class Publication:
         return tuple(each for each in self.verdicts if each.differs) if self.results.is_final else ()
 
     def summary(self, seconds: float | None = None, width: int = WIDTH) -> str:
-        """Return the text that the command line shows at the end of a run.
-
-        Parameters
-        ----------
-        seconds : time that the command took [s]; left out where None
-        width : columns of the terminal
-        """
+        """Return the text that the command line shows at the end of a run, with the time that it took unless None."""
         experiment, results = self.results.experiment, self.results
         overridden, missing = results.overrides, results.incomplete
         reasons = [f"the configuration was overridden ({', '.join(overridden)})"] if overridden else []

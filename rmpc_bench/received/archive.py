@@ -50,18 +50,11 @@ class ArchiveError(Exception):
 
 @dataclass(frozen=True)
 class Archive:
-    """A checked archive.
-
-    Parameters
-    ----------
-    path : the file
-    names : names of its files
-    hashes : file -> SHA-256 of its content, as the metadata states it
-    """
+    """A checked archive."""
 
     path: Path
-    names: tuple[str, ...]
-    hashes: Mapping[str, str]
+    names: tuple[str, ...]  # names of its files
+    hashes: Mapping[str, str]  # file -> SHA-256 of its content, as the metadata states it
 
     def code(self, directory: Path) -> dict[str, str]:
         """Return the files that can execute, with their stated hashes, after they were taken out into a directory."""

@@ -68,13 +68,9 @@ def refused(name: str) -> str:
 
 
 def reason_against(path: Path, name: str, roots: Collection[Path]) -> str:
-    """Say why a file with code may not be loaded, and the way out; empty where it may.
+    """Say why a file with code, whose links are resolved, may not be loaded, and the way out; empty where it may.
 
-    Parameters
-    ----------
-    path : absolute, symbolic links resolved
-    name : of the file in messages
-    roots : files and directories to which somebody has agreed; none for a configuration that is no regular file
+    `roots` are files and directories to which somebody has agreed; none for a configuration that is no regular file.
     """
     if reason := refused(name):
         return reason
@@ -105,12 +101,7 @@ def reason_against_archive(archive: Path, files: Mapping[str, str], allowed: Ite
 
 
 def reason_against_module(text: str) -> str:
-    """Say why a module that a value names, as in ``module:Name-v0``, may not be imported; empty where it may.
-
-    Parameters
-    ----------
-    text : the value; a text without a module has nothing against it
-    """
+    """Say why a module that a value names, as in ``module:Name-v0``, may not be imported; empty where it may."""
     module, colon, _ = text.partition(":")
     steps = module.split(".")
     if not colon or not all(each.isidentifier() for each in steps):
@@ -158,15 +149,11 @@ def _editable_roots(sites: Iterable[str]) -> Iterator[Path]:
 
 
 def commit_of(directory: Path) -> dict[str, Any] | None:
-    """Return the commit of the repository of a directory, and whether there are uncommitted changes.
+    """Return the commit of the repository of a directory, and whether there are uncommitted changes; None without one.
 
-    No setting of the repository has an effect: git works in an empty repository of its own, which reads only the
-    objects and a copy of the index of the other one.  So it has no hooks, filters, monitors or aliases.
-
-    Returns
-    -------
-    None where there is no repository; the commit ``unknown`` in an archive that was taken out, and where nothing may
-    execute
+    It is ``unknown`` in an archive that was taken out, and where nothing may execute.  No setting of the repository has
+    an effect: git works in an empty repository of its own, which reads only the objects and a copy of the index of the
+    other one.  So it has no hooks, filters, monitors or aliases.
     """
     start = directory.resolve()
     for top in (start, *start.parents):

@@ -65,13 +65,7 @@ class Sampling:
         self.missing = (t[after] - t[before] > LONGEST * step) & ~self.on_row
 
     def values(self, columns: Float[Array, "rows n"], how: Resample | None = None) -> Float[Array, "samples n"]:
-        """Return columns at the samples.
-
-        Parameters
-        ----------
-        columns : recorded values
-        how : `linear` or `previous` instead of the choice of the configuration; an input is held
-        """
+        """Return recorded columns at the samples, resampled as given or as the configuration says."""
         if self.grid is None or self.t is None:
             return columns
         if (how or self._default) == "previous":

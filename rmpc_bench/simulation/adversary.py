@@ -29,21 +29,11 @@ _GAIN = 1e-9  # relative growth of the trace below which a sweep was the last on
 def worst_sequence(
     plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, radius: float = 1.0, n_disturbances: int = 0
 ) -> tuple[Array, ...]:
-    """Choose F for k = 0..N, as (samples, r, s) of every channel; F(N) plays no part.
+    """Choose F of a linear plant for k = 0..N, as (samples, r, s) of every channel; F(N) plays no part.
 
-    Parameters
-    ----------
-    plant : a linear plant with white uncertainty; the law of its F is not used
-    schedule : the filter to work against
-    laws : of the initial state and of the noises
-    n_steps : number of control periods N
-    radius : largest norm of every F
-    n_disturbances : number of the last states of the filter, which are no part of the error
-
-    Raises
-    ------
-    DesignError
-        If the filter estimates another number of states than the plant has.
+    The law of the plant's F is not used, and no norm exceeds the radius.  The last `n_disturbances` states of the
+    filter are no part of the error.  A DesignError says that it estimates another number of states than the plant
+    has.
     """
     (nx, n_hat), periods = (len(laws.x), len(schedule.x0) - n_disturbances), []
     if n_hat != nx:

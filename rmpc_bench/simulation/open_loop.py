@@ -17,16 +17,10 @@ OK = np.int8(Status.OK)
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop(Controller):
-    """A controller that applies a given input.
-
-    Parameters
-    ----------
-    signal : the input
-    n_steps : number of control periods N
-    """
+    """A controller that applies a given input."""
 
     signal: InputSignal
-    n_steps: int
+    n_steps: int  # number of control periods N
     preview = 0
     uses_estimate = False
     starts_runs = True

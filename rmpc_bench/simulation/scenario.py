@@ -41,13 +41,7 @@ class RunParameter:
         raise NotImplementedError("__call__")
 
     def of_runs(self, columns: Mapping[str, Array], n_runs: int) -> Float[Array, " runs"]:
-        """Return the parameters of many runs, those of `__call__` bit for bit.
-
-        Parameters
-        ----------
-        columns : (runs,) named values
-        n_runs : number of runs
-        """
+        """Return the parameters of many runs from (runs,) named values, those of `__call__` bit for bit."""
         return one_by_one(self, columns, n_runs)
 
 
@@ -113,12 +107,7 @@ class Scenario:
         return found
 
     def named_columns(self, runs: range) -> dict[str, Float[Array, " runs"]]:
-        """Draw the named uncertain quantities of many runs, those of `named_values`.
-
-        Parameters
-        ----------
-        runs : indices of the runs
-        """
+        """Draw the named uncertain quantities of many runs, those of `named_values`."""
         found: dict[str, Array] = {}
         for key, law in self.uncertainty.items():
             p = [first_uniforms(self.seed, runs, f"uncertainty/{name}").tolist() for name in law.streams(key)]
@@ -152,14 +141,7 @@ class Scenario:
         )
 
     def draw_delta(self, plant: Plant, runs: range, n_steps: int) -> Any:
-        """Let the plant draw what is uncertain; the same call gives the same numbers.
-
-        Parameters
-        ----------
-        plant : receives the parameters and may draw more
-        runs : indices of the runs
-        n_steps : number of control periods N
-        """
+        """Let the plant draw what is uncertain; the same call gives the same numbers."""
         columns, n_runs = self.named_columns(runs), len(runs)
         parameters = {
             name: self._parameter(name, columns, n_runs) if name in self.parameters else np.full(n_runs, nominal)
@@ -187,12 +169,7 @@ class Scenario:
         }
 
     def noise_laws(self, nw: int, nv: int) -> tuple[Array, Array] | None:
-        """Mean and covariance of [w; v]; None where those of a law are not known, or where a law is not white.
-
-        Parameters
-        ----------
-        nw, nv : lengths of w and v
-        """
+        """Mean and covariance of [w; v]; None where those of a law are not known, or where a law is not white."""
         w, v = _moments(self.process, nw), _moments(self.measurement, nv)
         if w is None or v is None or not all(law.is_white for law in (*self.process, *self.measurement)):
             return None
@@ -273,16 +250,8 @@ def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:
 def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], nw: int, nv: int) -> Scenario:
     """Give w and v a cross-covariance: v = T (w - w_bar) + what of v is left, which is independent of w.
 
-    Parameters
-    ----------
-    scenario : its noises are independent, with the laws that w and v are to have
-    S : E (w - w_bar)(v - v_bar)', of shape (nw, nv)
-    nw, nv : lengths of w and v
-
-    Raises
-    ------
-    DesignError
-        If the shape does not fit, a noise is not one gaussian law, or no noises have these covariances.
+    The noises of the scenario are independent, S = E (w - w_bar)(v - v_bar)'.  A DesignError says that its shape is not
+    (nw, nv), a noise is not one gaussian law, or no noises have these covariances.
     """
     laws = (*scenario.process, *scenario.measurement)
     if S.shape != (nw, nv):
@@ -422,17 +391,10 @@ _CONSTANTS = (str, bytes, bool, int, float, complex, np.generic, type(None))
 
 
 def own_draws(scenario: Scenario, plant: Plant, runs: range, n_steps: int, draws: Draws) -> Draws:
-    """Return random inputs that a method may write into.
+    """Return a copy of random inputs that a method may write into; ``draws`` stays as it is.
 
-    Parameters
-    ----------
-    scenario, plant, runs, n_steps : from which ``draws`` was drawn
-    draws : the random inputs, which stay as they are
-
-    Returns
-    -------
-    Copies of the arrays; a record of the plant that consists of anything but arrays and numbers is drawn again.  What
-    alters the measurements is not handed to any component, and is not copied.
+    A record of the plant that consists of anything but arrays and numbers is drawn again.  What alters the measurements
+    is not handed to any component, and is not copied.
     """
     try:
         delta = _copied(draws.delta)

@@ -42,43 +42,31 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class ResultLayout:
-    """Names and sizes of the results of an experiment.
+    """Names and sizes of the results of an experiment."""
 
-    Parameters
-    ----------
-    methods : names in the order of the configuration
-    metrics : names of the metric columns
-    points : path -> text of the value, of every point of the sweep; one point without paths where nothing is swept,
-        empty where the points are not known
-    trials : method -> hash of its trials, of every point; points with an equal hash share the trials; empty where the
-        hashes are not known
-    has_runs : whether single runs are evaluated
-    is_uncertain : whether runs have stored values of uncertain quantities
-    signals : method -> recorded signal -> shape of one sample, None where it is not known
-    recorded : indices of the runs whose signals are recorded
-    series : series of the designs and of the ensemble -> shape of one sample
-    arrays : method -> series at the first point -> shape; axis 0 = k, of length 1 where it is the same at all k
-    end : last time, in seconds or samples as the experiment's `time` is given; 0 where it is not known, or where a
-        window may reach beyond it because the experiment was shortened
-    Ts : sampling time in the unit of `end`
-    tuned : methods whose parameters are tuned
-    is_complete : whether more than the names of methods, metrics and points is known
-    """
-
-    methods: tuple[str, ...] = ()
-    metrics: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()  # names in the order of the configuration
+    metrics: tuple[str, ...] = ()  # names of the metric columns
+    # path -> text of the value, of every point of the sweep; one point without paths where nothing is swept, empty
+    # where the points are not known
     points: tuple[Mapping[str, str], ...] = ()
+    # method -> hash of its trials, of every point; points with an equal hash share the trials; empty where the hashes
+    # are not known
     trials: tuple[Mapping[str, str], ...] = ()
-    has_runs: bool = True
-    is_uncertain: bool = True
+    has_runs: bool = True  # whether single runs are evaluated
+    is_uncertain: bool = True  # whether runs have stored values of uncertain quantities
+    # method -> recorded signal -> shape of one sample, None where it is not known
     signals: Mapping[str, Mapping[str, Shape | None]] = field(default_factory=dict)
-    recorded: Sequence[int] = ()
+    recorded: Sequence[int] = ()  # indices of the runs whose signals are recorded
+    # series of the designs and of the ensemble -> shape of one sample
     series: Mapping[str, Shape] = field(default_factory=dict)
+    # method -> series at the first point -> shape; axis 0 = k, of length 1 where it is the same at all k
     arrays: Mapping[str, Mapping[str, Shape]] = field(default_factory=dict)
+    # last time, in seconds or samples as the experiment's `time` is given; 0 where it is not known, or where a window
+    # may reach beyond it because the experiment was shortened
     end: float = 0.0
-    Ts: float = 1.0
-    is_complete: bool = True
-    tuned: tuple[str, ...] = ()
+    Ts: float = 1.0  # sampling time in the unit of `end`
+    is_complete: bool = True  # whether more than the names of methods, metrics and points is known
+    tuned: tuple[str, ...] = ()  # methods whose parameters are tuned
 
     @property
     def signal_names(self) -> tuple[str, ...]:
@@ -204,11 +192,7 @@ def texts_of(values: Mapping[str, Any]) -> dict[str, str]:
 def samples_between(start: float | None, stop: float | None, Ts: float, end: int) -> tuple[int, int]:
     """Find the first and the last sample of a window, both included; no more than one sample if first >= last.
 
-    Parameters
-    ----------
-    start, stop : ends of the window in the unit of Ts; None for those of the experiment
-    Ts : sampling time
-    end : last sample of the experiment
+    The ends are in the unit of Ts, None for those of the experiment, whose last sample is `end`.
     """
     first = 0 if start is None else max(0, math.ceil(start / Ts - ROUNDING))
     return first, end if stop is None else min(end, math.floor(stop / Ts + ROUNDING))

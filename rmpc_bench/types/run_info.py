@@ -51,24 +51,18 @@ def passed_on(role: str, k: int | None, function: Callable[..., Any], values: Se
 
 @dataclass
 class Journal:
-    """What happened in the runs of a block besides their numbers.
+    """What happened in the runs of a block besides their numbers."""
 
-    Parameters
-    ----------
-    failures : run -> its first failure
-    held : run -> number of held steps
-    failed_steps : run and number of a `Status` -> number of steps whose optimisation failed, and whose run went on
-    seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s];
-        phase ``block`` is the time per run and step of calls for all runs of a block
-    warnings : text of a warning of a component -> how often it was given
-    call : calls the methods of components written for one run in place of the bench, for a debugger
-    """
-
-    failures: dict[int, RunFailure] = field(default_factory=dict)
-    held: Counter[int] = field(default_factory=Counter)
+    failures: dict[int, RunFailure] = field(default_factory=dict)  # run -> its first failure
+    held: Counter[int] = field(default_factory=Counter)  # run -> number of held steps
+    # run and number of a `Status` -> number of steps whose optimisation failed, and whose run went on
     failed_steps: Counter[tuple[int, int]] = field(default_factory=Counter)
+    # component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s]; phase
+    # ``block`` is the time per run and step of calls for all runs of a block
     seconds: dict[str, list[float]] = field(default_factory=dict)
+    # text of a warning of a component -> how often it was given
     warnings: Counter[str] = field(default_factory=Counter)
+    # calls the methods of components written for one run in place of the bench, for a debugger
     call: Callable[..., Any] | None = None
 
     def fail(self, failure: RunFailure) -> None:

@@ -31,19 +31,13 @@ def indices_of(only: Sequence[Any], names: Sequence[str], n: int, noun: str) -> 
 
 
 class NamedSignals:
-    """States, inputs and outputs with names; a subclass gives the attributes.
+    """States, inputs and outputs with names; a subclass gives the attributes."""
 
-    Parameters
-    ----------
-    states, inputs, outputs : names
-    units : name of a state, an input or an output -> unit; names without one are left out
-    bounds : name of a state or an input -> lower and upper bound; infinite where there is none
-    """
-
-    states: tuple[str, ...]
+    states: tuple[str, ...]  # states, inputs, outputs: names
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    units: Mapping[str, str]
+    units: Mapping[str, str]  # name of a state, an input or an output -> unit; names without one are left out
+    # name of a state or an input -> lower and upper bound; infinite where there is none
     bounds: Mapping[str, tuple[float, float]]
 
     @property
