@@ -16,7 +16,6 @@ from jaxtyping import Float
 from rmpc_bench.numerics.linalg import as_covariance, mv
 from rmpc_bench.types import (
     Array,
-    Direction,
     Issue,
     Matrix,
     MetricLayout,
@@ -50,7 +49,6 @@ class Cost(WindowMetric):
     Q_x: Matrix
     R_u: Matrix
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     input_only: ClassVar[bool] = True
 

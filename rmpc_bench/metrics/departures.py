@@ -17,7 +17,7 @@ from rmpc_bench.metrics.burst_samples import burst_samples, check_bursts, prolon
 from rmpc_bench.metrics.components import ComponentMetric, output_error, smoothed
 from rmpc_bench.metrics.norms import per_run, rms
 from rmpc_bench.numerics.sample_times import at_least
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record
+from rmpc_bench.types import Array, Issue, MetricLayout, NonNegative, Positive, Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,6 @@ class Departures(ComponentMetric):
     memory: NonNegative = 0.0
     after: NonNegative = 0.5
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from rmpc_bench.metrics.components import SumMetric
 from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
 from rmpc_bench.metrics.means import mean_square
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record
+from rmpc_bench.types import Array, Issue, MetricLayout, Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,6 @@ class EstimationMse(SumMetric):
     letter: ClassVar[str] = "x"
     adds: ClassVar[str] = "squares"
     reads: ClassVar[tuple[str, ...]] = ("y", "x", "x_hat")
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:

@@ -77,7 +77,6 @@ class InnovationMse(InnovationMetric, SumMetric):
     name: str = "innovation_mse"
 
     adds: ClassVar[str] = "squares"
-    better: ClassVar[Direction] = "lower"
 
     def value(self, *given: Float[Array, "measured ny"]) -> float:
         """Average the squares."""
@@ -137,8 +136,6 @@ class Whiteness(InnovationMetric):
 
     name: str = "whiteness"
     lags: Count = 20
-
-    better: ClassVar[Direction] = "lower"
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Add to the common checks: more samples than lags."""

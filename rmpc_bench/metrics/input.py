@@ -15,11 +15,20 @@ from rmpc_bench.metrics.burst_samples import BurstMetric, burst_samples
 from rmpc_bench.metrics.components import SumMetric
 from rmpc_bench.metrics.means import mean_square, time_mean
 from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
-from rmpc_bench.types import Array, Direction, Record
+from rmpc_bench.types import Array, Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputPower(SumMetric):
+class InputMetric(SumMetric):
+    """A metric of the sizes of the applied inputs; 0 is best."""
+
+    letter: ClassVar[str] = "u"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputPower(InputMetric):
     """Mean square of the applied input, 1/(N nu) sum_k |u(k)|^2 over k = 0..N-1; lower is better.
 
     Examples
@@ -31,11 +40,7 @@ class InputPower(SumMetric):
     name: str = "input_power"
 
     reads: ClassVar[tuple[str, ...]] = ("y", "u")
-    letter: ClassVar[str] = "u"
     adds: ClassVar[str] = "squares"
-    better: ClassVar[Direction] = "lower"
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    input_only: ClassVar[bool] = True
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the squares."""
@@ -43,7 +48,7 @@ class InputPower(SumMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputRoughness(SumMetric):
+class InputRoughness(InputMetric):
     """Standard deviation over time of the increments u(k) - u(k-1) inside the window; lower is better.
 
     For several inputs the value is the root mean square of their standard deviations.  It is 0 for a ramp and for a
@@ -57,12 +62,8 @@ class InputRoughness(SumMetric):
 
     name: str = "input_roughness"
 
-    letter: ClassVar[str] = "u"
     adds: ClassVar[str] = "squares"
     is_root: ClassVar[bool] = True
-    better: ClassVar[Direction] = "lower"
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    input_only: ClassVar[bool] = True
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Compute the deviation of the increments."""
@@ -79,7 +80,7 @@ def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " 
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputVariation(BurstMetric, SumMetric):
+class InputVariation(BurstMetric, InputMetric):
     """Mean over k = 1..N-1 of the sum over i of |u_i(k) - u_i(k-1)|; lower is better.
 
     An increment from k - 1 to k counts if sample k counts.
@@ -96,11 +97,6 @@ class InputVariation(BurstMetric, SumMetric):
 
     name: str = "input_variation"
 
-    letter: ClassVar[str] = "u"
-    better: ClassVar[Direction] = "lower"
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    input_only: ClassVar[bool] = True
-
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average the sizes of the increments that count."""
         window = self.samples(record)
@@ -111,7 +107,7 @@ class InputVariation(BurstMetric, SumMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputRms(BurstMetric, SumMetric):
+class InputRms(BurstMetric, InputMetric):
     """Root of the mean square of the applied input over k = 0..N-1 and all inputs; lower is better.
 
     Examples
@@ -123,12 +119,8 @@ class InputRms(BurstMetric, SumMetric):
     name: str = "input_rms"
 
     reads: ClassVar[tuple[str, ...]] = ("y", "u")
-    letter: ClassVar[str] = "u"
     adds: ClassVar[str] = "squares"
     is_root: ClassVar[bool] = True
-    better: ClassVar[Direction] = "lower"
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    input_only: ClassVar[bool] = True
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the inputs at the samples that count."""
@@ -137,7 +129,7 @@ class InputRms(BurstMetric, SumMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputPeak(BurstMetric, SumMetric):
+class InputPeak(BurstMetric, InputMetric):
     """Largest size of an applied input over k = 0..N-1; lower is better.
 
     Examples
@@ -148,11 +140,7 @@ class InputPeak(BurstMetric, SumMetric):
 
     name: str = "input_peak"
 
-    letter: ClassVar[str] = "u"
     adds: ClassVar[str] = ""
-    better: ClassVar[Direction] = "lower"
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
-    input_only: ClassVar[bool] = True
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the inputs at the samples that count."""

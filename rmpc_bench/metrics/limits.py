@@ -17,7 +17,6 @@ from jaxtyping import Float
 from rmpc_bench.metrics.named_signal import NamedSignal, signal_of
 from rmpc_bench.types import (
     Array,
-    Direction,
     Issue,
     MetricInfo,
     MetricLayout,
@@ -109,8 +108,6 @@ class Violation(SignalMetric):
     limit: float | tuple[float | None, float | None]
     what: What = "share"
 
-    better: ClassVar[Direction] = "lower"
-
     @property
     def bounds(self) -> tuple[float, float]:  # type: ignore[override]
         """0 and 1 for a share, else 0 and infinity."""
@@ -181,8 +178,6 @@ class Largest(SignalMetric):
     """
 
     name: str = "largest"
-
-    better: ClassVar[Direction] = "lower"
 
     def unit(self, layout: MetricLayout) -> str:
         """Return the unit of the signal."""

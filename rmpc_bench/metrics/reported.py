@@ -173,7 +173,6 @@ class Fallbacks(WindowMetric):
 
     name: str = "fallbacks"
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     needs_info: ClassVar[tuple[str, ...]] = (FALLBACK,)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.metrics.components import ComponentMetric
-from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Positive, Record
+from rmpc_bench.types import Array, Issue, MetricLayout, Positive, Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,6 @@ class Runaway(ComponentMetric):
     factor: Positive = 2.0
     beyond: Positive | None = None
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
     to_the_end: ClassVar[bool] = True
 

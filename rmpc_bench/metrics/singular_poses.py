@@ -12,7 +12,6 @@ from jaxtyping import Float
 from rmpc_bench.types import (
     Array,
     DesignError,
-    Direction,
     Issue,
     MetricLayout,
     Plant,
@@ -49,7 +48,6 @@ class NearSingular(WindowMetric):
     name: str = "near_singular"
     below: Positive = 0.1
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:

@@ -44,7 +44,6 @@ class ErrorMetric(SumMetric):
 
     of: ErrorSignal = "output"
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     @property
@@ -184,7 +183,6 @@ class SettlingTime(ComponentMetric):
     band: Positive = 0.05
 
     reads: ClassVar[tuple[str, ...]] = ("y",)
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     may_not_occur: ClassVar[bool] = True
     to_the_end: ClassVar[bool] = True
@@ -274,7 +272,6 @@ class Tracking(BurstMetric, SumMetric):
     smooth: NonNegative = 0.0
     unit_: str | None = None
 
-    better: ClassVar[Direction] = "lower"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     @property
