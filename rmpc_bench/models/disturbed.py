@@ -96,35 +96,23 @@ class DisturbedLinear(Augmented, LinearModel):
         return self if within is self.undisturbed else DisturbedLinear(within, self.entry, self.label)
 
 
-@dataclass(frozen=True, eq=False)
-class DisturbedModel(Augmented, Model):
-    """A model of [x; d] that may vary with k."""
-
-    undisturbed: Model
-    entry: Entry
-    label: str = ""
-    _made: dict[int, tuple[LinearModel, LinearModel]] = field(default_factory=dict, init=False, repr=False)
-    """Cache of the linear models by k: that of x and that of [x; d]."""
+class AugmentedWhenAsked(Augmented):
+    """A model with disturbances whose sizes and covariances are not stored."""
 
     @property
     def nx(self) -> int:
         """Number of states and disturbances."""
-        return self.undisturbed.nx + self.entry.nd
+        return int(self.undisturbed.nx) + self.entry.nd
 
     @property
     def nu(self) -> int:
         """Number of inputs."""
-        return self.undisturbed.nu
+        return int(self.undisturbed.nu)
 
     @property
     def ny(self) -> int:
         """Number of outputs."""
-        return self.undisturbed.ny
-
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix depends on k."""
-        return self.undisturbed.varies
+        return int(self.undisturbed.ny)
 
     @property
     def Q_w(self) -> Float[Array, "n n"]:
@@ -134,7 +122,24 @@ class DisturbedModel(Augmented, Model):
     @property
     def R_v(self) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise."""
-        return self.undisturbed.R_v
+        covariance: Array = self.undisturbed.R_v
+        return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class DisturbedModel(AugmentedWhenAsked, Model):
+    """A model of [x; d] that may vary with k."""
+
+    undisturbed: Model
+    entry: Entry
+    label: str = ""
+    _made: dict[int, tuple[LinearModel, LinearModel]] = field(default_factory=dict, init=False, repr=False)
+    """Cache of the linear models by k: that of x and that of [x; d]."""
+
+    @property
+    def varies(self) -> bool:
+        """Whether a matrix depends on k."""
+        return self.undisturbed.varies
 
     @property
     def has_sets(self) -> bool:
@@ -226,37 +231,11 @@ class DisturbedNonlinear(DisturbedModel):
 #         linearised along the trajectory is linearised at x and u + S d.
 
 
-class DisturbedStates(Augmented, StateDependentModel):
+class DisturbedStates(AugmentedWhenAsked, StateDependentModel):
     """A state-dependent model of [x; d]."""
 
     def __init__(self, undisturbed: StateDependentModel, entry: Entry, label: str = "") -> None:
         self.undisturbed, self.entry, self.label = undisturbed, entry, label
-
-    @property
-    def nx(self) -> int:
-        """Number of states and disturbances."""
-        return int(self.undisturbed.nx) + self.entry.nd
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return int(self.undisturbed.nu)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return int(self.undisturbed.ny)
-
-    @property
-    def Q_w(self) -> Float[Array, "n n"]:
-        """Covariance of the process noise and of the drift."""
-        return block_diagonal(self.undisturbed.Q_w, self.entry.drift)
-
-    @property
-    def R_v(self) -> Float[Array, "ny ny"]:
-        """Covariance of the measurement noise."""
-        covariance: Array = self.undisturbed.R_v
-        return covariance
 
     @property
     def has_offsets(self) -> bool:

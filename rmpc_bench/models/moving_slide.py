@@ -30,19 +30,21 @@ from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 from rmpc_bench.numerics.linalg import as_compiled, as_vector
 from rmpc_bench.numerics.sample_times import Burst, Span, factor_at, spans_of
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
+from rmpc_bench.types.basics import Keyword, takes, values_of
 
-NUMBERS: Mapping[str, float] = {
-    "a": 0.30,
-    "b": 0.08,
-    "m_p": 2.60,
-    "I_p": 0.040,
-    "m_s": 0.30,
-    "I_arm": 0.030,
-    "d_rot": 0.020,
-    "d_sl": 0.50,
+PARAMETERS: Mapping[str, Keyword] = {
+    "mass": Keyword(Positive, 1.0, "factor on all masses and inertias"),
+    "a": Keyword(Positive, 0.30, "half side of the square of the base joints [m]"),
+    "b": Keyword(Positive, 0.08, "half side of the platform [m]"),
+    "m_p": Keyword(Positive, 2.60, "mass of the platform [kg]"),
+    "I_p": Keyword(Positive, 0.040, "inertia of the platform [kg m^2]"),
+    "m_s": Keyword(Positive, 0.30, "mass of a slide [kg]"),
+    "I_arm": Keyword(Positive, 0.030, "inertia of an arm about its base joint [kg m^2]"),
+    "d_rot": Keyword(NonNegative, 0.020, "viscous damping of a base joint [N m s]"),
+    "d_sl": Keyword(NonNegative, 0.50, "viscous damping of a slide [N s/m]"),
 }
-"""Nominal parameters: half sides of the squares of the A_i and B_i [m], mass [kg] and inertia [kg m^2] of the platform,
-mass of a slide [kg], inertia of an arm about A_i [kg m^2], damping of a base joint [N m s] and of a slide [N s/m]."""
+NUMBERS = {name: each.default for name, each in PARAMETERS.items() if name != "mass"}
+"""Nominal parameters in the order of the kernel."""
 
 MASSES = ("m_p", "I_p", "m_s", "I_arm")
 """Parameters that the factor `mass` multiplies."""
@@ -163,20 +165,9 @@ def _spans(noise: SlideNoise, Ts: float) -> tuple[Span, ...]:
         raise DesignError(str(error), f"noise.{error.parameter}") from None
 
 
+@takes(PARAMETERS)
 def design(
-    Ts: float,
-    *,
-    noise: SlideNoise = NOISE,
-    discretisation: Literal["zoh", "euler"] = "zoh",
-    mass: Positive = 1.0,
-    a: Positive = NUMBERS["a"],
-    b: Positive = NUMBERS["b"],
-    m_p: Positive = NUMBERS["m_p"],
-    I_p: Positive = NUMBERS["I_p"],
-    m_s: Positive = NUMBERS["m_s"],
-    I_arm: Positive = NUMBERS["I_arm"],
-    d_rot: NonNegative = NUMBERS["d_rot"],
-    d_sl: NonNegative = NUMBERS["d_sl"],
+    Ts: float, *, noise: SlideNoise = NOISE, discretisation: Literal["zoh", "euler"] = "zoh", **parameters: float
 ) -> MovingSlideModel:
     """Parallel robot with matrices frozen at the estimated state of every run.
 
@@ -186,20 +177,12 @@ def design(
     noise : noise of the design model: `process` acts on the acceleration, `measurement` on the pose; `bursts` are
         the times at which the measurement noise is larger
     discretisation : `zoh` samples the frozen matrices exactly with a zero-order hold; `euler` uses I + Ts A and Ts B
-    mass : factor on all masses and inertias
-    a : half side of the square of the base joints [m]
-    b : half side of the platform [m]
-    m_p : mass of the platform [kg]
-    I_p : inertia of the platform [kg m^2]
-    m_s : mass of a slide [kg]
-    I_arm : inertia of an arm about its base joint [kg m^2]
-    d_rot : viscous damping of a base joint [N m s]
-    d_sl : viscous damping of a slide [N s/m]
+    parameters : those of the robot
 
     Raises
     ------
     DesignError
         If the noise is negative, its size does not match the pose, or a burst contains no sample.
     """
-    p = dict(a=a, b=b, m_p=m_p, I_p=I_p, m_s=m_s, I_arm=I_arm, d_rot=d_rot, d_sl=d_sl, mass=mass)
-    return MovingSlideModel(Ts, kernel_numbers(p), *_noise(noise, Ts), discretisation == "euler", _spans(noise, Ts))
+    numbers = kernel_numbers(values_of(PARAMETERS, parameters))
+    return MovingSlideModel(Ts, numbers, *_noise(noise, Ts), discretisation == "euler", _spans(noise, Ts))

@@ -22,20 +22,22 @@ from jaxtyping import Bool, Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_matrix, discretise, van_loan
-from rmpc_bench.types import Array, Matrix, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
+from rmpc_bench.types.basics import Keyword, takes, values_of
 
-TABLE_1: Mapping[str, float] = {
-    "J_m": 0.5,
-    "beta_m": 0.1,
-    "R": 20.0,
-    "K_t": 10.0,
-    "rho": 20.0,
-    "k_theta": 1280.2,
-    "J_l": 25.0,
-    "beta_l": 25.0,
+LINEAR: Mapping[str, Keyword] = {
+    "J_m": Keyword(Positive, 0.5, "motor inertia [kg m^2]"),
+    "beta_m": Keyword(NonNegative, 0.1, "viscous friction of the motor [N m s]"),
+    "R": Keyword(Positive, 20.0, "armature resistance [Ohm]"),
+    "K_t": Keyword(Positive, 10.0, "motor constant [N m/A]"),
+    "rho": Keyword(Positive, 20.0, "gear ratio"),
+    "k_theta": Keyword(Positive, 1280.2, "torsional rigidity [N m/rad]"),
+    "J_l": Keyword(Positive, 25.0, "load inertia [kg m^2]"),
+    "beta_l": Keyword(NonNegative, 25.0, "viscous friction of the load [N m s]"),
 }
-"""Nominal parameters: inertias [kg m^2], viscous frictions [N m s], resistance [Ohm], motor constant [N m/A],
-gear ratio, torsional rigidity [N m/rad]."""
+"""Parameters of the linear servomechanism."""
+TABLE_1 = values_of(LINEAR, {})
+"""Their nominal values."""
 
 LOAD_TORQUE, MOTOR_TORQUE = "shaft_torque", "motor_torque"
 """The torque of the elastic shaft on the load and, rho times smaller, on the motor."""
@@ -113,39 +115,21 @@ def _damping(p: Mapping[str, Any]) -> Any:
     return p["beta_m"] + p["K_t"] * p["K_t"] / p["R"]
 
 
-def design(
-    Ts: float,
-    *,
-    noise: ServoNoise,
-    J_m: Positive = TABLE_1["J_m"],
-    beta_m: NonNegative = TABLE_1["beta_m"],
-    R: Positive = TABLE_1["R"],
-    K_t: Positive = TABLE_1["K_t"],
-    rho: Positive = TABLE_1["rho"],
-    k_theta: Positive = TABLE_1["k_theta"],
-    J_l: Positive = TABLE_1["J_l"],
-    beta_l: NonNegative = TABLE_1["beta_l"],
-) -> LinearModel:
+@takes(LINEAR)
+def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> LinearModel:
     """Linear servomechanism with the parameters of Table 1, sampled with a zero-order hold of the voltage.
 
     Parameters
     ----------
     Ts : sampling time [s]
     noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
-    J_m : motor inertia [kg m^2]
-    beta_m : viscous friction of the motor [N m s]
-    R : armature resistance [Ohm]
-    K_t : motor constant [N m/A]
-    rho : gear ratio
-    k_theta : torsional rigidity [N m/rad]
-    J_l : load inertia [kg m^2]
-    beta_l : viscous friction of the load [N m s]
+    parameters : those of the linear servomechanism
     """
-    p = dict(J_m=J_m, beta_m=beta_m, R=R, K_t=K_t, rho=rho, k_theta=k_theta, J_l=J_l, beta_l=beta_l)
+    p = values_of(LINEAR, parameters)
     A_bar, B_bar = continuous(p)
     G_bar = as_matrix(noise.process, 4)
     A, B = discretise(A_bar, B_bar, Ts)
-    on_load = discretise(A_bar, np.array([[0.0], [1.0 / J_l], [0.0], [0.0]]), Ts)[1]
+    on_load = discretise(A_bar, np.array([[0.0], [1.0 / p["J_l"]], [0.0], [0.0]]), Ts)[1]
     C = np.array([[1.0, 0.0, 0.0, 0.0]])
     return LinearModel(
         A,
@@ -165,17 +149,25 @@ TOLERANCE = 1e-15
 """Last terms of a Taylor series relative to its largest term: rounding, for a third more time than with 1e-9."""
 MOST_RATE = 20_000.0
 """Largest |eigenvalue| Ts of the linear part: about 5000 Taylor series, 10 ms per run and sample."""
-INDUCTANCE = 0.8
-"""Nominal armature inductance [H]."""
-FRICTION: Mapping[str, float] = {
-    "alpha_l0": 0.5,
-    "alpha_l1": 10.0,
-    "alpha_l2": 0.5,
-    "alpha_m0": 0.1,
-    "alpha_m1": 2.0,
-    "alpha_m2": 0.5,
+NONLINEAR: Mapping[str, Keyword] = {
+    "L": Keyword(Positive, 0.8, "armature inductance [H]"),
+    **LINEAR,
+    "alpha_l0": Keyword(NonNegative, 0.5, "Coulomb friction of the load [N m]"),
+    "alpha_l1": Keyword(NonNegative, 10.0, "additional friction of the load near standstill [N m]"),
+    "alpha_l2": Keyword(NonNegative, 0.5, "decay rate of alpha_l1 with the velocity [s/rad]"),
+    "alpha_m0": Keyword(NonNegative, 0.1, "Coulomb friction of the motor [N m]"),
+    "alpha_m1": Keyword(NonNegative, 2.0, "additional friction of the motor near standstill [N m]"),
+    "alpha_m2": Keyword(NonNegative, 0.5, "decay rate of alpha_m1 with the velocity [s/rad]"),
 }
-"""Nominal friction of load (l) and motor (m): torques [N m] and decay rates [s/rad]."""
+"""Parameters of the servomechanism with inductance and dry friction."""
+
+
+def nonlinear_parameters(given: Mapping[str, float], Ts: float) -> dict[str, float]:
+    """Return all parameters; a DesignError where a mode of the linear part is too fast for the kernel."""
+    p = values_of(NONLINEAR, given)
+    if not slow_enough([p], Ts)[0]:
+        raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
+    return p
 
 
 def coefficients(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 9"], Float[Array, "*runs 2 3"]]:

@@ -23,16 +23,15 @@ from rmpc_bench.models import servo
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.servo import (
-    FRICTION,
-    INDUCTANCE,
-    MOST_RATE,
-    TABLE_1,
+    LINEAR,
+    NONLINEAR,
     TOLERANCE,
     ServoNoise,
     coefficients,
-    slow_enough,
+    nonlinear_parameters,
 )
-from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive, Status
+from rmpc_bench.types import Array, Model, Status
+from rmpc_bench.types.basics import takes
 
 CURRENT_VARIANCE = 1e-6
 """Variance of the current, at the start and added per sample [A^2]."""
@@ -122,57 +121,22 @@ class ServoModel(Model):
         self.flow.warm_up()
 
 
-def design(
-    Ts: float,
-    *,
-    noise: ServoNoise,
-    L: Positive = INDUCTANCE,
-    J_m: Positive = TABLE_1["J_m"],
-    beta_m: NonNegative = TABLE_1["beta_m"],
-    R: Positive = TABLE_1["R"],
-    K_t: Positive = TABLE_1["K_t"],
-    rho: Positive = TABLE_1["rho"],
-    k_theta: Positive = TABLE_1["k_theta"],
-    J_l: Positive = TABLE_1["J_l"],
-    beta_l: NonNegative = TABLE_1["beta_l"],
-    alpha_l0: NonNegative = FRICTION["alpha_l0"],
-    alpha_l1: NonNegative = FRICTION["alpha_l1"],
-    alpha_l2: NonNegative = FRICTION["alpha_l2"],
-    alpha_m0: NonNegative = FRICTION["alpha_m0"],
-    alpha_m1: NonNegative = FRICTION["alpha_m1"],
-    alpha_m2: NonNegative = FRICTION["alpha_m2"],
-) -> ServoModel:
+@takes(NONLINEAR)
+def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> ServoModel:
     """Nonlinear servomechanism as a design model: nonlinear filters use its flow, controllers its linear part.
 
     Parameters
     ----------
     Ts : sampling time [s]
     noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
-    L : armature inductance [H]
-    J_m : motor inertia [kg m^2]
-    beta_m : viscous friction of the motor [N m s]
-    R : armature resistance [Ohm]
-    K_t : motor constant [N m/A]
-    rho : gear ratio
-    k_theta : torsional rigidity [N m/rad]
-    J_l : load inertia [kg m^2]
-    beta_l : viscous friction of the load [N m s]
-    alpha_l0 : Coulomb friction of the load [N m]
-    alpha_l1 : additional friction of the load near standstill [N m]
-    alpha_l2 : decay rate of alpha_l1 with the velocity [s/rad]
-    alpha_m0 : Coulomb friction of the motor [N m]
-    alpha_m1 : additional friction of the motor near standstill [N m]
-    alpha_m2 : decay rate of alpha_m1 with the velocity [s/rad]
+    parameters : those of the servomechanism
 
     Raises
     ------
     DesignError
         If a mode of the linear part is too fast for the kernel: the inductance or an inertia is too small.
     """
-    given = locals()
-    p = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
-    if not slow_enough([p], Ts)[0]:
-        raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
-    linear = servo.design(Ts, noise=noise, **{name: p[name] for name in TABLE_1})
+    p = nonlinear_parameters(parameters, Ts)
+    linear = servo.design(Ts, noise=noise, **{name: p[name] for name in LINEAR})
     flow = ServoFlow(Ts, *coefficients(p), with_current_variance(linear.Q_w), linear.R_v)
     return ServoModel(linear, flow)

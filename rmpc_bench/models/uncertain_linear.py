@@ -18,13 +18,20 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import SAME_SCALE, NoiseScale
-from rmpc_bench.models.uncertain_system import SIZES, Matrices, UncertainSystem, takes_matrices, uncertain_system
+from rmpc_bench.models.uncertain_system import (
+    SIZES,
+    Matrices,
+    OfSystem,
+    UncertainSystem,
+    takes_matrices,
+    uncertain_system,
+)
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, is_possible, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix, does_not_fit
 
 
 @dataclass(frozen=True, eq=False)
-class UncertainModel(Model):
+class UncertainModel(OfSystem, Model):
     """An uncertain linear system with the means and covariances of its noises."""
 
     system: UncertainSystem
@@ -33,21 +40,6 @@ class UncertainModel(Model):
     S: Float[Array, "nw nv"]
     wbar: Float[Array, " nw"]
     vbar: Float[Array, " nv"]
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.system.size("nx")
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.system.size("nu")
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.system.size("ny")
 
     @property
     def varies(self) -> bool:

@@ -9,12 +9,12 @@ Form    Matrices with separate uncertainties, (26)-(31), share an F with more co
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import Parameter
 from math import inf
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,7 @@ from rmpc_bench.numerics.linalg import at_sample
 from rmpc_bench.numerics.stability import INSIDE, hinf_peak, mean_square_radius, spectral_radius
 from rmpc_bench.numerics.system_structure import zeros
 from rmpc_bench.types import Array, DesignError, SystemMatrix
+from rmpc_bench.types.basics import Keyword, takes
 
 
 class Matrices(NamedTuple):
@@ -112,32 +113,35 @@ class UncertainSystem:
         return UncertainSystem(self.over_time._replace(**new))
 
 
-DesignFunction = TypeVar("DesignFunction", bound=Callable[..., Any])
+class OfSystem:
+    """Sizes of a plant or a design model with the matrices of a system."""
+
+    system: UncertainSystem
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.system.size("nx")
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.system.size("nu")
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.system.size("ny")
 
 
-def takes_matrices(design: DesignFunction) -> DesignFunction:
-    """Replace ``**matrices`` of a design function by one keyword per matrix.
-
-    The signature, which defines the keys of a configuration, and the docstring list every matrix.
-    """
-    signature = inspect.signature(design)
-    own = [parameter for parameter in signature.parameters.values() if parameter.kind != parameter.VAR_KEYWORD]
-    matrices = [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=inspect.Parameter.empty if name in REQUIRED else None,
-            annotation=SystemMatrix,
-        )
-        for name in MEANINGS
-    ]
-    positional = [parameter for parameter in own if parameter.kind == parameter.POSITIONAL_OR_KEYWORD]
-    rest = [parameter for parameter in own if parameter.kind == parameter.KEYWORD_ONLY]
-    vars(design)["__signature__"] = signature.replace(parameters=[*positional, *matrices, *rest])
-    lines = [f"{name} : ({', '.join(SIZES[name])}) {meaning}" for name, meaning in MEANINGS.items()]
-    text = inspect.getdoc(design) or ""
-    design.__doc__ = text.replace("matrices : the matrices of the system", "\n".join(lines))
-    return design
+takes_matrices = takes(
+    {
+        name: Keyword(SystemMatrix, Parameter.empty if name in REQUIRED else None, f"({', '.join(SIZES[name])}) {text}")
+        for name, text in MEANINGS.items()
+    },
+    last=False,
+)
+"""Replaces ``**matrices`` of a design function by one keyword per matrix."""
 
 
 def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> UncertainSystem:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.moving_slide import CORNERS, NUMBERS, arms, kernel_numbers
+from rmpc_bench.models.moving_slide import CORNERS, PARAMETERS, arms, kernel_numbers
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.s_shape import DURATION, s_curve
 from rmpc_bench.types import (
@@ -30,13 +30,13 @@ from rmpc_bench.types import (
     DesignError,
     Line,
     Motion,
-    NonNegative,
     Panel,
     Plant,
     Positive,
     Status,
     Statuses,
 )
+from rmpc_bench.types.basics import Keyword, takes, values_of
 
 LEAST_SIGMA = 0.02
 """A pose counts as singular if the smallest singular value of J is below this; the kernel has its own copy."""
@@ -171,47 +171,30 @@ def _numbers(p: Mapping[str, float]) -> Float[Array, " 10"]:
     return np.append(kernel_numbers(p), [p["l_min"], p["arm"]])
 
 
-def design(
-    Ts: float,
-    *,
-    substeps: Count = 2,
-    mass: Positive = 1.0,
-    a: Positive = NUMBERS["a"],
-    b: Positive = NUMBERS["b"],
-    m_p: Positive = NUMBERS["m_p"],
-    I_p: Positive = NUMBERS["I_p"],
-    m_s: Positive = NUMBERS["m_s"],
-    I_arm: Positive = NUMBERS["I_arm"],
-    d_rot: NonNegative = NUMBERS["d_rot"],
-    d_sl: NonNegative = NUMBERS["d_sl"],
-    arm: Positive = 0.50,
-    l_min: Positive = 0.05,
-) -> MovingSlide:
+ALL = {
+    **PARAMETERS,
+    "arm": Keyword(Positive, 0.50, "length of an arm and largest distance of its slide from the base joint [m]"),
+    "l_min": Keyword(Positive, 0.05, "smallest distance of a slide from the base joint [m]"),
+}
+
+
+@takes(ALL)
+def design(Ts: float, *, substeps: Count = 2, **parameters: float) -> MovingSlide:
     """Parallel robot; `perturb` and `set` accept all parameters listed here except `substeps`.
 
     Parameters
     ----------
     Ts : sampling time [s]
     substeps : Runge-Kutta steps per sample
-    mass : factor on all masses and inertias
-    a : half side of the square of the base joints [m]
-    b : half side of the platform [m]
-    m_p : mass of the platform [kg]
-    I_p : inertia of the platform [kg m^2]
-    m_s : mass of a slide [kg]
-    I_arm : inertia of an arm about its base joint [kg m^2]
-    d_rot : viscous damping of a base joint [N m s]
-    d_sl : viscous damping of a slide [N s/m]
-    arm : length of an arm and largest distance of its slide from the base joint [m]
-    l_min : smallest distance of a slide from the base joint [m]
+    parameters : those of the robot
 
     Raises
     ------
     DesignError
         If l_min is not below the length of an arm.
     """
-    given = locals()
-    nominal = {name: float(given[name]) for name in ("mass", *NUMBERS, "arm", "l_min")}
+    nominal = values_of(ALL, parameters)
+    arm, l_min = nominal["arm"], nominal["l_min"]
     if l_min >= arm:
         raise DesignError(f"must be below the length of an arm, {arm:g} m (got {l_min:g})", "l_min")
     return MovingSlide(Ts, nominal, substeps)

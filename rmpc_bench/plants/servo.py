@@ -27,15 +27,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.models.servo import (
-    FRICTION,
-    INDUCTANCE,
-    MOST_RATE,
+    LINEAR,
     MUST_BE_POSITIVE,
-    TABLE_1,
+    NONLINEAR,
     TOLERANCE,
     TORQUE_UNITS,
     coefficients,
     continuous,
+    nonlinear_parameters,
     shaft_torque,
     slow_enough,
     surely_slow_enough,
@@ -45,18 +44,16 @@ from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.types import (
     Array,
     CompiledPlant,
-    DesignError,
     Line,
     LinearPlant,
     Motion,
-    NonNegative,
     Panel,
     Plant,
-    Positive,
     Status,
     Statuses,
     Term,
 )
+from rmpc_bench.types.basics import takes, values_of
 
 POINTS = 200
 BODIES = (("l", "load", r"\ell"), ("m", "motor", "m"))
@@ -335,83 +332,30 @@ class ServoLinear(Plant):
         return linear_part(continuous, parameters, self.Ts)
 
 
-def design(
-    Ts: float,
-    *,
-    L: Positive = INDUCTANCE,
-    J_m: Positive = TABLE_1["J_m"],
-    beta_m: NonNegative = TABLE_1["beta_m"],
-    R: Positive = TABLE_1["R"],
-    K_t: Positive = TABLE_1["K_t"],
-    rho: Positive = TABLE_1["rho"],
-    k_theta: Positive = TABLE_1["k_theta"],
-    J_l: Positive = TABLE_1["J_l"],
-    beta_l: NonNegative = TABLE_1["beta_l"],
-    alpha_l0: NonNegative = FRICTION["alpha_l0"],
-    alpha_l1: NonNegative = FRICTION["alpha_l1"],
-    alpha_l2: NonNegative = FRICTION["alpha_l2"],
-    alpha_m0: NonNegative = FRICTION["alpha_m0"],
-    alpha_m1: NonNegative = FRICTION["alpha_m1"],
-    alpha_m2: NonNegative = FRICTION["alpha_m2"],
-) -> Servo:
+@takes(NONLINEAR)
+def design(Ts: float, **parameters: float) -> Servo:
     """Nonlinear servomechanism; `perturb` and `set` accept all parameters listed here.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    L : armature inductance [H]
-    J_m : motor inertia [kg m^2]
-    beta_m : viscous friction of the motor [N m s]
-    R : armature resistance [Ohm]
-    K_t : motor constant [N m/A]
-    rho : gear ratio
-    k_theta : torsional rigidity [N m/rad]
-    J_l : load inertia [kg m^2]
-    beta_l : viscous friction of the load [N m s]
-    alpha_l0 : Coulomb friction of the load [N m]
-    alpha_l1 : additional friction of the load near standstill [N m]
-    alpha_l2 : decay rate of alpha_l1 with the velocity [s/rad]
-    alpha_m0 : Coulomb friction of the motor [N m]
-    alpha_m1 : additional friction of the motor near standstill [N m]
-    alpha_m2 : decay rate of alpha_m1 with the velocity [s/rad]
+    parameters : those of the servomechanism
 
     Raises
     ------
     DesignError
         If a mode of the linear part is too fast for the kernel: the inductance or an inertia is too small.
     """
-    given = locals()
-    nominal = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
-    if not slow_enough([nominal], Ts)[0]:
-        raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
-    return Servo(Ts, nominal)
+    return Servo(Ts, nonlinear_parameters(parameters, Ts))
 
 
-def design_linear(
-    Ts: float,
-    *,
-    J_m: Positive = TABLE_1["J_m"],
-    beta_m: NonNegative = TABLE_1["beta_m"],
-    R: Positive = TABLE_1["R"],
-    K_t: Positive = TABLE_1["K_t"],
-    rho: Positive = TABLE_1["rho"],
-    k_theta: Positive = TABLE_1["k_theta"],
-    J_l: Positive = TABLE_1["J_l"],
-    beta_l: NonNegative = TABLE_1["beta_l"],
-) -> ServoLinear:
+@takes(LINEAR)
+def design_linear(Ts: float, **parameters: float) -> ServoLinear:
     """Linear servomechanism as a plant: no inductance, no dry friction.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    J_m : motor inertia [kg m^2]
-    beta_m : viscous friction of the motor [N m s]
-    R : armature resistance [Ohm]
-    K_t : motor constant [N m/A]
-    rho : gear ratio
-    k_theta : torsional rigidity [N m/rad]
-    J_l : load inertia [kg m^2]
-    beta_l : viscous friction of the load [N m s]
+    parameters : those of the linear servomechanism
     """
-    given = locals()
-    return ServoLinear(Ts, {name: float(given[name]) for name in TABLE_1})
+    return ServoLinear(Ts, values_of(LINEAR, parameters))

@@ -18,7 +18,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.uncertain_system import CHANNELS, Matrices, UncertainSystem, takes_matrices, uncertain_system
+from rmpc_bench.models.uncertain_system import (
+    CHANNELS,
+    Matrices,
+    OfSystem,
+    UncertainSystem,
+    takes_matrices,
+    uncertain_system,
+)
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Channel, CompiledPlant, Motion, Period, Plant, Positive, Status, SystemMatrix, Term
 
@@ -142,7 +149,7 @@ WHITE = Uncertainty()
 
 
 @dataclass(frozen=True, eq=False)
-class UncertainLinear(Plant):
+class UncertainLinear(OfSystem, Plant):
     """An uncertain linear system with the law of its uncertainty; `worst` is an adversary's sequence, k = 0..N."""
 
     system: UncertainSystem
@@ -153,21 +160,6 @@ class UncertainLinear(Plant):
     mixes_noise = True
     has_compiled_form = True
     has_period = True
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.system.size("nx")
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.system.size("nu")
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.system.size("ny")
 
     @property
     def nw(self) -> int:

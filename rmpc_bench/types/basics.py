@@ -5,9 +5,11 @@ The constraints are annotations of annotated-types, a dependency of pydantic, wh
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping
 from copy import copy
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -120,6 +122,47 @@ class Design:
 
     def warm_up(self) -> None:
         """Do costly work that workers share, such as compiling; doing it again costs nothing."""
+
+
+class Keyword(NamedTuple):
+    """A keyword that several design functions have."""
+
+    annotation: Any
+    default: Any  # `inspect.Parameter.empty` where it must be given
+    meaning: str
+
+
+DesignFunction = TypeVar("DesignFunction", bound=Callable[..., Any])
+
+
+def takes(keywords: Mapping[str, Keyword], last: bool = True) -> Callable[[DesignFunction], DesignFunction]:
+    """Replace ``**NAME`` of a design function by keywords, `last` or before its own, and `NAME` in its docstring.
+
+    The signature defines the keys of a configuration.
+    """
+
+    def taking(design: DesignFunction) -> DesignFunction:
+        signature = inspect.signature(design)
+        *own, gathered = signature.parameters.values()
+        listed = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.annotation)
+            for name, each in keywords.items()
+        ]
+        place = len(own) if last else sum(each.kind == each.POSITIONAL_OR_KEYWORD for each in own)
+        vars(design)["__signature__"] = signature.replace(parameters=[*own[:place], *listed, *own[place:]])
+        lines = "\n".join(f"{name} : {each.meaning}" for name, each in keywords.items())
+        doc = inspect.getdoc(design) or ""
+        design.__doc__ = re.sub(rf"^{gathered.name} : .*", lambda _: lines, doc, flags=re.MULTILINE)
+        return design
+
+    return taking
+
+
+def values_of(keywords: Mapping[str, Keyword], given: Mapping[str, Any]) -> dict[str, float]:
+    """Return the numbers that a design function has been given, with the defaults of the others."""
+    if unknown := {*given} - {*keywords}:
+        raise TypeError(f"unknown keywords: {', '.join(sorted(unknown))}")
+    return {name: float(given.get(name, each.default)) for name, each in keywords.items()}
 
 
 def declaring(design: Any, **values: Any) -> Any:

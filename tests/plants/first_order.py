@@ -12,9 +12,10 @@ from typing import Any
 import numba
 import numpy as np
 
+from rmpc_bench.models.servo import NONLINEAR, with_current
 from rmpc_bench.numerics.linalg import discretise
-from rmpc_bench.plants.servo import FRICTION, with_current
 
+FRICTION = [name for name in NONLINEAR if name.startswith("alpha")]
 SWEEPS = 50  # Gauss-Seidel needs 2 to 5: the coupling of the bodies over a substep is a few per mille
 
 Step = Callable[[Any, Any], Any]
