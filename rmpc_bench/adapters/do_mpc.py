@@ -172,12 +172,7 @@ class _OwnObject:
 class MpcController(_OwnObject):
     """An MPC of do-mpc, from a new initial guess at k = 0 and after a step that has failed.
 
-    Parameters
-    ----------
-    made : the MPC
-    model, Ts : design model, sampling time [s]
-    preview : samples of the reference that the MPC knows, r(k) included; the last one is held over the horizon
-    plant_info : names of the signals
+    It knows `preview` samples of the reference, r(k) included; the last one is held over the horizon.
     """
 
     returns = "an MPC of do-mpc"

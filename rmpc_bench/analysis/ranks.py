@@ -37,19 +37,12 @@ from rmpc_bench.types import Array, MetricInfo
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """Ranks of all methods.
-
-    Parameters
-    ----------
-    methods : names
-    better : whether the method of the row is better than that of the column
-    level : level of each interval of a pair; together they have that of the experiment
-    differences : pair of places -> difference of the mean logarithms, the first minus the second, with its interval
-    """
+    """Ranks of all methods."""
 
     methods: tuple[str, ...]
-    better: Bool[Array, "methods methods"]
-    level: float
+    better: Bool[Array, "methods methods"]  # whether the method of the row is better than that of the column
+    level: float  # level of each interval of a pair; together they have that of the experiment
+    # pair of places -> difference of the mean logarithms, the first minus the second, with its interval
     differences: Mapping[tuple[int, int], tuple[Difference, Interval]]
 
     @property
@@ -151,18 +144,11 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """Logarithms of a metric at all points of a sweep, smaller ones better.
+    """Logarithms of a metric at all points of a sweep, smaller ones better."""
 
-    Parameters
-    ----------
-    methods : names of axis 1
-    logs : NaN where the run failed or is not there
-    failed : whether the run failed
-    """
-
-    methods: tuple[str, ...]
-    logs: Float[Array, "points methods runs"]
-    failed: Bool[Array, "points methods runs"]
+    methods: tuple[str, ...]  # names of axis 1
+    logs: Float[Array, "points methods runs"]  # NaN where the run failed or is not there
+    failed: Bool[Array, "points methods runs"]  # whether the run failed
 
     def difference(
         self, method: int, other: int, points: Sequence[int] | None = None, *, failed: str = "left out"
@@ -235,73 +221,45 @@ MOST_VALUES = 6
 
 @dataclass(frozen=True)
 class Ratio:
-    """Geometric mean of the ratios of the metric of a method to that of the baseline.
+    """Geometric mean of the ratios of the metric of a method to that of the baseline."""
 
-    Parameters
-    ----------
-    axis, value : the part of the sweep, such as ``noise`` and ``biased``; both empty for all points
-    method : name
-    ratio, low, high : the geometric mean with its interval; NaN without a pair
-    n_points : points that it rests on
-    n_pairs : runs of them that both methods finished
-    """
-
-    axis: str
+    axis: str  # axis, value: the part of the sweep, such as ``noise`` and ``biased``; both empty for all points
     value: str
-    method: str
-    ratio: float
+    method: str  # name
+    ratio: float  # ratio, low, high: the geometric mean with its interval; NaN without a pair
     low: float
     high: float
-    n_points: int
-    n_pairs: int
+    n_points: int  # points that it rests on
+    n_pairs: int  # runs of them that both methods finished
 
 
 @dataclass(frozen=True)
 class RankRow:
-    """A method in the table of ranks.
+    """A method in the table of ranks."""
 
-    Parameters
-    ----------
-    method : name
-    rank_low, rank_high : ends of the interval of its rank
-    n, n_failed : trials of all points, and how many of them failed
-    ratio : to the baseline, over all points
-    by_value : to the baseline, for every value of the axes with few values
-    smallest, largest : of the ratios to the baseline for the values of the longest axis; None without a sweep
-    better, worse : values of the longest axis whose interval lies below and above 1
-    """
-
-    method: str
-    rank_low: int
+    method: str  # name
+    rank_low: int  # rank_low, rank_high: ends of the interval of its rank
     rank_high: int
-    n: int
+    n: int  # n, n_failed: trials of all points, and how many of them failed
     n_failed: int
-    ratio: Ratio
-    by_value: tuple[Ratio, ...]
+    ratio: Ratio  # to the baseline, over all points
+    by_value: tuple[Ratio, ...]  # to the baseline, for every value of the axes with few values
+    # smallest, largest: of the ratios to the baseline for the values of the longest axis; None without a sweep
     smallest: Ratio | None
     largest: Ratio | None
-    better: int
+    better: int  # better, worse: values of the longest axis whose interval lies below and above 1
     worse: int
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The table of ranks.
+    """The table of ranks."""
 
-    Parameters
-    ----------
-    rows : the methods, those with the smallest ranks first
-    ratios : of all parts of the sweep, in its order
-    level : level of each interval of the ratios over all points; together they have that of the experiment
-    longest : the axis whose values are the units of `better` and `worse`; empty without a sweep
-    n_values : number of its values
-    """
-
-    rows: tuple[RankRow, ...]
-    ratios: tuple[Ratio, ...]
-    level: float
-    longest: str
-    n_values: int
+    rows: tuple[RankRow, ...]  # the methods, those with the smallest ranks first
+    ratios: tuple[Ratio, ...]  # of all parts of the sweep, in its order
+    level: float  # level of each interval of the ratios over all points; together they have that of the experiment
+    longest: str  # the axis whose values are the units of `better` and `worse`; empty without a sweep
+    n_values: int  # number of its values
 
 
 def ranking(trials: Trials) -> Ranking | None:

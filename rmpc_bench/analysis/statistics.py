@@ -62,36 +62,23 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class PassRate:
-    """Runs of one method that meet one requirement; a row of requirements.csv.
+    """Runs of one method that meet one requirement; a row of requirements.csv."""
 
-    Parameters
-    ----------
-    requirement : as written
-    method, baseline : names
-    n : runs of the method, failed ones included
-    n_failed : failed runs, which do not pass
-    passed : runs that pass
-    pass_pct, pass_low, pass_high : share of runs that pass with its Wilson interval [%]
-    miss_upper : exact 95 % bound of the share of runs that do not pass [%]
-    n_pairs : runs of both methods
-    method_only, baseline_only : runs in which one of the two passes and the other does not
-    difference_pct, difference_low, difference_high : share of the method minus that of the baseline with its paired
-        score interval [percentage points]; NaN for the baseline
-    """
-
-    requirement: str
-    method: str
+    requirement: str  # as written
+    method: str  # method, baseline: names
     baseline: str
-    n: int
-    n_failed: int
-    passed: int
-    pass_pct: float
+    n: int  # runs of the method, failed ones included
+    n_failed: int  # failed runs, which do not pass
+    passed: int  # runs that pass
+    pass_pct: float  # pass_pct, pass_low, pass_high: share of runs that pass with its Wilson interval [%]
     pass_low: float
     pass_high: float
-    miss_upper: float
-    n_pairs: int
-    method_only: int
+    miss_upper: float  # exact 95 % bound of the share of runs that do not pass [%]
+    n_pairs: int  # runs of both methods
+    method_only: int  # method_only, baseline_only: runs in which one of the two passes and the other does not
     baseline_only: int
+    # difference_pct, difference_low, difference_high: share of the method minus that of the baseline with its paired
+    # score interval [percentage points]; NaN for the baseline
     difference_pct: float = math.nan
     difference_low: float = math.nan
     difference_high: float = math.nan

@@ -84,22 +84,13 @@ _QUANTITY = re.compile(r"(mean|cov)\((x|x_hat|e)\)")
 
 @dataclass(frozen=True, eq=False)
 class RunGroups:
-    """Mean and scatter of z = (x, x_hat) over the runs of each group.
+    """Mean and scatter of z = (x, x_hat) over the runs of each group."""
 
-    Parameters
-    ----------
-    runs : indices of the runs of every group
-    n : (groups,) how many of them ended well
-    mean : (groups, samples, nz) their mean
-    second : (groups, samples, nz, nz) sum of (z - mean)(z - mean)'
-    nx : number of the plant's states, the first entries of z
-    """
-
-    runs: tuple[Array, ...]
-    n: Array
-    mean: Array
-    second: Array
-    nx: int
+    runs: tuple[Array, ...]  # indices of the runs of every group
+    n: Array  # (groups,) how many of them ended well
+    mean: Array  # (groups, samples, nz) their mean
+    second: Array  # (groups, samples, nz, nz) sum of (z - mean)(z - mean)'
+    nx: int  # number of the plant's states, the first entries of z
 
     @classmethod
     def of_trajectories(cls, runs: Array, x: Array, x_hat: Array | None) -> RunGroups:

@@ -29,24 +29,14 @@ FIRST_STAGES = ("grid", "quasi-random")
 
 @dataclass(frozen=True, eq=False)
 class TuningRanks:
-    """Ranks of the methods at one point of the sweep.
+    """Ranks of the methods at one point of the sweep."""
 
-    Parameters
-    ----------
-    point : title of the point; empty without a sweep
-    methods : all ranked methods, tuned or not, in the order of the experiment
-    tuned : those of them that are tuned
-    budgets : numbers of values, ascending; the last one has all of them
-    ranks : (budgets, methods) rank after each budget
-    of_sets : (budgets, sets, methods) the same with bootstrap sets of tuning runs
-    """
-
-    point: str
-    methods: tuple[str, ...]
-    tuned: tuple[str, ...]
-    budgets: tuple[int, ...]
-    ranks: Array
-    of_sets: Array
+    point: str  # title of the point; empty without a sweep
+    methods: tuple[str, ...]  # all ranked methods, tuned or not, in the order of the experiment
+    tuned: tuple[str, ...]  # those of them that are tuned
+    budgets: tuple[int, ...]  # numbers of values, ascending; the last one has all of them
+    ranks: Array  # (budgets, methods) rank after each budget
+    of_sets: Array  # (budgets, sets, methods) the same with bootstrap sets of tuning runs
 
     @property
     def same_order(self) -> float:

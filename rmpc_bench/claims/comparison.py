@@ -221,7 +221,9 @@ def _of_parts(node: Node, evaluator: Evaluator) -> Value | None:
         case Call(function="mean", arguments=(grammar.Term() as term,)) if evaluator.is_signal(term):
             return _of_mean(node, term, evaluator)
         case Call(function="det", arguments=(matrix,)):
-            return _of_det(magnitude(matrix, evaluator))
+            # The product of the row sums bounds all terms of the determinant together.
+            found = magnitude(matrix, evaluator)
+            return found.of(found.array.sum(axis=-1).prod(axis=-1)) if found.entry else found
         case Call() if node.function in _KEEPING:
             first, *others = node.arguments
             return applied(node.function, [magnitude(first, evaluator), *map(evaluator.value, others)])
@@ -238,11 +240,6 @@ def _of_operation(node: Operation, evaluator: Evaluator) -> Value:
             function = np.multiply if operand.operator == "*" else np.add
             found = combine(function, found, magnitude(operand.node, evaluator))
     return found
-
-
-def _of_det(matrix: Value) -> Value:
-    """Magnitude of a determinant: the product of the row sums bounds all of its terms together."""
-    return matrix.of(matrix.array.sum(axis=-1).prod(axis=-1)) if matrix.entry else matrix
 
 
 def _of_mean(node: Call, term: grammar.Term, evaluator: Evaluator) -> Value | None:

@@ -120,12 +120,8 @@ _OPERATORS: Mapping[str, Callable[..., Array]] = {
 class Evaluator:
     """Evaluates expressions on the runs that every column named in them finished.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    node : the tree that is about to be evaluated, or the part of it that is one statement
-    at : point of a sweep for terms that name none
-    pooled : whether a term may be about several points, whose runs are then taken together
+    `node` is the tree that is about to be evaluated, or the part of it that is one statement, `at` the point of a sweep
+    for terms that name none.  In a `pooled` one a term may be about several points, whose runs are taken together.
     """
 
     def __init__(self, trials: Table, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:

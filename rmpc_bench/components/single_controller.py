@@ -69,7 +69,9 @@ class SingleRunController(SingleDesign, Controller):
         if "e" in asked:
             given["e"] = estimate.info.get("e")
         if "info" in asked:
-            given["info"] = [_info_of(estimate.info, row) for row in range(n_runs)]
+            given["info"] = [
+                {name: np.array(values[row]) for name, values in estimate.info.items()} for row in range(n_runs)
+            ]
         state.objects.call("control", k, given, answer.keep, settle=answer.settle)
         if not np.isfinite(answer.u).all():
             for row in np.flatnonzero(~finite_rows(answer.u)):
@@ -91,11 +93,6 @@ class SingleRunController(SingleDesign, Controller):
         u_op = 0.0 if self.point is None else self.point.u
         state.u = np.where(u == state.u + u_op, state.u, u - u_op)
         return state
-
-
-def _info_of(info: Mapping[str, Array], row: int) -> dict[str, Array]:
-    """Copy what the estimator reports of one run."""
-    return {name: np.array(values[row]) for name, values in info.items()}
 
 
 class _Answer:

@@ -175,14 +175,8 @@ class EnvironmentRun:
 class ObjectPlant(SingleRunPlant):
     """A plant whose objects have their own state, which their attribute `x` shows after the start.
 
-    Parameters
-    ----------
-    run : class of the objects, with `start`, `step` and `output`
-    given : arguments of the class, with `Ts` and `n_steps`
-    signals : names, units and bounds
-    nominal : nominal parameters
-    nw : number of process noises
-    has_own_start : whether x(0) is that of the objects
+    The class `run` of the objects has `start`, `step` and `output`; it is called with `given`, `Ts` and `n_steps`.
+    `has_own_start` says whether x(0) is that of the objects.
     """
 
     def __init__(

@@ -22,7 +22,15 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
-from rmpc_bench.components.user_class import METHODS, UserClass, a_component, metric_design, user_class
+from rmpc_bench.components.user_class import (
+    COMMON_KEYS,
+    HELD,
+    METHODS,
+    UserClass,
+    a_component,
+    metric_design,
+    user_class,
+)
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.contract import BASES
 
@@ -119,9 +127,9 @@ def _single_run_design(group: str, component: Any) -> Callable[..., Any]:
 def _documented(text: str, user: UserClass) -> str:
     """Add the common keys to the parameters of a docstring."""
     heading = "Parameters\n----------\n"
-    entries = "".join(f"{name} : {meaning}\n" for name, meaning in user.common_keys.items())
-    if not entries:
+    if user.group not in HELD:
         return text
+    entries = "".join(f"{name} : {meaning}\n" for name, meaning in COMMON_KEYS.items())
     before, found, after = text.partition(heading)
     return f"{before}{found}{entries}{after}" if found else f"{text}\n\n{heading}{entries}"
 

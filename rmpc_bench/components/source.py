@@ -233,7 +233,7 @@ class Source:
     def sha(self) -> str:
         """SHA-256 of all files; the name of the first one does not count."""
         others = (f"{each.place} {each.digest}" for each in self.files[1:])
-        return text_hash([self.files[0].digest, *others])
+        return hashlib.sha256("\n".join([self.files[0].digest, *others]).encode()).hexdigest()
 
     @cached_property
     def copies(self) -> dict[str, SourceFile]:
@@ -286,11 +286,6 @@ def data_hash(path: Path) -> str:
     """Return the SHA-256 of the bytes of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def text_hash(texts: Iterable[str]) -> str:
-    """Return the SHA-256 of a list of texts."""
-    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 class _Parsed(NamedTuple):

@@ -295,11 +295,6 @@ class UserClass:
             parameters.append(inspect.Parameter("name", only, default=snake_case(self.cls.__name__), annotation=str))
         return inspect.Signature(parameters)
 
-    @property
-    def common_keys(self) -> Mapping[str, str]:
-        """Keys that all single-run components of the group have, with their meanings."""
-        return COMMON_KEYS if self.group in HELD else {}
-
     def constant(self, name: str, default: Any) -> Any:
         """Return an attribute of the class, or a default."""
         return getattr(self.cls, name, default)

@@ -87,12 +87,9 @@ START = ("x_hat", "P", "M")
 
 
 class MethodBuilder:
-    """Builds the methods of a draft; what cannot be built is None, with the reason in the problems of the draft.
+    """Builds the methods of a draft with a valid time; the cache shares designs with other points.
 
-    Parameters
-    ----------
-    draft : the sections of one point, with a valid time
-    cache : designs of other points, to share; gets the new ones
+    What cannot be built is None, with the reason in the problems of the draft.
     """
 
     def __init__(self, draft: DraftConfig, cache: DesignCache) -> None:
@@ -112,7 +109,7 @@ class MethodBuilder:
         The plant is among them, with its bounds and its start, where it is asked for or where a component takes it.
         """
         plant = self.draft.plant
-        of_plant = of_plant or any(part is not None and _takes_plant(part) for part in parts)
+        of_plant = of_plant or any(part and (part.takes("plant") or _is_informed(part)) for part in parts)
         nominal = None
         if of_plant and plant is not None:
             nominal = [plant.resolved(), self.draft.plant_range]
@@ -221,7 +218,8 @@ class MethodBuilder:
         made = Method(name, estimator, controller, model.n_disturbances, remarks, delay)
         period = model.undisturbed.y_period
         period = period_of(self.angles, places("y", model.ny)) if period is None else period
-        made = made if period is None else made.with_angles(period, model)
+        if period is not None:
+            made = made._replace(controller=controller.with_period(period), period=period, model=model)
         return with_prediction(made, model, components.controller, problems)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
@@ -261,19 +259,10 @@ def _is_informed(component: Component) -> bool:
     return component.takes("plant_info") or component.takes("limits")
 
 
-def _takes_plant(component: Component) -> bool:
-    """Whether a component takes the plant or nominal data of it."""
-    return component.takes("plant") or _is_informed(component)
-
-
 class _ExperimentBuilder:
     """Makes the designs of a draft; the errors of those that cannot be made are added to its problems.
 
-    Parameters
-    ----------
-    draft : the sections of one point
-    cache : designs of other points, to share; gets the new ones
-    smoke : whether windows of metrics are cut where a run is too short for them
+    The cache shares designs with other points.  In a `smoke` run windows of metrics are cut where a run is too short.
     """
 
     def __init__(self, draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> None:

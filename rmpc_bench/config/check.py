@@ -302,9 +302,7 @@ def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]
 class FirstCalls:
     """The first calls of a configuration; points of a sweep with the same files share one.
 
-    Parameters
-    ----------
-    left_out : whether no code is called, since the process that asks has done it
+    No code is called if they are `left_out`, since the process that asks has done it.
     """
 
     def __init__(self, *, left_out: bool = False) -> None:

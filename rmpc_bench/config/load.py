@@ -157,7 +157,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         head |= {"runs": stop.first_look, "stop": plain_data(stop)}
     return {
         **head,
-        "time": {"step": time.step, **length, **time.named_unit},
+        "time": {"step": time.step, **length, **({} if time.unit == "s" else {"unit": time.unit})},
         "uncertainty": uncertainty_data(draft, canonical=False),
         "plant": plant_data(draft),
         **({"model": set_keys(draft.model)} if draft.model else {}),

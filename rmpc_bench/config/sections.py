@@ -67,11 +67,6 @@ class Time:
         return self.steps if self.steps is not None else round((self.duration or 0.0) / self.step)
 
     @property
-    def named_unit(self) -> dict[str, str]:
-        """The key `unit`, where it is not the default."""
-        return {} if self.unit == "s" else {"unit": self.unit}
-
-    @property
     def tick(self) -> float:
         """Length of a step in the unit of the windows of metrics: that of the time, or samples."""
         return self.step if self.duration is not None else 1.0

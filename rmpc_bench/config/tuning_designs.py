@@ -75,12 +75,7 @@ class Round(NamedTuple):
 
 
 class RoundBuilder:
-    """Makes the designs of rounds; those that rounds have in common are made once.
-
-    Parameters
-    ----------
-    config : a configuration with something to tune
-    """
+    """Makes the designs of rounds; those that rounds have in common are made once."""
 
     def __init__(self, config: ExperimentConfig) -> None:
         assert config.origin is not None and config.tuning is not None

@@ -142,24 +142,14 @@ def _unit(low: Float[Array, " rows"], high: Float[Array, " rows"]) -> Float[Arra
 
 @dataclass(frozen=True, eq=False)
 class LimitedHorizon:
-    """Rows of every sample.
+    """Rows of every sample."""
 
-    Parameters
-    ----------
-    model : design model
-    nx : number of states of the predictions, of which those of the model are the first
-    hard : limits of the inputs
-    soft : name of a signal -> its limit
-    N : horizon [samples]
-    plant_info : names of the plant
-    """
-
-    model: Any
-    nx: int
-    hard: HardRows
-    soft: Mapping[str, SoftLimit]
-    N: int
-    plant_info: PlantInfo | None = None
+    model: Any  # design model
+    nx: int  # number of states of the predictions, of which those of the model are the first
+    hard: HardRows  # limits of the inputs
+    soft: Mapping[str, SoftLimit]  # name of a signal -> its limit
+    N: int  # horizon [samples]
+    plant_info: PlantInfo | None = None  # names of the plant
 
     def at(self, k: int) -> Limited:
         """Return the rows at k; only those of outputs of a time-varying model depend on k."""

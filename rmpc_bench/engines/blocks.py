@@ -72,13 +72,7 @@ def usual_length(experiment: Experiment, method: str, fixed: int | None = None) 
 
 
 class BlockLengths:
-    """Lengths of the next blocks.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    fixed : number of runs of every block; None to choose it by time
-    """
+    """Lengths of the next blocks: a fixed number of runs, or chosen by time; one experiment per point of the sweep."""
 
     def __init__(self, experiments: Sequence[Experiment], fixed: int | None = None) -> None:
         self.seconds = SECONDS
@@ -195,12 +189,8 @@ class TaskQueue:
     """Ranges of runs in the order in which they are to be computed, cut into blocks when they are taken.
 
     All methods of a range follow each other, so that the trials of an interrupted experiment can be compared.  One
-    worker gets them as long as there are other ranges, since it draws the random inputs of the range once.
-
-    Parameters
-    ----------
-    tasks : what is to be computed; ranges of any length where there are lengths
-    lengths : lengths of the blocks; None to hand out the tasks as they are
+    worker gets them as long as there are other ranges, since it draws the random inputs of the range once.  Without
+    `lengths` the tasks are handed out as they are.
     """
 
     def __init__(self, tasks: Iterable[Task] = (), lengths: BlockLengths | None = None) -> None:

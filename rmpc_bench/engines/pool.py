@@ -48,15 +48,10 @@ Note: TypeAlias = Callable[[str, End], None]
 
 
 class Pool:
-    """Worker processes and the jobs that are left.
+    """Worker processes and the jobs that are left; `data` are the experiments as bytes.
 
-    Parameters
-    ----------
-    data : experiments as bytes
-    limits : of time and memory
-    logs : directory that gets the output of components; None to let it pass to the screen
-    patience : time without any computing after which a worker is replaced [s]
-    note : gets a line and the end of every worker that is replaced
+    The output of components goes to files in `logs`, without them to the screen.  A worker is replaced after the time
+    `patience` [s] without any computing, and `note` gets a line and its end.
     """
 
     def __init__(

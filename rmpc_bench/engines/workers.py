@@ -105,14 +105,10 @@ def after(job: Job, end: End) -> tuple[Failed | None, Job | None]:
 
 
 class WorkerProcess:
-    """A process that does tasks, with at most two of them waiting in it.
+    """A process that does tasks, with at most two of them waiting in it; `data` are the experiments as bytes.
 
-    Parameters
-    ----------
-    data : experiments as bytes
-    limits : of time and memory
-    log : file that gets the output of components; None for the parent's own streams
-    patience : time without any computing after which the process is replaced [s]
+    The output of components goes to the file `log`, without one to the parent's own streams.  The process is replaced
+    after the time `patience` [s] without any computing.
     """
 
     def __init__(self, data: bytes, limits: Limits, log: Path | None, patience: float = HUNG) -> None:

@@ -33,18 +33,11 @@ Direction: TypeAlias = Literal["uncertainty"] | float | list[float] | list[list[
 
 @dataclass(frozen=True, eq=False)
 class DirectionalModel(Model):
-    """A model whose process noise has the covariance Q_w + q H H'.
+    """A model whose process noise has the covariance Q_w + q H H'."""
 
-    Parameters
-    ----------
-    model : design model
-    q : factor of H H'
-    columns : (nx, r) directions H; None takes H_A of an uncertain model at every k
-    """
-
-    model: Model
-    q: float
-    columns: Float[Array, "nx r"] | None
+    model: Model  # design model
+    q: float  # factor of H H'
+    columns: Float[Array, "nx r"] | None  # directions H; None takes H_A of an uncertain model at every k
 
     @property
     def varies(self) -> bool:

@@ -69,25 +69,15 @@ class Innovation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GaussianFilter(Estimator):
-    """A filter of mean and covariance.
+    """A filter of mean and covariance."""
 
-    Parameters
-    ----------
-    flow : the design model as maps of many states
-    rule : how the moments of f(x) and h(x) are computed
-    x0, P0 : prediction of the first state of the flow and covariance of its error
-    nx : number of states of the design model, the first ones of the flow
-    use_y0 : whether to use y(0)
-    limits : bounds of the states, inside which the points stay; None where there are none
-    """
-
-    flow: Flow
-    rule: MomentRule
-    x_start: Float[Array, " n"]
-    P_start: Float[Array, "n n"]
-    nx: int
+    flow: Flow  # the design model as maps of many states
+    rule: MomentRule  # how the moments of f(x) and h(x) are computed
+    x_start: Float[Array, " n"]  # prediction of the first state of the flow
+    P_start: Float[Array, "n n"]  # covariance of its error
+    nx: int  # number of states of the design model, the first ones of the flow
     use_y0: bool = True
-    limits: Interval | None = None
+    limits: Interval | None = None  # bounds of the states, inside which the points stay; None where there are none
 
     bridges_missing = True
     form = "filter"

@@ -83,7 +83,7 @@ class Recursion:
         )
         for k, now in enumerate(self.models):
             # The recursion of a constant model stays where it has become steady.
-            if constant and k > 1 and _is_steady(*map(covariance_of, roots[-2:])):
+            if constant and k > 1 and nearly_equal(covariance_of(roots[-2]), covariance_of(roots[-1]), _STEADY):
                 left = len(self.models) - k
                 periods, roots = periods + periods[-1:] * left, roots + roots[-1:] * left
                 break
@@ -153,11 +153,6 @@ def _bound(content: tuple[object, ...], recursion: Recursion) -> float:
             _bounds.pop(next(iter(_bounds)))
         _bounds[content] = recursion._theta_max()
     return _bounds[content]
-
-
-def _is_steady(before: Array, now: Array) -> bool:
-    """Whether the last change is of the size of rounding."""
-    return bool(nearly_equal(before, now, _STEADY))
 
 
 def inflated_by_weight(F: Float[Array, "nx r"], weight: Float[Array, "nx nx"], theta: float) -> Float[Array, "nx r"]:

@@ -89,15 +89,8 @@ def extent_of(config: ExperimentConfig, methods: Collection[str]) -> Extent:
 class Following:
     """Writes progress.json every few seconds; the context manager is the time in which trials are computed.
 
-    Parameters
-    ----------
-    directory : where the file is
-    extent : the experiment
-    runs : the runs that are computed
-    shard : the shard that is computed; None for all runs
-    total, done : number of trials, with those that are stored; number of those
-    every : time between two writings [s]
-    stage : what is computed before the trials of the experiment, in words; empty for these
+    Of `total` trials so many are `done`, those of earlier sessions included.  `stage` is what is computed before the
+    trials of the experiment, in words.
     """
 
     end = FINISHED

@@ -73,12 +73,15 @@ def compute(
             runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, tasks=tasks, shard=shard)
             if tasks:
-                _note_methods(config, store, methods)
+                store.register(stored_methods(config, methods))
+                note_versions(config, store, methods)
                 engine = choose_engine(config, tasks, how.workers, how.engine, place, progress.say, how.scheduler)
             if tasks or not file.is_up_to_date():
                 with file:
                     blocks = _compute(config, store, tasks, engine, progress, file, stopping) if tasks else {}
-            check_shared(config, store, trials, blocks if _is_here(config, how) else {}, first)
+            # Workers of dask may be other machines, whose bits may differ.
+            is_here = (how.engine or config.execution.engine) != "dask"
+            check_shared(config, store, trials, blocks if is_here else {}, first)
 
 
 def _say_if_empty(file: Path, progress: Progress) -> None:
@@ -96,17 +99,6 @@ def _prepare(
             text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
             progress.say(text)
     keep_layout(config, store, methods)
-
-
-def _note_methods(config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
-    """Store what identifies the trials of methods, and the versions of the libraries that their own code uses."""
-    store.register(stored_methods(config, methods))
-    note_versions(config, store, methods)
-
-
-def _is_here(config: ExperimentConfig, how: ComputeOptions) -> bool:
-    """Whether trials are computed on this machine; workers of dask may be other ones."""
-    return (how.engine or config.execution.engine) != "dask"
 
 
 def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> None:

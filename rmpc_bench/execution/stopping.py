@@ -27,14 +27,10 @@ NAMED = 3
 
 
 class Stopping:
-    """Decides at every look whether runs follow, and which.
+    """Decides at every look whether runs follow, and which; `say` gets a line per look.
 
-    Parameters
-    ----------
-    config : an experiment with a stopping rule
-    store : its open store, which has the record that reports read
-    methods : names of the methods that are computed; no look takes place while others have missing runs
-    say : gets a line per look
+    The open store has the record that reports read.  No look takes place while other methods than these have missing
+    runs.
     """
 
     def __init__(
@@ -77,7 +73,8 @@ class Stopping:
         """Evaluate the rule on the runs that are there, and store the outcome."""
         looks, experiment = self.stop.looks, read_experiment(self._store)
         if self._keys.resolve is None:
-            opened, following = self._open_claims(experiment), self._next_planned()
+            opened, n_runs = self._open_claims(experiment), self.n_runs
+            following = next((n for n in planned_looks(self._keys) if n > n_runs), n_runs)
         else:
             opened, following = self._too_wide(experiment, self._keys.resolve)
         runs = (*looks.runs, self.n_runs)
@@ -90,9 +87,6 @@ class Stopping:
     def kinds(self) -> list[Task]:
         """Return a task of every method at every point, as any of them may follow."""
         return [Task(name, 0, 1, number) for number in range(len(self._config.points)) for name in self._methods]
-
-    def _next_planned(self) -> int:
-        return next((n for n in planned_looks(self._keys) if n > self.n_runs), self.n_runs)
 
     def _open_claims(self, experiment: StoredExperiment) -> list[str]:
         """Name the claims that are inconclusive."""

@@ -83,18 +83,7 @@ class Call(Node):
 
 
 class ArithmeticParser:
-    """Recursive descent over one text, one method per rule.
-
-    Parameters
-    ----------
-    text : the expression
-    start : offset at which it begins
-
-    Raises
-    ------
-    ExpressionError
-        with the column, from the constructor and from every rule
-    """
+    """Recursive descent over one text from an offset on, one method per rule; each raises an ExpressionError."""
 
     SYMBOLS: ClassVar[tuple[str, ...]] = ("+", "-", "*", "/", "(", ")", "%")
     OPERAND: ClassVar[str] = "a number"

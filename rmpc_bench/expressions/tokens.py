@@ -12,13 +12,7 @@ _HINTS = {",": "; decimals are written with a point", "^": "; a power is written
 
 
 class ExpressionError(ValueError):
-    """A text that is no expression; `column` counts from 1.
-
-    Parameters
-    ----------
-    column : of the character that the message is about
-    message : what is wrong there
-    """
+    """A text that is no expression; `column`, from 1, is that of the character that the message is about."""
 
     def __init__(self, column: int, message: str) -> None:
         self.column, self.message = column, message
@@ -49,16 +43,8 @@ class Token(NamedTuple):
 class Tokens:
     """Reads a text token by token, with one token of lookahead; blanks between tokens are skipped.
 
-    Parameters
-    ----------
-    text : the expression
-    symbols : what may stand between numbers and names; of two that begin alike the longer one is read
-    start : offset at which the expression begins
-
-    Raises
-    ------
-    ExpressionError
-        at a character that begins no token
+    The symbols may stand between numbers and names; of two that begin alike the longer one is read.  An ExpressionError
+    says that a character begins no token.
     """
 
     def __init__(self, text: str, symbols: Sequence[str], start: int = 0) -> None:

@@ -96,14 +96,8 @@ def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: in
 class LinearisedModel(LinearModel):
     """A linear model in physical coordinates with its operating point; create it with `linearised`.
 
-    Parameters
-    ----------
-    A, B, C, Q_w, R_v : as in `LinearModel`
-    point : operating point
-    drift : (nx,) x(k+1) - x(k) at the operating point; 0 in a steady state
-    known : what `facts` returns
-    remarks : notes that `check` prints
-    y_period : period of every output; None where none is an angle
+    `drift` is x(k+1) - x(k) at the point, 0 in a steady state; `known` is what `facts` returns, and `y_period` is None
+    where no output is an angle.
     """
 
     def __init__(

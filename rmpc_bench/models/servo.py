@@ -77,7 +77,9 @@ def continuous(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 4 4"], Float[A
     A[..., 0, 1] = A[..., 2, 3] = 1.0
     A[..., 1, 0], A[..., 1, 1] = -p["rho"] * stiffness / p["J_l"], -p["beta_l"] / p["J_l"]
     A[..., 1, 2], A[..., 3, 0] = stiffness / p["J_l"], stiffness / p["J_m"]
-    A[..., 3, 2], A[..., 3, 3] = -stiffness / p["rho"] / p["J_m"], -_damping(p) / p["J_m"]
+    # Without inductance the current follows at once, I = (V - K_t w_m) / R: the back e.m.f. acts like friction.
+    damping = p["beta_m"] + p["K_t"] * p["K_t"] / p["R"]
+    A[..., 3, 2], A[..., 3, 3] = -stiffness / p["rho"] / p["J_m"], -damping / p["J_m"]
     B[..., 3, 0] = p["K_t"] / (p["R"] * p["J_m"])
     return A, B
 
@@ -108,11 +110,6 @@ def shaft_torque(
     k_theta, rho = k_theta[:, None], rho[:, None]
     torque: Array = k_theta * (x[:, :, 2] / rho - x[:, :, 0])
     return torque if name == LOAD_TORQUE else torque / rho
-
-
-def _damping(p: Mapping[str, Any]) -> Any:
-    # Without inductance the current follows at once, I = (V - K_t w_m) / R: the back e.m.f. acts like friction.
-    return p["beta_m"] + p["K_t"] * p["K_t"] / p["R"]
 
 
 @takes(LINEAR)

@@ -137,16 +137,10 @@ def _fall_to(q: float, p: Float[Array, " s"], gaps: Float[Array, " s"], power: i
 
 
 class NoiseChannel:
-    """Bound of (M + H F G) W (M + H F G)' for one white noise, as a function of the excess t.
+    """Bound of (M + H F G) W (M + H F G)' for one white noise of covariance W, as a function of the excess t.
 
     In Table 2, for w: M = [Bw; Dw] and H = [H_Bw; H_Dw], so that M Wc M' + a_w H H' is the contribution of w to
     [B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2].
-
-    Parameters
-    ----------
-    M, H : (nz, n), (nz, r) how the noise and its F enter [x(k+1); y]
-    G : (s, n) combination of the noise that F multiplies
-    W : (n, n) covariance of the noise
     """
 
     def __init__(

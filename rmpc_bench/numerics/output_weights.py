@@ -117,18 +117,11 @@ LAWS: tuple[LawName, ...] = ("student", "huber", "correntropy", "gate", "innovat
 
 @dataclass(frozen=True)
 class WeightLaw:
-    """A rule for the weights.
+    """A rule for the weights."""
 
-    Parameters
-    ----------
-    name : one of `LAWS`
-    numbers : dof and iterations; k; sigma; the gate in e' S^-1 e for 1, 2, .. outputs; or k
-    both : whether x - x_pred has weights, too; for `huber` and `correntropy`
-    """
-
-    name: LawName
-    numbers: tuple[float, ...]
-    both: bool = False
+    name: LawName  # one of `LAWS`
+    numbers: tuple[float, ...]  # dof and iterations; k; sigma; the gate in e' S^-1 e for 1, 2, .. outputs; or k
+    both: bool = False  # whether x - x_pred has weights, too; for `huber` and `correntropy`
 
 
 class Weighed(NamedTuple):

@@ -89,15 +89,10 @@ def bounded_real_step(system: Uncertain, bounds: Bounds, limits: Limits) -> Boun
 def _shrunk_inverse(system: Uncertain, X: Float[Array, "nx nx"], alpha: float) -> Float[Array, "nx nx"]:
     """Return X^-1 - N'N / alpha."""
     N = system.N
-    if not _positive(alpha * np.eye(len(N)) - N.dot(X).dot(N.T)):
+    if not np.linalg.eigvalsh(symmetrise(alpha * np.eye(len(N)) - N.dot(X).dot(N.T)))[0] > 0.0:
         raise OutOfRangeError("alpha")
     inverse: Array = np.linalg.inv(X) - N.T.dot(N) / alpha
     return inverse
-
-
-def _positive(matrix: Array) -> bool:
-    """Whether a symmetric matrix is positive definite."""
-    return bool(np.linalg.eigvalsh(symmetrise(matrix))[0] > 0.0)
 
 
 def _widened(root: Float[Array, "nx nx"], limits: Limits) -> Float[Array, "nx nx"]:

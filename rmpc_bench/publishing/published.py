@@ -52,24 +52,15 @@ _COUNTER = slice(24, 28)
 
 @dataclass(frozen=True)
 class Shown:
-    """What the command line shows of published results.
+    """What the command line shows of published results."""
 
-    Parameters
-    ----------
-    said : lines for stderr about the configuration
-    notes : lines for stderr about the results
-    lines : the text at the end of a run, without its time
-    width : columns that it is laid out for
-    uncompared : whether there are claims, and these are not the results of the configuration as its file states it
-    codes : exit code without and with ``--strict``
-    """
-
-    said: list[str]
-    notes: list[str]
-    lines: list[str]
-    width: int
+    said: list[str]  # lines for stderr about the configuration
+    notes: list[str]  # lines for stderr about the results
+    lines: list[str]  # the text at the end of a run, without its time
+    width: int  # columns that it is laid out for
+    # whether there are claims, and these are not the results of the configuration as its file states it
     uncompared: bool
-    codes: list[int]
+    codes: list[int]  # exit code without and with ``--strict``
 
     def text(self, seconds: float) -> str:
         """Return the text at the end of a run."""
@@ -87,18 +78,11 @@ def with_time(text: str, seconds: float, width: int) -> str:
 
 @dataclass(frozen=True)
 class Command:
-    """A command and the files that its configuration was made from.
+    """A command and the files that its configuration was made from."""
 
-    Parameters
-    ----------
-    arguments : everything given that decides the configuration and what is shown
-    read : absolute path -> SHA-256 of a file; empty for one that is not there, see `plain_files.noted`
-    beside : all configurations in the directory of the first one, as claims name those of other files
-    """
-
-    arguments: list[str]
-    read: dict[str, str]
-    beside: list[str]
+    arguments: list[str]  # everything given that decides the configuration and what is shown
+    read: dict[str, str]  # absolute path -> SHA-256 of a file; empty for one that is not there, see `plain_files.noted`
+    beside: list[str]  # all configurations in the directory of the first one, as claims name those of other files
 
     @classmethod
     def of(cls, arguments: Sequence[str], path: Path, read: Mapping[str, str]) -> Command:

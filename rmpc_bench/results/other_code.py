@@ -22,15 +22,11 @@ from rmpc_bench.store.store import Store, StoredMethod, each_once
 
 @dataclass(frozen=True)
 class OtherRows:
-    """Rows that other code has computed and this code has not, in words; false where there are none.
+    """Rows that other code has computed and this code has not, in words; false where there are none."""
 
-    Parameters
-    ----------
-    numerics : rows of other arithmetic, ``800 rows of other code (NUMERICS 1, here 2) are kept apart``; may be empty
-    files : a line per method whose files have changed, ``MHE: tanks.py has changed since 200 runs were stored``
-    """
-
+    # rows of other arithmetic, ``800 rows of other code (NUMERICS 1, here 2) are kept apart``; may be empty
     numerics: str = ""
+    # a line per method whose files have changed, ``MHE: tanks.py has changed since 200 runs were stored``
     files: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:

@@ -40,33 +40,22 @@ WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing 
 
 @dataclass(frozen=True)
 class PointMethod:
-    """A method at one point of the sweep.
+    """A method at one point of the sweep."""
 
-    Parameters
-    ----------
-    definition : hash of what the configuration determines of its trials
-    code : what identifies the code that computed them
-    is_oracle : whether its estimator is an oracle
-    signals : signals that are recorded of it
-    shapes : recorded signal that the method reports itself -> shape of an entry
-    series_key : what its series depend on; methods with equal keys have the same series
-    series : series of its design -> name of the array, axis 0 = k; empty where nothing of the method is computed
-    moments : names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
-    holds : whether a component of the method holds a failed step
-    optimises : whether its controller goes on after a step whose optimisation failed
-    limits : component of a signal -> its limits in the controller, such as ``u.0``; ``u`` for all components
-    """
-
-    definition: str
-    code: Mapping[str, Any]
-    is_oracle: bool = False
-    signals: tuple[str, ...] = ()
+    definition: str  # hash of what the configuration determines of its trials
+    code: Mapping[str, Any]  # what identifies the code that computed them
+    is_oracle: bool = False  # whether its estimator is an oracle
+    signals: tuple[str, ...] = ()  # signals that are recorded of it
+    # recorded signal that the method reports itself -> shape of an entry
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    series_key: str = ""
+    series_key: str = ""  # what its series depend on; methods with equal keys have the same series
+    # series of its design -> name of the array, axis 0 = k; empty where nothing of the method is computed
     series: Mapping[str, str] = field(default_factory=dict)
+    # names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
     moments: tuple[str, str] | None = None
-    holds: bool = False
-    optimises: bool = False
+    holds: bool = False  # whether a component of the method holds a failed step
+    optimises: bool = False  # whether its controller goes on after a step whose optimisation failed
+    # component of a signal -> its limits in the controller, such as ``u.0``; ``u`` for all components
     limits: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
 
     @property
@@ -83,52 +72,31 @@ class PointMethod:
 
 @dataclass(frozen=True)
 class StoredPoint:
-    """An experiment at one point of its sweep; without a sweep there is one point.
+    """An experiment at one point of its sweep; without a sweep there is one point."""
 
-    Parameters
-    ----------
-    coordinates : swept path -> text of its value
-    title : the point in words
-    seed : seed of the random numbers
-    Ts : sampling time [s]; 0 where time is counted in samples
-    nx : number of states of the plant
-    n_steps : number of control periods of a run
-    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad, of the
-        time t -> min unless it is s
-    metrics : columns of the metrics
-    metric_keys : metric -> hash under which its values are stored
-    methods : method -> its record, in the order of the configuration
-    n_recorded : number of runs whose signals are recorded, from the first one on
-    has_ensemble : whether mean and covariance over the runs are stored
-    reference : name of the array of r(k), (samples, ny); None where nothing is recorded
-    uncertainty_key : hash under which the values of the uncertain quantities are stored
-    uncertainty : names of these quantities, in the order of the configuration
-    names : component of a signal, such as y.0 -> its name
-    random_besides : what is random in a run besides the uncertain quantities, in words; None where it is not known,
-        as an earlier version wrote the record
-    limitations : what a comparison with this plant cannot show
-    angles : component that is an angle, such as x.0 -> its period
-    """
-
-    coordinates: Mapping[str, str]
-    title: str
-    seed: int
-    Ts: float
-    nx: int
-    n_steps: int
+    coordinates: Mapping[str, str]  # swept path -> text of its value
+    title: str  # the point in words
+    seed: int  # seed of the random numbers
+    Ts: float  # sampling time [s]; 0 where time is counted in samples
+    nx: int  # number of states of the plant
+    n_steps: int  # number of control periods of a run
+    # signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad, of the time t -> min unless
+    # it is s
     units: Mapping[str, str]
-    metrics: tuple[MetricInfo, ...]
-    metric_keys: Mapping[str, str]
-    methods: Mapping[str, PointMethod]
-    n_recorded: int
-    has_ensemble: bool
-    reference: str | None
-    uncertainty_key: str
-    uncertainty: tuple[str, ...]
-    names: Mapping[str, str] = field(default_factory=dict)
+    metrics: tuple[MetricInfo, ...]  # columns of the metrics
+    metric_keys: Mapping[str, str]  # metric -> hash under which its values are stored
+    methods: Mapping[str, PointMethod]  # method -> its record, in the order of the configuration
+    n_recorded: int  # number of runs whose signals are recorded, from the first one on
+    has_ensemble: bool  # whether mean and covariance over the runs are stored
+    reference: str | None  # name of the array of r(k), (samples, ny); None where nothing is recorded
+    uncertainty_key: str  # hash under which the values of the uncertain quantities are stored
+    uncertainty: tuple[str, ...]  # names of these quantities, in the order of the configuration
+    names: Mapping[str, str] = field(default_factory=dict)  # component of a signal, such as y.0 -> its name
+    # what is random in a run besides the uncertain quantities, in words; None where it is not known, as an earlier
+    # version wrote the record
     random_besides: tuple[str, ...] | None = None
-    limitations: tuple[str, ...] = ()
-    angles: Mapping[str, float] = field(default_factory=dict)
+    limitations: tuple[str, ...] = ()  # what a comparison with this plant cannot show
+    angles: Mapping[str, float] = field(default_factory=dict)  # component that is an angle, such as x.0 -> its period
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""
@@ -137,63 +105,40 @@ class StoredPoint:
 
 @dataclass(frozen=True)
 class StoredExperiment(ComparisonKeys):
-    """An experiment as its reports see it: names, keys of the stored numbers, settings, figures and claims.
+    """An experiment as its reports see it: names, keys of the stored numbers, settings, figures and claims."""
 
-    Parameters
-    ----------
-    name, paper, title : as in the configuration
-    hash : the experiment hash
-    n_runs : number of runs
-    has_runs : whether single runs are evaluated; otherwise only exact moments are
-    axes : swept paths; the paths of a zip, which change together, are one axis
-    labels : method -> text for tables and figures
-    primary : name of the metric that the screen and the figures show
-    baseline : name of the method that all others are compared with
-    confidence, relevant, margins, average, headline : settings of the comparison, see `Trials`
-    max_failures : number of failed trials that is accepted; with more of them the exit code is 3
-    alike : whether the methods are the same at all points of the sweep
-    overrides : options that changed the configuration, such as ``--smoke``
-    figures : keys of the figures to draw; of a figure from a user's file only ``file``
-    claims : statements to check
-    points : points of the sweep
-    expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
-    report : what tables and figures show, and how figures are written
-    requirements : what the metric of a run must keep
-    added : method that the command line has added -> its text; it stays in the directory when the option is left out
-    stop : the stopping rule with its looks; None where the number of runs is given
-    parameters : method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where
-        a version without tuning has written the record
-    tuning : what identifies the searches of tuned methods; None where nothing is tuned
-    """
-
-    name: str
+    name: str  # name, paper, title: as in the configuration
     paper: str | None
     title: str
-    hash: str
-    n_runs: int
-    has_runs: bool
-    axes: tuple[tuple[str, ...], ...]
-    labels: Mapping[str, str]
-    primary: str
-    baseline: str
-    confidence: float
+    hash: str  # the experiment hash
+    n_runs: int  # number of runs
+    has_runs: bool  # whether single runs are evaluated; otherwise only exact moments are
+    axes: tuple[tuple[str, ...], ...]  # swept paths; the paths of a zip, which change together, are one axis
+    labels: Mapping[str, str]  # method -> text for tables and figures
+    primary: str  # name of the metric that the screen and the figures show
+    baseline: str  # name of the method that all others are compared with
+    confidence: float  # confidence, relevant, margins, average, headline: settings of the comparison, see `Trials`
     relevant: float
     margins: Mapping[str, float]
     average: str
     headline: str
-    max_failures: int
-    alike: bool
-    overrides: tuple[str, ...]
-    figures: tuple[Mapping[str, Any], ...]
-    claims: tuple[Claim, ...]
-    points: tuple[StoredPoint, ...]
+    max_failures: int  # number of failed trials that is accepted; with more of them the exit code is 3
+    alike: bool  # whether the methods are the same at all points of the sweep
+    overrides: tuple[str, ...]  # options that changed the configuration, such as ``--smoke``
+    figures: tuple[Mapping[str, Any], ...]  # keys of the figures to draw; of a figure from a user's file only ``file``
+    claims: tuple[Claim, ...]  # statements to check
+    points: tuple[StoredPoint, ...]  # points of the sweep
+    # method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    report: ReportKeys = field(default_factory=ReportKeys)
-    requirements: tuple[Requirement, ...] = ()
+    report: ReportKeys = field(default_factory=ReportKeys)  # what tables and figures show, and how figures are written
+    requirements: tuple[Requirement, ...] = ()  # what the metric of a run must keep
+    # method that the command line has added -> its text; it stays in the directory when the option is left out
     added: Mapping[str, str] = field(default_factory=dict)
-    stop: StoredStop | None = None
+    stop: StoredStop | None = None  # the stopping rule with its looks; None where the number of runs is given
+    # method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where a version
+    # without tuning has written the record
     parameters: Mapping[str, str] = field(default_factory=dict)
-    tuning: StoredTuning | None = None
+    tuning: StoredTuning | None = None  # what identifies the searches of tuned methods; None where nothing is tuned
 
     @property
     def origins(self) -> dict[str, str]:
@@ -353,44 +298,25 @@ LOOKS = "stop"
 
 @dataclass(frozen=True)
 class Looks:
-    """The looks of a rule that have taken place; written after each of them.
+    """The looks of a rule that have taken place; written after each of them."""
 
-    Parameters
-    ----------
-    key : hash of what the decisions depend on; looks of another key do not count
-    runs : number of runs at each look
-    wanted : number of runs that the experiment has or will have: that of the next look, or of the last one
-    is_met : whether the rule was met at the last look
-    open : what was not decided or resolved at the last look, in words
-    """
-
-    key: str
-    runs: tuple[int, ...] = ()
-    wanted: int = 0
-    is_met: bool = False
-    open: tuple[str, ...] = ()
+    key: str  # hash of what the decisions depend on; looks of another key do not count
+    runs: tuple[int, ...] = ()  # number of runs at each look
+    wanted: int = 0  # number of runs that the experiment has or will have: that of the next look, or of the last one
+    is_met: bool = False  # whether the rule was met at the last look
+    open: tuple[str, ...] = ()  # what was not decided or resolved at the last look, in words
 
 
 @dataclass(frozen=True)
 class StoredStop:
-    """A stopping rule and what it has decided.
+    """A stopping rule and what it has decided."""
 
-    Parameters
-    ----------
-    rule : the rule as the configuration writes it, such as ``decide: claims``
-    max_runs : largest number of runs
-    n_looks : number of planned looks at claims; 0 for a rule about widths, whose intervals do not depend on it
-    level : level of each interval
-    confidence : level that all looks have together
-    looks : the looks that have taken place
-    """
-
-    rule: str
-    max_runs: int
-    n_looks: int
-    level: float
-    confidence: float
-    looks: Looks
+    rule: str  # the rule as the configuration writes it, such as ``decide: claims``
+    max_runs: int  # largest number of runs
+    n_looks: int  # number of planned looks at claims; 0 for a rule about widths, whose intervals do not depend on it
+    level: float  # level of each interval
+    confidence: float  # level that all looks have together
+    looks: Looks  # the looks that have taken place
 
     @property
     def is_over(self) -> bool:

@@ -114,14 +114,8 @@ class Compared(NamedTuple):
 class RunningComparison:
     """Sums over the pairs of runs of all methods with their baseline, at all points of a sweep.
 
-    Blocks may come in any order and at any length.  Only values whose partner is not there yet are kept.
-
-    Parameters
-    ----------
-    metric : the primary metric
-    points : for every point of the sweep its title and method -> key of its trials, which points may share
-    baseline : name of the method that the others are compared with
-    confidence : level of the intervals
+    Blocks may come in any order and at any length.  Only values whose partner is not there yet are kept.  `points` has
+    the title of every point, and method -> key of its trials, which points may share.
     """
 
     def __init__(

@@ -42,14 +42,9 @@ class Sample(NamedTuple):
 
 
 class Episode:
-    """A run between its first and its last sample.
+    """A run between its first and its last sample; the estimator of the method, if any, gives estimates.
 
-    Parameters
-    ----------
-    experiment : gives plant, random inputs and reference
-    run : index of the run; one beyond those of the experiment has random inputs that no run of it has
-    method : its estimator gives an estimate at every sample; None for none
-    preview : number of samples of the reference, r(k) included
+    A run beyond those of the experiment has random inputs that no run of it has.  `preview` counts r(k).
     """
 
     def __init__(self, experiment: Experiment, run: int, method: Method | None = None, *, preview: int = 1) -> None:

@@ -111,19 +111,11 @@ class HeldState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Held(Around):
-    """A law that is called at k = 0, m, 2 m, ..; its input is held between.  It may not know the reference ahead.
+    """A law for a model over m samples that is called at k = 0, m, 2 m, ..; its input is held between."""
 
-    Parameters
-    ----------
-    law : designed for a model over m samples
-    every : m
-    held : (nx, nx) what a constant mean of the process noise adds up to over m samples
-    knows_ahead : whether the law gets r(k+1), ..; otherwise it gets r(k) in their place
-    """
-
-    every: int
-    held: Float[Array, "nx nx"]
-    knows_ahead: bool = True
+    every: int  # m
+    held: Float[Array, "nx nx"]  # what a constant mean of the process noise adds up to over m samples
+    knows_ahead: bool = True  # whether the law gets r(k+1), ..; otherwise it gets r(k) in their place
 
     @property
     def allows_delay(self) -> bool:
@@ -180,24 +172,15 @@ class FedState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fed(Around):
-    """A law of some inputs beside a signal of the others, such as a measured disturbance d.
+    """A law of some inputs beside a signal of the others, such as a measured disturbance d."""
 
-    Parameters
-    ----------
-    law : designed for the inputs `rest`
-    signal : d
-    n_steps : number of control periods N
-    places, rest : positions of d and of the inputs of the law
-    B : (nx, nd) effect of d, which the law gets with an estimated mean of the process noise; None if d is not known
-    point : (nd,) d at the operating point, which a method assumes that does not know it
-    """
-
-    signal: InputSignal
+    signal: InputSignal  # d
     n_steps: int
-    places: Sequence[int]
-    rest: Sequence[int]
+    places: Sequence[int]  # positions of d
+    rest: Sequence[int]  # positions of the inputs of the law
+    # effect of d, which the law gets with an estimated mean of the process noise; None if d is not known
     B: Float[Array, "nx nd"] | None
-    point: Float[Array, " nd"]
+    point: Float[Array, " nd"]  # d at the operating point, which a method assumes that does not know it
     allows_delay = False
 
     def __post_init__(self) -> None:

@@ -82,14 +82,7 @@ def generators(seed: int, runs: Sequence[int], name: str) -> Iterator[np.random.
 
 
 class Streams(Sequence[np.random.Generator]):
-    """The generators of several runs for one quantity; they are made when one is first asked for.
-
-    Parameters
-    ----------
-    seed : seed of the experiment
-    runs : indices of the runs
-    name : name of the quantity
-    """
+    """The generators of several runs for one quantity; they are made when one is first asked for."""
 
     def __init__(self, seed: int, runs: Sequence[int], name: str) -> None:
         self._seed, self._runs, self._name = seed, runs, name

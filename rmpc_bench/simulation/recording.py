@@ -23,10 +23,7 @@ plant, reported by the method, or the bursts of the noise."""
 class Recorder:
     """Collects copies of signals and matrices.
 
-    Parameters
-    ----------
-    n_samples : number of samples that are recorded
-    matrices_of : number of runs, to keep a matrix for every run also while they have a common one; None otherwise
+    With the number of runs `matrices_of` it keeps a matrix for every run also while they have a common one.
     """
 
     def __init__(self, n_samples: int, matrices_of: int | None = None) -> None:

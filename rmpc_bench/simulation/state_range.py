@@ -41,14 +41,7 @@ DEFAULT_RANGE = StateRange()
 
 
 class RunLimits:
-    """The limits of every run of a block, and the statuses that follow from them.
-
-    Parameters
-    ----------
-    state_range : limits of the state
-    x0 : (runs, nx) initial states
-    r : (samples, ny) reference over the run
-    """
+    """The limits of every run of a block, and the statuses that follow from them."""
 
     def __init__(self, state_range: StateRange, x0: Float[Array, "runs nx"], r: Float[Array, "samples ny"]) -> None:
         self.low, self.high, largest, least_scale = state_range

@@ -76,17 +76,8 @@ def each_once(methods: Iterable[StoredMethod]) -> list[StoredMethod]:
 class Store:
     """An open trials.sqlite; use it as a context manager.
 
-    Parameters
-    ----------
-    directory : directory of the experiment, made if it is not there
-    writable : whether to take the lock and create what is missing
-
-    Raises
-    ------
-    StoreError
-        If another process writes to the file, or it is not a store.
-    WriteError
-        If the directory or the file cannot be made.
+    `writable` takes the lock and makes what is missing.  A StoreError says that another process writes to the file or
+    it is no store, a WriteError that the directory or the file cannot be made.
     """
 
     def __init__(self, directory: Path, *, writable: bool = True) -> None:

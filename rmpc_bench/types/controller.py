@@ -212,7 +212,3 @@ class Method(NamedTuple):
         disturbances = {DISTURBANCES: (self.n_disturbances,)} if self.n_disturbances else {}
         reported = (*disturbances.items(), *self.estimator.reports.items(), *self.controller.reports.items())
         return {name: tuple(shape) for name, shape in reported}
-
-    def with_angles(self, period: Float[Array, " ny"], model: Model) -> Method:
-        """Return the pair for outputs of which some are angles."""
-        return self._replace(controller=self.controller.with_period(period), period=period, model=model)

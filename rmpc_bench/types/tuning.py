@@ -27,26 +27,15 @@ _QUANTILE = re.compile(r"quantile\s+([0-9]+(?:\.[0-9]+)?)\s*%")
 
 @dataclass(frozen=True, eq=False)
 class TuningProtocol:
-    """How parameters are chosen; the same for all methods of an experiment.
+    """How parameters are chosen; the same for all methods of an experiment."""
 
-    Parameters
-    ----------
-    budget : number of values that are tried for each method
-    runs : number of runs for each value; their random numbers are never those of the experiment
-    metric : name of the metric
-    statistic : ``mean``, ``median`` or a quantile such as ``quantile 90%`` over the tuning runs
-    penalty : weight of the share of failed runs
-    seed : number of the tuning stream
-    search : ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``
-    """
-
-    budget: int
-    runs: int
-    metric: str
-    statistic: str = "mean"
-    penalty: float = 10.0
-    seed: int = 0
-    search: str = "auto"
+    budget: int  # number of values that are tried for each method
+    runs: int  # number of runs for each value; their random numbers are never those of the experiment
+    metric: str  # name of the metric
+    statistic: str = "mean"  # ``mean``, ``median`` or a quantile such as ``quantile 90%`` over the tuning runs
+    penalty: float = 10.0  # weight of the share of failed runs
+    seed: int = 0  # number of the tuning stream
+    search: str = "auto"  # ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``
 
     @property
     def words(self) -> str:
@@ -105,24 +94,16 @@ def _statistic(values: Float[Array, " finished"], statistic: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class TunedParameter:
-    """A parameter that tuning chooses.
+    """A parameter that tuning chooses."""
 
-    Parameters
-    ----------
-    path : where it stands in the method, such as ``estimator.radius``
-    low, high : ends of its range
-    scale : ``log`` or ``linear``: whether the search takes equal steps of the logarithm of (value - offset) or of the
-        value; on the logarithmic scale ``low`` and ``high`` do not contain the offset
-    offset : added to what is searched: the value is offset + number in the range
-    integer : whether only integers are tried
-    """
-
-    path: str
-    low: float
+    path: str  # where it stands in the method, such as ``estimator.radius``
+    low: float  # low, high: ends of its range
     high: float
+    # ``log`` or ``linear``: whether the search takes equal steps of the logarithm of (value - offset) or of the
+    # value; on the logarithmic scale ``low`` and ``high`` do not contain the offset
     scale: Literal["log", "linear"] = "log"
-    offset: float = 0.0
-    integer: bool = False
+    offset: float = 0.0  # added to what is searched: the value is offset + number in the range
+    integer: bool = False  # whether only integers are tried
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -200,16 +181,10 @@ class TuningSearch:
 
 @dataclass(frozen=True)
 class StoredTuning:
-    """What the record of an experiment says of its tuning.
+    """What the record of an experiment says of its tuning."""
 
-    Parameters
-    ----------
-    protocol : how parameters are chosen
-    searches : point, method and key of each search
-    """
-
-    protocol: TuningProtocol
-    searches: tuple[tuple[str, str, str], ...]
+    protocol: TuningProtocol  # how parameters are chosen
+    searches: tuple[tuple[str, str, str], ...]  # point, method and key of each search
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,17 +28,7 @@ from rmpc_bench.types import Array, Status
 
 
 class TuningProgress(Following):
-    """Counts trials in progress.json and on a display; the context manager is the time of the tuning.
-
-    Parameters
-    ----------
-    directory : where the file is
-    config : the experiment
-    shard : the shard that is tuned for; None for all runs
-    display : of the same trials
-    title : what is tuned, in words
-    total : number of trials
-    """
+    """Counts trials in progress.json and on a display; the context manager is the time of the tuning."""
 
     # The trials of the experiment follow, whose file takes its place.
     end = RUNNING
