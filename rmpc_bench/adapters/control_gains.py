@@ -71,11 +71,9 @@ def lqr(model: Model, n_steps: int, estimator: Estimator, *, Q_x: Matrix, R_u: M
 
 
 def _held(A: Array, B: Array, R: Array, K: Array, P: Array) -> Float[Array, "nu nx"]:
-    """Return the gain of a constant part of x(k+1) that is held without end: the limit of `lqr` for a long horizon.
-
-    With a constant part v the value of x is x' P x + 2 g' x and a constant, where g = (A - B K)' (g + P v); hence
-    g + P v = (I - (A - B K)')^-1 P v.
-    """
+    """Return the gain of a constant part of x(k+1) that is held without end: the limit of `lqr` for a long horizon."""
+    # With a constant part v the value of x is x' P x + 2 g' x and a constant, where g = (A - B K)' (g + P v); hence g +
+    # P v = (I - (A - B K)')^-1 P v.
     held = np.linalg.solve(np.eye(len(A)) - (A - B @ K).T, P)
     gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ held)
     return gain

@@ -86,11 +86,9 @@ def held_level(contributions: Array, confidence: float, seed: int) -> float:
 
 
 def _flipped_sums(deviations: Array, seed: int) -> Iterator[Array]:
-    """Yield blocks (patterns, n_comparisons) of sums of deviations with random signs.
-
-    All sign patterns of few runs, random ones of more; of very many runs normal numbers, so that time and memory do
-    not grow with the number of runs.
-    """
+    """Yield blocks (patterns, n_comparisons) of sums of deviations with random signs."""
+    # All sign patterns of few runs, random ones of more; of very many runs normal numbers, so that time and memory do
+    # not grow with the number of runs.
     n_runs = len(deviations)
     rng = np.random.Generator(np.random.PCG64(seed))
     if n_runs <= math.log2(FLIPS):

@@ -254,10 +254,8 @@ def _solve(gram: Array, right: Array) -> Array:
 
 
 def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[int]]) -> Array:
-    """(responses, quantities + 1) standard errors of shares, from the influence of every run on them.
-
-    The residuals are those of the best fit, so that a small change of its coefficients changes no share.
-    """
+    """(responses, quantities + 1) standard errors of shares, from the influence of every run on them."""
+    # The residuals are those of the best fit, so that a small change of its coefficients changes no share.
     n, n_columns = A.shape
     whole = _squared_residuals(A, y) * (n / (n - n_columns))
     influence = [_squared_residuals(A[:, columns], y) * (n / (n - len(columns))) - whole for columns in kept]

@@ -164,10 +164,8 @@ def _violation(operator: str, left: Array, right: Array, tolerance: Array) -> Ar
 
 
 def _decisive(violation: Array, ignored: Array, sizes: tuple[Array, Array]) -> tuple[int, ...]:
-    """Place of the entry that comes closest to failing, or fails most.
-
-    Of several that differ by rounding only it is the first, so that another CPU finds the same one.
-    """
+    """Place of the entry that comes closest to failing, or fails most."""
+    # Of several that differ by rounding only it is the first, so that another CPU finds the same one.
     violation, shape = violation.reshape(-1), violation.shape
     candidates = np.flatnonzero(~ignored) if not ignored.all() else np.arange(violation.size)
     size = (sizes[0] + sizes[1]).reshape(-1)

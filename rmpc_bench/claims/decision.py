@@ -329,10 +329,8 @@ def band(values: Array, confidence: float, seed: int) -> Band:
 
 
 def _largest_t(deviation: Array, seed: int) -> Array:
-    """Draw groups again and return the largest t and the largest -t over all entries, (2, _RESAMPLES).
-
-    It is inf where an entry has no spread in a resample.
-    """
+    """Draw groups again and return the largest t and the largest -t over all entries, (2, _RESAMPLES)."""
+    # It is inf where an entry has no spread in a resample.
     n = len(deviation)
     rng = np.random.Generator(np.random.PCG64(seed))
     counts = rng.multinomial(n, np.full(n, 1 / n), _RESAMPLES).astype(float)

@@ -209,11 +209,9 @@ def spread_of(link: grammar.Link, evaluator: Evaluator, confidence: float) -> Sp
 
 
 def _of_selections(link: grammar.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
-    """Spread where one of several estimates, or the absolute value of one, is taken; None where none is.
-
-    The estimates have simultaneous intervals, as the one that is taken is the one that chance favours.  Resamples of an
-    absolute value lie beside 0 even where the estimate itself may be 0.
-    """
+    """Spread where one of several estimates, or the absolute value of one, is taken; None where none is."""
+    # The estimates have simultaneous intervals, as the one that is taken is the one that chance favours. Resamples of
+    # an absolute value lie beside 0 even where the estimate itself may be 0.
     calls = [call for call in grammar.calls(link) if _takes_one(call, evaluator)]
     if not calls:
         return None
@@ -310,10 +308,9 @@ def _of_pseudo_values(link: grammar.Link, evaluator: Evaluator, confidence: floa
 
 
 def _resampled(link: grammar.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
-    """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs.
-
-    Of more than `MOST_DRAWN` runs a resample has so many (m out of n bootstrap): its deviations are scaled to all runs.
-    """
+    """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs."""
+    # Of more than `MOST_DRAWN` runs a resample has so many (m out of n bootstrap): its deviations are scaled to all
+    # runs.
     rng = np.random.Generator(np.random.PCG64(evaluator.trials.seed))
     n_runs = len(evaluator.runs)
     n = max(_RESAMPLES, math.ceil(2 * _IN_THE_TAIL / (1 - confidence))) if n_runs >= MIN_RUNS else 0

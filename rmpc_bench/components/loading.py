@@ -307,10 +307,9 @@ def user_code(path: Path | None = None) -> Iterator[None]:
 
 
 def _code_error(error: BaseException, path: Path | None) -> CodeError:
-    """Return an exception of a user's code as a message.
-
-    The file is right where a library is missing: its line is then in the message, and the configuration has the place.
-    """
+    """Return an exception of a user's code as a message."""
+    # The file is right where a library is missing: its line is then in the message, and the configuration has the
+    # place.
     found = CodeError(described(error), place_of(error, path))
     return CodeError(found.line) if missing_extra(error) else found
 

@@ -219,10 +219,8 @@ def _cloudpickle() -> Any:
 
 
 def _is_importable(name: str) -> bool:
-    """Whether a worker process, which has the same path of Python and the same import hooks, can import a module.
-
-    A package that is installed as editable is found by a hook and not on the path.
-    """
+    """Whether a worker process, which has the same path of Python and the same import hooks, can import a module."""
+    # A package that is installed as editable is found by a hook and not on the path.
     top = name.partition(".")[0]
     found = (finder.find_spec(top, None) for finder in sys.meta_path if hasattr(finder, "find_spec"))
     return top in sys.builtin_module_names or any(spec is not None for spec in found)

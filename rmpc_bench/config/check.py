@@ -424,11 +424,9 @@ def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:
 
 
 def _axes_without_effect(sweep: Sweep, points: Sequence[SweepPoint]) -> Iterator[Problem]:
-    """Refuse axes with two values whose points are alike wherever both occur, with the reason where it is known.
-
-    Alike means that every method has the same key, which identifies its trials: such a path would label equal runs.  A
-    path may have an effect at some values of the other paths only.  Of a zip the rows are compared, not each path.
-    """
+    """Refuse axes with two values whose points are alike wherever both occur, with the reason where it is known."""
+    # Alike means that every method has the same key, which identifies its trials: such a path would label equal runs. A
+    # path may have an effect at some values of the other paths only. Of a zip the rows are compared, not each path.
     for axis in sweep.axes:
         alike = _alike(points, axis)
         if alike is None:

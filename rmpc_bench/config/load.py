@@ -128,10 +128,8 @@ def _with_sweep(first_point: dict[str, Any], sweep: Sweep, own: OwnCode) -> dict
 def _sections_kept_by_rows(
     tree: Map, first_point: dict[str, Any], own: OwnCode, changed: Sequence[str]
 ) -> dict[str, Any]:
-    """Return sections as given in which a row of a zip leaves a value of the file as it is.
-
-    At the first point such a section may have the value of the first row.
-    """
+    """Return sections as given in which a row of a zip leaves a value of the file as it is."""
+    # At the first point such a section may have the value of the first row.
     rows = (tree["sweep"] or {}).get("zip")
     rows = rows if isinstance(rows, Items) else ()
     kept = {path for path in columns(rows) if path != NAME and any(path not in row for row in rows)}

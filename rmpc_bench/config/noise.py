@@ -183,10 +183,8 @@ def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | No
 
 
 def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
-    """Read one noise law; None where it is invalid.
-
-    `words` are the laws without a design function that are allowed there.
-    """
+    """Read one noise law; None where it is invalid."""
+    # `words` are the laws without a design function that are allowed there.
     if law == "same":
         return NoiseTerm(None, SameLaw())
     if isinstance(law, Map) and (FILE in law or is_reference(law.get("kind"))):

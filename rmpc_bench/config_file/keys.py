@@ -138,10 +138,8 @@ def _shape(value: Any) -> str:
 
 
 def _union(members: Sequence[Any]) -> Any:
-    """Choose the member by the shape of the value, of several dataclasses by their field `kind`.
-
-    So errors concern that member only.  One word is allowed in each.
-    """
+    """Choose the member by the shape of the value, of several dataclasses by their field `kind`."""
+    # So errors concern that member only. One word is allowed in each.
     tagged = _by_shape(members)
     if [*tagged] == ["a mapping"]:
         return tagged["a mapping"]

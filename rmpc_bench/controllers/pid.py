@@ -202,11 +202,9 @@ class Pid(Controller):
 
 
 def _as_state(pid: Pid) -> tuple[Array, Array, Array, Array]:
-    """Return K_s, K, A_s and B of s(k+1) = A_s s + B y and u = K_s s + K y for r = 0, y that of the loops.
-
-    The state has the integrals with Ki != 0, then the derivatives with Kd != 0, then their previous errors -y: a state
-    without effect would add a pole that the loop does not have.
-    """
+    """Return K_s, K, A_s and B of s(k+1) = A_s s + B y and u = K_s s + K y for r = 0, y that of the loops."""
+    # The state has the integrals with Ki != 0, then the derivatives with Kd != 0, then their previous errors -y: a
+    # state without effect would add a pole that the loop does not have.
     eye = np.eye(len(pid.Kp))
     summed, derived = eye[pid.Ki != 0.0], eye[pid.Kd != 0.0]
     decay, gain = derived @ (pid.Tf / (pid.Tf + pid.Ts)), derived @ (pid.Kd / (pid.Tf + pid.Ts))

@@ -221,11 +221,9 @@ def _has_state_uncertainty(now: DesignSystem) -> bool:
 
 
 def _require_quadratic_stability(systems: Sequence[DesignSystem], scale: float) -> None:
-    """Reject a constant system that is not quadratically stable.
-
-    If B U_c B' > 0, quadratic stability is necessary for a sequence of a_x with bounded X: the mean of X over k is then
-    a Lyapunov matrix for every F.  It is not sufficient for a given eps or gamma.
-    """
+    """Reject a constant system that is not quadratically stable."""
+    # If B U_c B' > 0, quadratic stability is necessary for a sequence of a_x with bounded X: the mean of X over k is
+    # then a Lyapunov matrix for every F. It is not sufficient for a given eps or gamma.
     from rmpc_bench.numerics.stability import hinf_norm, spectral_radius
 
     m = systems[0].m

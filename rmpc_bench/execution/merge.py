@@ -208,10 +208,8 @@ def _methods(experiment: StoredExperiment) -> dict[str, PointMethod]:
 
 
 def _joined(experiments: Sequence[StoredExperiment]) -> StoredExperiment:
-    """Return the record of the first shard, with the largest number of runs and the series of all methods.
-
-    The series of a method are missing in the record of a shard that has not computed the method.
-    """
+    """Return the record of the first shard, with the largest number of runs and the series of all methods."""
+    # The series of a method are missing in the record of a shard that has not computed the method.
     points = []
     for each in zip(*(experiment.points for experiment in experiments), strict=True):
         methods = {

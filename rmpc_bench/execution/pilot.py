@@ -223,10 +223,8 @@ def _points(config: ExperimentConfig) -> ExperimentConfig:
 
 
 def _with_runs(config: ExperimentConfig, n_runs: int) -> ExperimentConfig:
-    """Return an experiment with so many runs, without what asks for more of them: a stopping rule and tuning.
-
-    Tuning would load the experiment again at its full size, with the values that it has found.
-    """
+    """Return an experiment with so many runs, without what asks for more of them: a stopping rule and tuning."""
+    # Tuning would load the experiment again at its full size, with the values that it has found.
     points = tuple(replace(point, experiment=replace(point.experiment, n_runs=n_runs)) for point in config.points)
     return replace(config, points=points, stop=None, tuning=None, origin=None)
 

@@ -118,10 +118,8 @@ def _stopping(config: ExperimentConfig, store: Store, methods: Collection[str], 
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mapping[str, str]) -> None:
-    """Keep the configuration file, its resolved form and copies of the user's files with the trials.
-
-    Methods that the command line has added are comments of the configuration file.
-    """
+    """Keep the configuration file, its resolved form and copies of the user's files with the trials."""
+    # Methods that the command line has added are comments of the configuration file.
     kept = directory / CONFIG
     # The resolved configuration of the directory itself does not take the place of the one it was made from.
     given = kept if config.path.resolve() == (directory / RESOLVED).resolve() and kept.exists() else config.path

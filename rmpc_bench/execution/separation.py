@@ -139,10 +139,9 @@ class _Failure(NamedTuple):
 
 
 def _in_a_new_process(call: tuple[Any, ...]) -> Any:
-    """Call a function with arguments in a process that has loaded no file of a user.
-
-    A ConfigError or WorkerError there is the answer, as text.  Any other exception is a WorkerError with its traceback.
-    """
+    """Call a function with arguments in a process that has loaded no file of a user."""
+    # A ConfigError or WorkerError there is the answer, as text. Any other exception is a WorkerError with its
+    # traceback.
     # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
     process = start(__name__, PIPE, PIPE, DEVNULL, given={"parent": os.getpid()}, session=True)
     with process:

@@ -44,11 +44,9 @@ def _normalised_square(
     P: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
     size: Float[Array, "runs 1 nx"],
 ) -> Float[Array, "runs window"]:
-    """Return e' P^+ e: inf outside the range of P, NaN where an entry is not a number.
-
-    P is brought to the form of a correlation matrix first, so that the units of the coordinates do not matter.  Sums
-    over coordinates go one by one: their bits do not depend on how many runs there are.
-    """
+    """Return e' P^+ e: inf outside the range of P, NaN where an entry is not a number."""
+    # P is brought to the form of a correlation matrix first, so that the units of the coordinates do not matter. Sums
+    # over coordinates go one by one: their bits do not depend on how many runs there are.
     std, lam, U = _correlation(P)
     certain, none = std == 0.0, lam <= RANK
     a = np.where(certain, 0.0, e / np.where(certain, 1.0, std))

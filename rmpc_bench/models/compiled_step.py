@@ -103,10 +103,8 @@ def _equal(step: Any) -> Any:
 
 
 def _halving(step: Any, sizes: Any, errors: Any, distances: Any) -> Any:
-    """The rule of numerics/integration.py as a loop, since numba cannot call its closures.
-
-    `done` counts 512ths of the sample; the interval after the left half of another one is its right half.
-    """
+    """The rule of numerics/integration.py as a loop, since numba cannot call its closures."""
+    # `done` counts 512ths of the sample; the interval after the left half of another one is its right half.
     parts = 2**DEEPEST
 
     def advance(t, x, u, lead, u_lead, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]

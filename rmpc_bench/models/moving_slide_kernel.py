@@ -51,11 +51,9 @@ def _geometry(x: Any, p: Any, arms: Any) -> None:  # pragma: no cover
 
 @compiled(error_model="numpy")
 def _matrices(v: Any, p: Any, arms: Any, M: Any, N: Any) -> None:  # pragma: no cover
-    """Write M and N of M v' + N v = J' tau, both 3 x 3.
-
-    The slides are the corners of a square: terms of their inertia that are linear in their positions cancel, so that
-    they contribute to the platform like masses fixed to it.
-    """
+    """Write M and N of M v' + N v = J' tau, both 3 x 3."""
+    # The slides are the corners of a square: terms of their inertia that are linear in their positions cancel, so that
+    # they contribute to the platform like masses fixed to it.
     M[:], N[:] = 0.0, 0.0
     M[0, 0] = M[1, 1] = p[2] + 4.0 * p[4]
     M[2, 2] = p[3] + 8.0 * p[4] * p[1] * p[1]
@@ -104,10 +102,8 @@ def _product(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
 
 @compiled(error_model="numpy")
 def _series(K: Any, h: float, E: Any, term: Any, work: Any) -> None:  # pragma: no cover
-    """Write e^(K h) and its first and second integral over [0, h] into E (3, 3, 3).
-
-    The Taylor series of the second integral, until its terms vanish; the others follow from it.
-    """
+    """Write e^(K h) and its first and second integral over [0, h] into E (3, 3, 3)."""
+    # The Taylor series of the second integral, until its terms vanish; the others follow from it.
     E2 = E[2]
     E2[:], term[:] = 0.0, 0.0
     for i in range(3):
@@ -215,10 +211,8 @@ def _slope(x: Any, u: Any, p: Any, arms: Any, M: Any, N: Any, slope: Any) -> Non
 
 @compiled(error_model="numpy")
 def _sigma(arms: Any, V: Any) -> float:  # pragma: no cover
-    """Smallest singular value of J (4 x 3), by rotations of its columns until they are orthogonal.
-
-    The roots of the eigenvalues of J' J would lose half of the digits where it is small.
-    """
+    """Smallest singular value of J (4 x 3), by rotations of its columns until they are orthogonal."""
+    # The roots of the eigenvalues of J' J would lose half of the digits where it is small.
     for i in range(4):
         for j in range(3):
             V[i, j] = arms[i, j]

@@ -102,12 +102,10 @@ def _prepare(c: Any, p: Any) -> None:  # pragma: no cover
 
 @compiled()
 def _expand(c: Any, u: float, h: float, p: Any, tolerance: float) -> tuple[int, float]:  # pragma: no cover
-    """Compute the coefficients over a time h from the state c[:, 0]; return the order and the size of the series.
-
-    The series ends after two consecutive small terms of velocities and current (those of the angles are then small,
-    too).  The order is ORDER + 1 if the series has not ended.  A body that has just started to slip has acceleration
-    exactly zero.
-    """
+    """Compute the coefficients over a time h from the state c[:, 0]; return the order and the size of the series."""
+    # The series ends after two consecutive small terms of velocities and current (those of the angles are then small,
+    # too). The order is ORDER + 1 if the series has not ended. A body that has just started to slip has acceleration
+    # exactly zero.
     _prepare(c, p)
     m_l, m_m, f_l, f_m, e_0l, e_0m = c[11, 0], c[11, 1], p[1, 1], p[2, 1], c[9, ORDER], c[10, ORDER]
     rate_l, rate_m, e_l, e_m, d_l, d_m, calm = -p[1, 2] * m_l, -p[2, 2] * m_m, e_0l, e_0m, 0.0, 0.0, 0
@@ -182,10 +180,8 @@ def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
 
 @compiled()
 def _brake(c: Any, order: int, p: Any) -> float:  # pragma: no cover
-    """Limit the loss of speed within a piece, so that e stays negligible if it is at the start; return the factor.
-
-    A body with e set to zero stays so fast that e remains below rounding until the end of the piece.
-    """
+    """Limit the loss of speed within a piece, so that e stays negligible if it is at the start; return the factor."""
+    # A body with e set to zero stays so fast that e remains below rounding until the end of the piece.
     total = 1.0
     for b in range(2):
         fast = p[1 + b, 2] * abs(c[1 + 2 * b, 0])

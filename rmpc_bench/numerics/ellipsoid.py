@@ -128,11 +128,9 @@ def _slack(n: int) -> float:
 
 
 def _root(M: Float[Array, "*runs n n"]) -> tuple[Float[Array, "*runs n n"], Float[Array, "*runs n n"]]:
-    """Return F with F F' = M + slack diag(M), so that rounding does not reduce the set, and its inverse.
-
-    A flat set becomes one whose thickness is about 1e-7 of its half-widths.  An entry of x that is known exactly
-    remains known exactly; the inverse then has zeros for it.
-    """
+    """Return F with F F' = M + slack diag(M), so that rounding does not reduce the set, and its inverse."""
+    # A flat set becomes one whose thickness is about 1e-7 of its half-widths. An entry of x that is known exactly
+    # remains known exactly; the inverse then has zeros for it.
     half = np.sqrt(np.maximum(np.einsum("...ii->...i", M), 0.0))
     inverse = np.divide(1.0, half, out=np.zeros_like(half), where=half > 0.0)
     d, V = np.linalg.eigh(inverse[..., :, None] * M * inverse[..., None, :])

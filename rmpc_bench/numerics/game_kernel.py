@@ -132,10 +132,8 @@ def _cholesky(W: Any) -> bool:  # pragma: no cover
 
 @compiled(error_model="numpy")
 def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any) -> bool:  # pragma: no cover
-    """One stage without control: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
-
-    Returns whether tau is large enough for the stage.  This form keeps symmetry and sign close to the boundary.
-    """
+    """One stage without control: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T."""
+    # Returns whether tau is large enough for the stage. This form keeps symmetry and sign close to the boundary.
     n = len(A)
     XA, GXA, W, XG = s[0], s[1], s[2], s[3]
     _mul(X, A, XA)

@@ -67,11 +67,9 @@ ROWS = types.void(FUNCTION, _INT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX, _IN
 def _shared_products(
     rows: Any, to: int, n: int, base: int, step: int, sign: float, numbers: Any, at: int, m: int, x: int
 ) -> None:  # fmt: skip  # pragma: no cover
-    """Write base + sign A x of every lane for the (n, m) matrix A that begins at numbers[at].
-
-    The sums are those of np.einsum: even and odd products on their own, and blocks of eight from their last pair to the
-    first.  np.einsum adds the sum to zero.
-    """
+    """Write base + sign A x of every lane for the (n, m) matrix A that begins at numbers[at]."""
+    # The sums are those of np.einsum: even and odd products on their own, and blocks of eight from their last pair to
+    # the first. np.einsum adds the sum to zero.
     lanes, whole = rows.shape[1], m - m % 8
     for _ in range(n):
         if m == 1:

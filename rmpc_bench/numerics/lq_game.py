@@ -191,11 +191,9 @@ def _coefficients(values: Float[Array, "nodes rows"]) -> Float[Array, "rows node
 
 
 def _is_resolved(alone: Array, D: Array, E: Array, first: Array) -> bool:
-    """Return whether the last coefficients are small enough.
-
-    A relative error of the slope causes an error of s of the same size, which affects the first control through its
-    derivative.  Close to the smallest multiplier the slope has few digits, but the first control hardly depends on s.
-    """
+    """Return whether the last coefficients are small enough."""
+    # A relative error of the slope causes an error of s of the same size, which affects the first control through its
+    # derivative. Close to the smallest multiplier the slope has few digits, but the first control hardly depends on s.
     tails = [np.abs(each[:, -4:]).max() / max(np.abs(each).max(), TINY) for each in (alone, D, E, first)]
     # An upper bound of the derivative of the first control with respect to s.
     change = (np.abs(first) * np.arange(NODES)).sum(axis=1).max() / HALF

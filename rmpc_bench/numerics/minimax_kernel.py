@@ -191,10 +191,8 @@ def _entering(A: Any, b: Any, group: Any, V: Any, first: bool) -> tuple[int, flo
 
 @compiled(error_model="numpy")
 def _leaving(n: int, group: Any, basis: Any, V: Any, inverse: Any, first: bool) -> int:  # pragma: no cover
-    """Return the place of the column that reaches 0 first; -1 if none does.
-
-    Among ties the column with the largest pivot, or the first one.
-    """
+    """Return the place of the column that reaches 0 first; -1 if none does."""
+    # Among ties the column with the largest pivot, or the first one.
     m = V.shape[1]
     if not first:
         for t in range(m):

@@ -133,11 +133,9 @@ def _start(prior: Prior) -> float:
 
 
 def _root(prior: Prior) -> float:
-    """Find log q such that q is the best weight for the best gain of q, limited to `REACH`.
-
-    Steps of increasing length continue until the root is bracketed.  Then two secant steps alternate with one bisection
-    step.
-    """
+    """Find log q such that q is the best weight for the best gain of q, limited to `REACH`."""
+    # Steps of increasing length continue until the root is bracketed. Then two secant steps alternate with one
+    # bisection step.
     z = _start(prior)
     low, high, step = (z - REACH, nan), (z + REACH, nan), 0.0  # log q with the distance there
     for count in range(MOST):

@@ -116,11 +116,9 @@ def no_worse(lam: Float[Array, " s"], p: Float[Array, " s"], q: float, t0: float
 
 
 def _fall_to(q: float, p: Float[Array, " s"], gaps: Float[Array, " s"], power: int) -> float:
-    """Return the t >= 0 with sum_i p_i / (t + gaps_i)^power = q, or 0 if the sum is at most q for all t > 0.
-
-    The sum is decreasing and convex, so that Newton's method converges monotonically from the left.  It starts at the
-    largest t at which a single term equals q.
-    """
+    """Return the t >= 0 with sum_i p_i / (t + gaps_i)^power = q, or 0 if the sum is at most q for all t > 0."""
+    # The sum is decreasing and convex, so that Newton's method converges monotonically from the left. It starts at the
+    # largest t at which a single term equals q.
     terms = [(one / q, gap) for one, gap in zip(p.tolist(), gaps.tolist(), strict=True) if one > 0.0]
     t = max((weight ** (1.0 / power) - gap for weight, gap in terms), default=0.0)
     if t <= 0.0:

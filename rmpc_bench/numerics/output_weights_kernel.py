@@ -250,10 +250,8 @@ def _bounded(
 def _reweigh(
     law: int, number: float, both: bool, T: Any, q: Any, W: Any, z: Any, r: Any, w: Any, v: Any, old: Any, pull: Any
 ) -> None:  # pragma: no cover
-    """Write the weights w of y, and with `both` the v of x - x_pred, after repeated corrections.
-
-    It starts from x_pred for CORRENTROPY, and from the correction without weights for HUBER.
-    """
+    """Write the weights w of y, and with `both` the v of x - x_pred, after repeated corrections."""
+    # It starts from x_pred for CORRENTROPY, and from the correction without weights for HUBER.
     m, n = T.shape
     r[:] = q
     z[:] = pull[:] = 0.0

@@ -303,10 +303,9 @@ class QuadraticProgram:
     def _kkt(
         self, f: Array, low: Array, high: Array, x: Array, lam: Array, rounding: float
     ) -> Float[Array, " problems"]:
-        """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved.
-
-        A soft row that is violated by less than `rounding`, relative to its size, is not taken for one that gives way.
-        """
+        """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved."""
+        # A soft row that is violated by less than `rounding`, relative to its size, is not taken for one that gives
+        # way.
         rows, gradient, all_terms = self._conditions
         n, both = x.shape[1], np.concatenate([x, lam], axis=1)
         sizes, z = np.abs(both), mv(rows, x)

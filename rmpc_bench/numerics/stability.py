@@ -109,11 +109,10 @@ def _highest(system: System, D: Array, angles: Float[Array, " angles"]) -> Peak:
 
 
 def _candidates(system: System, D: Array, level: float) -> Float[Array, " angles"]:
-    """Return angles that include one with a gain above a level, if such an angle exists.
-
-    If level is a singular value of G(z) with |z| = 1, there are u and v with G u = level v and G* v = level u.  Written
-    with the states of G and of its adjoint, this is a generalised eigenvalue problem for z without any inverse.
-    """
+    """Return angles that include one with a gain above a level, if such an angle exists."""
+    # If level is a singular value of G(z) with |z| = 1, there are u and v with G u = level v and G* v = level u.
+    # Written with the states of G and of its adjoint, this is a generalised eigenvalue problem for z without any
+    # inverse.
     from scipy.linalg import block_diag, eig
 
     A, B, C = system
@@ -148,10 +147,8 @@ def _split(A: Array, B: Array, C: Array) -> tuple[System, System, tuple[float, f
 
 
 def _vanishes(system: System, errors: tuple[float, float] | None = None) -> bool:
-    """Whether C (zI - A)^-1 B, and therefore C A^j B for all j < n, is zero up to rounding.
-
-    `errors` are the absolute errors of the entries of B and C; if not given, their relative error is `NOTHING`.
-    """
+    """Whether C (zI - A)^-1 B, and therefore C A^j B for all j < n, is zero up to rounding."""
+    # `errors` are the absolute errors of the entries of B and C; if not given, their relative error is `NOTHING`.
     A, B, C = system
     size, seen = np.abs(B), np.abs(C)
     B_error = NOTHING * size if errors is None else np.full(B.shape, errors[0])

@@ -139,10 +139,9 @@ def _step(
     eta: Float[Array, " d"],
     n: int,
 ) -> tuple[Float[Array, " m"], Float[Array, "d d"]]:
-    """Return the change of tau and Z: Newton steps on W Z = mu, for mu = 0, which determines mu, then for that mu.
-
-    Both have the same step length, which ends before the boundary; separate lengths took up to three times more steps.
-    """
+    """Return the change of tau and Z: Newton steps on W Z = mu, for mu = 0, which determines mu, then for that mu."""
+    # Both have the same step length, which ends before the boundary; separate lengths took up to three times more
+    # steps.
     W_inv, (d, m) = L_inv.T @ L_inv, (len(eta), len(eta) // n)
     mu, Z_inv = np.vdot(W, Z) / d, np.linalg.inv(np.linalg.cholesky(Z))
     blocks = W_inv * Z + 2.0 * eta[:, None] * G_inv * eta

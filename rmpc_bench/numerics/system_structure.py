@@ -41,11 +41,9 @@ def zeros(
 
 
 def _without_infinite(system: System, tol: float) -> System:
-    """Remove zeros at infinity until D has full row rank.
-
-    Outputs without direct feedthrough are functions of the state.  If they are zero, some directions of the state are
-    zero; the next value of these directions is the new output.
-    """
+    """Remove zeros at infinity until D has full row rank."""
+    # Outputs without direct feedthrough are functions of the state. If they are zero, some directions of the state are
+    # zero; the next value of these directions is the new output.
     A, B, C, D = system
     while True:
         U, rank = _range(D, tol)

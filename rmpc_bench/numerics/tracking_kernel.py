@@ -23,10 +23,8 @@ SMALLEST = 1e-13
 
 @compiled(error_model="numpy")
 def _reflect(T: Any, pivot: int, first: int, last: int, column: int, end: int, dots: Any) -> float:  # pragma: no cover
-    """Turn the entries of a column in the rows first..last-1 into 0 and move their length to the pivot row.
-
-    Columns up to ``end`` go along.  Returns the size of the new pivot.
-    """
+    """Turn the entries of a column in the rows first..last-1 into 0 and move their length to the pivot row."""
+    # Columns up to ``end`` go along. Returns the size of the new pivot.
     below = 0.0
     for r in range(first, last):
         below += T[r, column] * T[r, column]
@@ -56,10 +54,8 @@ def _reflect(T: Any, pivot: int, first: int, last: int, column: int, end: int, d
 
 @compiled(error_model="numpy")
 def _fold(S: Any, rows: int, C: Any, Q_yw: Any, w: Any, dots: Any) -> tuple[int, float]:  # pragma: no cover
-    """Add the rows Q_yw (C x - w) to the ``rows`` of [S, s] and fold what is more than the states into a triangle.
-
-    Returns how many rows there are now, and what is lost.
-    """
+    """Add the rows Q_yw (C x - w) to the ``rows`` of [S, s] and fold what is more than the states into a triangle."""
+    # Returns how many rows there are now, and what is lost.
     ny, nx = C.shape
     S[rows : rows + ny] = 0.0
     for i in range(ny):
@@ -108,10 +104,8 @@ def _eliminate(T: Any, nu: int, rows: int, end: int, dots: Any) -> bool:  # prag
 def _track(
     A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, u: Any, S: Any, T: Any, dots: Any, laws: Any
 ) -> float:  # pragma: no cover
-    """Solve one problem: write its first input, NaN where it is not determined, and return the least cost.
-
-    ``laws`` gets the rows of the inputs of all stages, unless it is empty; those of stage 0 without the state.
-    """
+    """Solve one problem: write its first input, NaN where it is not determined, and return the least cost."""
+    # ``laws`` gets the rows of the inputs of all stages, unless it is empty; those of stage 0 without the state.
     nx, nu = B.shape
     rows, loss, determined = 0, 0.0, True
     for j in range(len(w) - 1, -1, -1):

@@ -172,10 +172,8 @@ def facts_of(
 
 
 def _checked_rows(results: Results, directory: Path, temporary: Path) -> Path:
-    """Write the stored rows, and refuse a directory of which files are missing or belong to other trials.
-
-    Where the report leaves out trials.csv, summary.csv shows which trials the files belong to.
-    """
+    """Write the stored rows, and refuse a directory of which files are missing or belong to other trials."""
+    # Where the report leaves out trials.csv, summary.csv shows which trials the files belong to.
     way_out = f"`rmpc-bench report {shlex.quote(str(directory))}` writes it again"
     report = chosen(results, manifest.read(directory).get("report", {}), directory).experiment.report
     has_rows = report.writes_trials(n_rows(results.stored.columns))

@@ -125,10 +125,8 @@ def _npy(archive: ZipFile, entry: ZipInfo) -> Array:
 
 
 def _mat(content: bytes) -> dict[str, Array]:
-    """Read a MATLAB file up to version 7.2; what is no full matrix of numbers becomes an array of the type object.
-
-    It is read here, because the compiled reader of SciPy crashes on altered files.
-    """
+    """Read a MATLAB file up to version 7.2; what is no full matrix of numbers becomes an array of the type object."""
+    # It is read here, because the compiled reader of SciPy crashes on altered files.
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order and content[125 if order == "<" else 124] == 2:
         raise ArrayFileError("is a file of MATLAB version 7.3 (HDF5); save it with save('file.mat', ..., '-v7')")

@@ -154,11 +154,9 @@ def _format(path: Path) -> int | None:
 
 
 def _check_journal(path: Path) -> None:
-    """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end.
-
-    One that would make the file larger is refused, since no transaction of a store makes it smaller; and a symbolic
-    link, which SQLite cannot open.  A store has no write-ahead log, which could make the file larger as well.
-    """
+    """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end."""
+    # One that would make the file larger is refused, since no transaction of a store makes it smaller; and a symbolic
+    # link, which SQLite cannot open. A store has no write-ahead log, which could make the file larger as well.
     log = path.with_name(f"{path.name}-wal")
     if log.is_symlink() or log.exists() and (not log.is_file() or log.stat().st_size):
         raise DamagedError(_unusable(path, f"a store has no {log.name}"))

@@ -147,10 +147,8 @@ def write_record(directory: Path, plan: TuningPlan, found: Mapping[str, Found]) 
 
 
 def _entry(found: Found, of_objectives: TuningProtocol | None) -> str:
-    """Write what a search has found with a line for every value, so that differences are short.
-
-    With a protocol the objectives take the place of the runs, but for those of the chosen value.
-    """
+    """Write what a search has found with a line for every value, so that differences are short."""
+    # With a protocol the objectives take the place of the runs, but for those of the chosen value.
     head: dict[str, Any] = {
         "method": found.method,
         "parameters": [vars(each) for each in found.parameters],

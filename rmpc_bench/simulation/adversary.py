@@ -139,10 +139,8 @@ def _climb(
 
 
 def _isometry(M: Float[Array, "r s"]) -> Float[Array, "r s"]:
-    """Return the F with F' F <= I for which tr F' M is largest; for M = 0 that with ones on its diagonal.
-
-    So it is for an M that has left the range of numbers.
-    """
+    """Return the F with F' F <= I for which tr F' M is largest; for M = 0 that with ones on its diagonal."""
+    # So it is for an M that has left the range of numbers.
     if M.size == 1:
         return np.where(M < 0.0, -1.0, 1.0)
     if not M.any() or not np.isfinite(M).all():
