@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types import Array
+from rmpc_bench.types.records import Explained
 
 FEASIBLE = 1e-9
 """Tolerance for the bounds of rows, of columns and of reduced costs."""
@@ -29,17 +29,8 @@ ACTIVE = 1e-8
 the first objective by at most this number times the distance to the bound."""
 
 
-class LpStatus(IntEnum):
+class LpStatus(Explained):
     """Result of a solver call; each status summarises one or several statuses of HiGHS."""
-
-    explanation: str
-
-    def __new__(cls, value: int, explanation: str) -> LpStatus:
-        """Attach the explanation to the number."""
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.explanation = explanation
-        return member
 
     OPTIMAL = 0, "an optimum has been found"
     INFEASIBLE = 1, "no point satisfies all bounds"

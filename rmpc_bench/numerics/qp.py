@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -30,6 +29,7 @@ from jaxtyping import Bool, Float
 
 from rmpc_bench.numerics.linalg import SMALLEST, eliminated, mv
 from rmpc_bench.types import Array
+from rmpc_bench.types.records import Explained
 
 SATISFIED = 1e-13
 """Largest violation of a row relative to its terms."""
@@ -136,17 +136,8 @@ SOFT = 8
 """Mark of a soft row for DAQP."""
 
 
-class QpStatus(IntEnum):
+class QpStatus(Explained):
     """Result of a solver call; each status summarises one or several flags of DAQP."""
-
-    explanation: str
-
-    def __new__(cls, value: int, explanation: str) -> QpStatus:
-        """Attach the explanation to the number."""
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.explanation = explanation
-        return member
 
     OPTIMAL = 0, "the minimum has been found, and no slack is in use"
     SOFTENED = 1, "the minimum has been found, and a slack is in use"

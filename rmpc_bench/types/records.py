@@ -17,17 +17,26 @@ from jaxtyping import Float, Int, Int8
 from rmpc_bench.types.basics import Array
 
 
-class Status(IntEnum):
-    """What became of a run; the text of a member is shown wherever a failure is counted."""
+class Explained(IntEnum):
+    """Outcomes as numbers, each with an explanation."""
 
     explanation: str
 
-    def __new__(cls, value: int, explanation: str) -> Status:
+    def __new__(cls, value: int, explanation: str) -> Explained:
         """Attach the explanation to the number."""
         member = int.__new__(cls, value)
         member._value_ = value
         member.explanation = explanation
         return member
+
+    @property
+    def word(self) -> str:
+        """The outcome as tables and files spell it: lower case with hyphens."""
+        return self.name.lower().replace("_", "-")
+
+
+class Status(Explained):
+    """What became of a run; the text of a member is shown wherever a failure is counted."""
 
     OK = 0, "the run reached its last sample"
     DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value is not a number"
@@ -46,11 +55,6 @@ class Status(IntEnum):
     NOT_CONVERGED = 7, "a solver did not converge (`SolverError`)"
     TIMEOUT = 8, "a step or the run took longer than `execution.timeout`"
     CRASHED = 9, "a component raised an exception, returned an invalid value or ended its process"
-
-    @property
-    def word(self) -> str:
-        """The status as tables and files spell it: lower case with hyphens."""
-        return self.name.lower().replace("_", "-")
 
 
 Statuses: TypeAlias = Int8[Array, " runs"]
@@ -225,28 +229,14 @@ class LinearLaw(NamedTuple):
     """Whether the law has constant terms too, such as those of an operating point."""
 
 
-class OptimisedStep(IntEnum):
+class OptimisedStep(Explained):
     """How the moves of a sample were found; the entry `qp` of a command's info has its number."""
-
-    explanation: str
-
-    def __new__(cls, value: int, explanation: str) -> OptimisedStep:
-        """Attach the explanation to the number."""
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.explanation = explanation
-        return member
 
     SKIPPED = 0, "no limit acts: the closed form is the minimum"
     SOLVED = 1, "the quadratic program was solved, and no slack is in use"
     SOFTENED = 2, "the quadratic program was solved, and the slack of a soft limit is in use"
     INFEASIBLE = 3, "no moves satisfy the hard limits; the fallback was used"
     NOT_CONVERGED = 4, "the solver did not find the minimum; the fallback was used"
-
-    @property
-    def word(self) -> str:
-        """The result as tables and files spell it: lower case with hyphens."""
-        return self.name.lower().replace("_", "-")
 
     @property
     def failed(self) -> bool:
