@@ -51,12 +51,9 @@ T = TypeVar("T")
 class Trial(NamedTuple):
     """Some steps of one environment."""
 
-    x: list[Array]
-    """States from k = 0 on."""
-    random: list[Any]
-    """State of its random generator after each of them; None where it has none."""
-    seconds: float
-    """Shortest time of a step [s]."""
+    x: list[Array]  # states from k = 0 on
+    random: list[Any]  # state of its random generator after each of them; None where it has none
+    seconds: float  # shortest time of a step [s]
 
 
 def attempt(key: str, call: Callable[[], T]) -> T:

@@ -79,8 +79,7 @@ class Actions(NamedTuple):
     of_input: Callable[..., Any]
     low: Float[Array, " nu"]
     high: Float[Array, " nu"]
-    values: Float[Array, " actions"] | None = None
-    """Inputs of the discrete actions; None for other actions."""
+    values: Float[Array, " actions"] | None = None  # inputs of the discrete actions; None for other actions
 
 
 def actions_of(space: Any, action: Any, nu: int | None) -> Actions:

@@ -17,16 +17,11 @@ ASYMMETRIC = 1e-9
 class Spectrum(NamedTuple):
     """Eigenvalues of a stack of symmetric matrices, with those apart that are 0 up to rounding."""
 
-    directions: Array
-    """(..., n, n) eigenvectors in the columns."""
-    kept: Array
-    """(..., n) whether the direction lies in the range."""
-    scale: Array
-    """(..., n) 1 / sqrt(eigenvalue); 0 for what is not kept."""
-    largest: Array
-    """(...) eigenvalue."""
-    finite: Array
-    """(...) whether the matrix is finite; the identity replaces the others here."""
+    directions: Array  # (..., n, n) eigenvectors in the columns
+    kept: Array  # (..., n) whether the direction lies in the range
+    scale: Array  # (..., n) 1 / sqrt(eigenvalue); 0 for what is not kept
+    largest: Array  # (...) eigenvalue
+    finite: Array  # (...) whether the matrix is finite; the identity replaces the others here
 
     @classmethod
     def of(cls, matrices: Array) -> Spectrum:

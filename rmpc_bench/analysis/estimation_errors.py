@@ -53,12 +53,9 @@ class ErrorRuns(NamedTuple):
 class ErrorMoments(NamedTuple):
     """Mean and covariance of the errors over the runs of an ensemble."""
 
-    mean: Array
-    """(samples, n) of x_hat - x"""
-    cov: Array
-    """(samples, n, n)"""
-    n: int
-    """Number of runs; 0 where they are exact."""
+    mean: Array  # (samples, n) of x_hat - x
+    cov: Array  # (samples, n, n)
+    n: int  # number of runs; 0 where they are exact
 
     @property
     def std(self) -> Array:
@@ -134,10 +131,8 @@ ROUNDING = 1e-9
 class NormalisedSquares(NamedTuple):
     """Normalised squares with their degrees of freedom."""
 
-    values: Array
-    """(...) e' P^+ e; inf where e leaves the range of P, NaN where an entry is not a number."""
-    freedom: Array
-    """(...) rank of P."""
+    values: Array  # (...) e' P^+ e; inf where e leaves the range of P, NaN where an entry is not a number
+    freedom: Array  # (...) rank of P
 
 
 def normalised_squares(e: Array, P: Array, size: Array | float = 1.0) -> NormalisedSquares:

@@ -170,12 +170,9 @@ def number_of_look(earlier: Sequence[int], n_runs: int) -> int:
 class PlannedLook(NamedTuple):
     """A look of a stopping rule."""
 
-    number: int
-    """The first is 1."""
-    n_looks: int
-    """How many are possible; 0 where the levels do not depend on their number."""
-    confidence: float
-    """Level that all looks have together."""
+    number: int  # the first is 1
+    n_looks: int  # how many are possible; 0 where the levels do not depend on their number
+    confidence: float  # level that all looks have together
 
     @property
     def text(self) -> str:

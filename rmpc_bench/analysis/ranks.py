@@ -134,12 +134,9 @@ def _sign(interval: Interval) -> int:
 class Difference(NamedTuple):
     """The difference of the mean logarithms of two methods, distributed over the runs."""
 
-    per_run: Float[Array, " runs"]
-    """Numbers whose mean is the difference; NaN where no point is used."""
-    n_points: int
-    """Points that it rests on."""
-    n_pairs: int
-    """Runs of these points that both methods finished."""
+    per_run: Float[Array, " runs"]  # numbers whose mean is the difference; NaN where no point is used
+    n_points: int  # points that it rests on
+    n_pairs: int  # runs of these points that both methods finished
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,13 +18,10 @@ from rmpc_bench.types import Array
 class HalfWidth(NamedTuple):
     """Relative half width of an interval."""
 
-    point: str
-    """The point of the sweep in words; empty without a sweep."""
+    point: str  # the point of the sweep in words; empty without a sweep
     method: str
-    value: float
-    """inf where there is no interval that runs support."""
-    reason: str = ""
-    """Why there is none, if it is not that too few runs finished."""
+    value: float  # inf where there is no interval that runs support
+    reason: str = ""  # why there is none, if it is not that too few runs finished
 
 
 def half_widths(trials: Trials) -> list[HalfWidth]:

@@ -56,8 +56,7 @@ class Response(NamedTuple):
 
     method: str
     kind: str
-    values: Array
-    """(n_runs,) in the order of `Trials.runs`; NaN where the method or its baseline failed."""
+    values: Array  # (n_runs,) in the order of `Trials.runs`; NaN where the method or its baseline failed
 
     @property
     def known(self) -> Array:
@@ -133,10 +132,8 @@ Term = tuple[int, ...]
 class Surface(NamedTuple):
     """The terms of a response surface."""
 
-    form: str
-    """One of `FORMS`."""
-    terms: tuple[Term, ...]
-    """Without the constant."""
+    form: str  # one of `FORMS`
+    terms: tuple[Term, ...]  # without the constant
 
     def columns(self, values: Array) -> Array:
         """(n, 1 + terms) constant and terms at (n, quantities) values."""
@@ -286,12 +283,10 @@ class Region(NamedTuple):
     """A fifth of a quantity, or one of its values where it has at most five."""
 
     quantity: str
-    name: str
-    """Such as ``lowest``; empty for a single value."""
+    name: str  # such as ``lowest``; empty for a single value
     low: float
     high: float
-    inside: Array
-    """(n,) which runs are in it."""
+    inside: Array  # (n,) which runs are in it
 
 
 class RegionMean(NamedTuple):
@@ -299,11 +294,9 @@ class RegionMean(NamedTuple):
 
     region: Region
     mean: float
-    interval: tuple[float, float]
-    """Simultaneous for all regions."""
+    interval: tuple[float, float]  # simultaneous for all regions
     overall: float
-    higher: bool = False
-    """Whether higher responses are better."""
+    higher: bool = False  # whether higher responses are better
 
     @property
     def differs(self) -> bool:

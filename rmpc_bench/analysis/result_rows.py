@@ -104,8 +104,7 @@ class ResultTable(NamedTuple):
     info: MetricInfo
     rows: Sequence[ResultRow]
     form: Form
-    may_not_occur: bool
-    """Whether the metric measures an event that did not occur in some run, or could."""
+    may_not_occur: bool  # whether the metric measures an event that did not occur in some run, or could
 
     @property
     def baseline(self) -> str:

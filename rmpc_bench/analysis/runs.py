@@ -34,22 +34,17 @@ def common_runs(found: Iterable[Array]) -> Array | None:
 class PointExtent(NamedTuple):
     """What is there of one point of a sweep, or of an experiment without one."""
 
-    title: str
-    """The point in words; empty without a sweep."""
+    title: str  # the point in words; empty without a sweep
     coordinates: Mapping[str, str]
-    n: int
-    """Runs that count."""
-    absent: tuple[str, ...]
-    """Methods without any run."""
+    n: int  # runs that count
+    absent: tuple[str, ...]  # methods without any run
 
 
 class Extent(NamedTuple):
     """What is there of an experiment."""
 
-    planned: int
-    """Runs of every method at every point; with a stopping rule those up to its next look."""
-    points: Sequence[PointExtent]
-    """All points, also those without a run."""
+    planned: int  # runs of every method at every point; with a stopping rule those up to its next look
+    points: Sequence[PointExtent]  # all points, also those without a run
 
     @property
     def n(self) -> int:

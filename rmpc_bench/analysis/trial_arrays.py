@@ -21,11 +21,9 @@ ROWS = 100_000
 class Points(NamedTuple):
     """The dimensions of the arrays, and the tables that fill them."""
 
-    dims: tuple[str, ...]
-    """Dimensions of the sweep; empty without one."""
+    dims: tuple[str, ...]  # dimensions of the sweep; empty without one
     shape: tuple[int, ...]
-    places: tuple[tuple[int, ...], ...]
-    """Place of every table among them."""
+    places: tuple[tuple[int, ...], ...]  # place of every table among them
     tables: tuple[Trials, ...]
     coordinates: Mapping[str, Any]
     uncertainty: Mapping[str, Any]

@@ -208,8 +208,7 @@ class Closeness(NamedTuple):
     """How close a computed number is to a printed one."""
 
     finding: Finding
-    relative: float
-    """Difference relative to the printed number; inf beside a printed 0."""
+    relative: float  # difference relative to the printed number; inf beside a printed 0
 
 
 def closeness(value: float, stated: Stated) -> Closeness:

@@ -42,8 +42,7 @@ class Change(NamedTuple):
     kind: Literal["threshold", "factor", "margin", "relative margin"]
     low: float
     high: float
-    per_unit: float = 1.0
-    """Change of `low` and `high` per unit of the sides of the comparison."""
+    per_unit: float = 1.0  # change of `low` and `high` per unit of the sides of the comparison
 
     def rounded(self, scale: float) -> Change:
         """Round to the digits that sides computed from numbers of this scale support."""

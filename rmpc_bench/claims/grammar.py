@@ -85,8 +85,7 @@ class Term(Node):
 
     quantity: str
     method: str
-    point: tuple[tuple[str, str], ...] = ()
-    """Path and text of the value, as written."""
+    point: tuple[tuple[str, str], ...] = ()  # path and text of the value, as written
 
 
 @dataclass(frozen=True)

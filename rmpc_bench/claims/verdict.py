@@ -191,8 +191,7 @@ def _neutral(node: Node, evaluator: Evaluator) -> float | None:
 class Interpretation(NamedTuple):
     """The finding at one of several points that a claim is checked at."""
 
-    at: str
-    """The point in words."""
+    at: str  # the point in words
     finding: Finding
 
 
@@ -263,8 +262,7 @@ class ClaimVerdict:
 class _AtPoint:
     """The checks of a claim and its stated numbers, evaluated at one point."""
 
-    comparisons: list[list[ComparisonResult]] = field(default_factory=list)
-    """For every check its comparisons."""
+    comparisons: list[list[ComparisonResult]] = field(default_factory=list)  # for every check its comparisons
     reasons: list[str] = field(default_factory=list)
     sizes: list[Size] = field(default_factory=list)
 

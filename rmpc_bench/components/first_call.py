@@ -45,33 +45,25 @@ from rmpc_bench.types import (
 class Finding(NamedTuple):
     """What is wrong with a component."""
 
-    role: str
-    """``plant``, ``estimator`` or ``controller``."""
+    role: str  # ``plant``, ``estimator`` or ``controller``
     message: str
 
 
 class FirstAnswer(NamedTuple):
     """What a first call has found."""
 
-    finding: Finding | None
-    """The first thing that is wrong; None where two samples give answers of the right form."""
-    estimate: Estimate | None
-    """The estimate at k = 0, without info; None where there is none."""
-    seconds: Mapping[str, float]
-    """Role of a component written for one run -> duration of its last step [s]."""
-    warnings: Mapping[str, tuple[str, ...]]
-    """Role -> warnings of its code."""
-    too_long: Finding | None
-    """Where its time was over."""
+    finding: Finding | None  # the first thing that is wrong; None where two samples give answers of the right form
+    estimate: Estimate | None  # the estimate at k = 0, without info; None where there is none
+    seconds: Mapping[str, float]  # role of a component written for one run -> duration of its last step [s]
+    warnings: Mapping[str, tuple[str, ...]]  # role -> warnings of its code
+    too_long: Finding | None  # where its time was over
 
 
 class Sample(NamedTuple):
     """What a first call needs besides the components."""
 
-    x0: Array
-    """(nx,) the true initial state."""
-    r: Array
-    """(samples, ny) the reference from k = 0 on."""
+    x0: Array  # (nx,) the true initial state
+    r: Array  # (samples, ny) the reference from k = 0 on
     n_steps: int
 
 

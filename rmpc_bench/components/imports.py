@@ -35,12 +35,9 @@ DEPENDS_ON = "depends_on"
 class Import(NamedTuple):
     """An import statement."""
 
-    module: str
-    """Dotted name; empty for ``from . import a``."""
-    names: tuple[str, ...]
-    """What is imported from the module; empty for ``import module``."""
-    level: int
-    """Number of leading dots."""
+    module: str  # dotted name; empty for ``from . import a``
+    names: tuple[str, ...]  # what is imported from the module; empty for ``import module``
+    level: int  # number of leading dots
 
 
 class Place(NamedTuple):
@@ -55,10 +52,8 @@ class Hidden(NamedTuple):
     """Something that the syntax tree cannot show."""
 
     place: Place
-    reads: bool
-    """Whether it reads a file; otherwise it loads code."""
-    argument: str | None
-    """The file where it is a literal."""
+    reads: bool  # whether it reads a file; otherwise it loads code
+    argument: str | None  # the file where it is a literal
 
 
 class References(NamedTuple):
@@ -66,12 +61,9 @@ class References(NamedTuple):
 
     imports: tuple[Import, ...]
     hidden: tuple[Hidden, ...]
-    depends_on: tuple[Place, ...]
-    """Files that a class or the module names in ``depends_on = [...]``."""
-    wrong: tuple[Place, ...]
-    """Values of `depends_on` that are no list of literal texts."""
-    extras: tuple[str, ...] = ()
-    """Extras of which the file imports the library with `rmpc_bench.extras.library`."""
+    depends_on: tuple[Place, ...]  # files that a class or the module names in ``depends_on = [...]``
+    wrong: tuple[Place, ...]  # values of `depends_on` that are no list of literal texts
+    extras: tuple[str, ...] = ()  # extras of which the file imports the library with `rmpc_bench.extras.library`
 
 
 def references(tree: ast.Module) -> References:

@@ -19,11 +19,9 @@ from rmpc_bench.types.ode import Parameters
 class RunPlants(NamedTuple):
     """Record of the plants of a block: the drawn parameters, and from `start` on the user's objects."""
 
-    parameters: Mapping[str, Array]
-    """(runs,) values by name."""
+    parameters: Mapping[str, Array]  # (runs,) values by name
     objects: UserRuns | None = None
-    p: tuple[Parameters, ...] = ()
-    """The parameters of every run."""
+    p: tuple[Parameters, ...] = ()  # the parameters of every run
 
 
 class SingleRunPlant(SingleDesign, Plant):

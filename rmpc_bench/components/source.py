@@ -291,8 +291,7 @@ def data_hash(path: Path) -> str:
 class _Parsed(NamedTuple):
     digest: str
     found: References
-    wrong: tuple[Place, ...] = ()
-    """Where the text is no Python."""
+    wrong: tuple[Place, ...] = ()  # where the text is no Python
 
 
 # The text is the key, not the time of the last change: two edits may have the same time and length.
@@ -312,8 +311,7 @@ class _Found(NamedTuple):
     """A file to read."""
 
     path: Path
-    base: Path
-    """Directory in which the modules that it imports are looked up."""
+    base: Path  # directory in which the modules that it imports are looked up
     beside: bool
 
 

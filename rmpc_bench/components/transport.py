@@ -66,14 +66,10 @@ class Recipe:
     """The call that makes a design."""
 
     group: str
-    design: Callable[..., Any] | None
-    """The design function; not used for a component from a file."""
-    code: CodeReference | None
-    """Where a component from a file stands; None for others."""
-    provided: Mapping[str, Any]
-    """What the bench gives to the design function."""
-    parameters: Mapping[str, Any]
-    """Its other keywords, with references in place of what stands in files of the user."""
+    design: Callable[..., Any] | None  # the design function; not used for a component from a file
+    code: CodeReference | None  # where a component from a file stands; None for others
+    provided: Mapping[str, Any]  # what the bench gives to the design function
+    parameters: Mapping[str, Any]  # its other keywords, with references in place of what stands in files of the user
 
     def make(self) -> Any:
         """Call the design function."""

@@ -100,13 +100,11 @@ class ParameterChange(NamedTuple):
 class MethodComponents:
     """The components of a method, the defaults of all methods merged in."""
 
-    label: str | None
-    """Template of the label; None if it is made of what differs between the methods."""
+    label: str | None  # template of the label; None if it is made of what differs between the methods
     model: Component | None
     estimator: Component | None
     controller: Component | None
-    controlled: bool = False
-    """Whether a controller is given, valid or not."""
+    controlled: bool = False  # whether a controller is given, valid or not
 
     @property
     def named(self) -> dict[str, Component | None]:
@@ -147,10 +145,8 @@ class PointTuning:
 class ModelFacts(NamedTuple):
     """Properties of a design model."""
 
-    where: str
-    """``model``, or ``methods.NAME.model`` for the model of one method."""
-    facts: tuple[tuple[str, str], ...]
-    """Label and text."""
+    where: str  # ``model``, or ``methods.NAME.model`` for the model of one method
+    facts: tuple[tuple[str, str], ...]  # label and text
     remarks: tuple[str, ...]
 
 
@@ -159,8 +155,7 @@ class Inherited:
     """Which parts of a configuration are inherited: by an overridden one from its file, or from an extended file."""
 
     path: Path
-    is_changed: bool
-    """Whether options of the command line change the file."""
+    is_changed: bool  # whether options of the command line change the file
 
     def __call__(self, mark: Mark) -> bool:
         """Whether the value at a place is inherited."""

@@ -289,8 +289,7 @@ class Size(NamedTuple):
 
     runs: int | None
     smoke: bool
-    lenient: bool
-    """Whether figures and claims may reach beyond the end of a run: they are written for the full size."""
+    lenient: bool  # whether figures and claims may reach beyond the end of a run: they are written for the full size
 
 
 def _validated(

@@ -50,8 +50,7 @@ class SweptValue(NamedTuple):
     tree: Any
     mark: Mark
     key_mark: Mark
-    kept: bool = False
-    """Whether the value of the file stays, because a row does not name the path."""
+    kept: bool = False  # whether the value of the file stays, because a row does not name the path
 
 
 class Axis(NamedTuple):
@@ -289,11 +288,9 @@ class SweepReader:
 class SweptTree(NamedTuple):
     """The configuration at one point of a sweep, not yet validated."""
 
-    coordinates: dict[str, str]
-    """Path -> text of its value, in the order of the sweep."""
+    coordinates: dict[str, str]  # path -> text of its value, in the order of the sweep
     tree: Map
-    title: str = ""
-    """The point in words."""
+    title: str = ""  # the point in words
 
 
 class Sweep(NamedTuple):

@@ -54,10 +54,8 @@ class Trial(NamedTuple):
     """A method at one point of the sweep with values to try."""
 
     search: WantedSearch
-    number: int
-    """Position of the values among those of the search."""
-    row: tuple[float, ...] | None
-    """A value for every parameter; None for the method without tuned values."""
+    number: int  # position of the values among those of the search
+    row: tuple[float, ...] | None  # a value for every parameter; None for the method without tuned values
 
     @property
     def name(self) -> str:

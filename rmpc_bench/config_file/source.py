@@ -39,18 +39,13 @@ from rmpc_bench.types import ConfigError, Problem
 class GivenConfig(NamedTuple):
     """A configuration as it was given."""
 
-    path: Path
-    """File of the configuration; file names inside it are relative to its directory."""
+    path: Path  # file of the configuration; file names inside it are relative to its directory
     tree: Map
     overrides: tuple[Override, ...]
-    problems: tuple[Problem, ...]
-    """Errors in the text of overrides."""
-    texts: tuple[str, ...] = ()
-    """The overrides as given."""
-    added: Map = Map(mark=Mark("", 1, 1))
-    """Methods that are added to those of the file."""
-    content: str | None = None
-    """Text of a configuration that stands in no file."""
+    problems: tuple[Problem, ...]  # errors in the text of overrides
+    texts: tuple[str, ...] = ()  # the overrides as given
+    added: Map = Map(mark=Mark("", 1, 1))  # methods that are added to those of the file
+    content: str | None = None  # text of a configuration that stands in no file
 
     def options(self, runs: int | None, *, smoke: bool) -> tuple[str, ...]:
         """Return the options of the command line that change the experiment, its runs or size, against its file."""

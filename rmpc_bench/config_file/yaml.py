@@ -66,11 +66,9 @@ def load(path: str | Path) -> Any:
 class Override(NamedTuple):
     """A value that replaces the one of the file."""
 
-    path: str
-    """Steps with dots between them, for ``assign``."""
+    path: str  # steps with dots between them, for ``assign``
     value: Any
-    mark: Mark
-    """Place of the value; columns count within the text of the override."""
+    mark: Mark  # place of the value; columns count within the text of the override
 
 
 def parse_override(text: str) -> Override:

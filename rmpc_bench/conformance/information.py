@@ -35,8 +35,7 @@ class SeparateProcess:
     subject: Subject
     provided: Mapping[str, Any]
     group: str
-    seconds: float = 20.0
-    """Time limit, below that of a check."""
+    seconds: float = 20.0  # time limit, below that of a check
     returned: dict[bool, Returned] = field(default_factory=dict)
     _ends: ExitStack = field(default_factory=ExitStack)
 

@@ -144,12 +144,9 @@ class OwnComponent(NamedTuple):
     """A component of a user in a method."""
 
     method: str
-    text: str
-    """File and name, or the registered kind."""
-    report: Report | None
-    """None where it cannot be checked."""
-    reason: str = ""
-    """Why it cannot be checked, or not on a linear system."""
+    text: str  # file and name, or the registered kind
+    report: Report | None  # none where it cannot be checked
+    reason: str = ""  # why it cannot be checked, or not on a linear system
 
 
 def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:

@@ -44,20 +44,13 @@ def global_seed(seed: int) -> Iterator[None]:
 class Outcome:
     """Answers of a component for some runs, sample by sample."""
 
-    noun: str
-    """What the numbers are: ``x_hat``, ``u``, ``(x, y)``."""
-    rows: list[int]
-    """Indices of the runs in the example."""
-    numbers: list[Array] = field(default_factory=list)
-    """(runs, n) numbers of every sample."""
-    returned: list[Any] = field(default_factory=list)
-    """Everything that was returned at every sample."""
-    states: list[Any] = field(default_factory=list)
-    """States of the component after every call."""
-    error: BaseException | None = None
-    """What a call has raised; the remaining samples are then missing."""
-    k: int = -1
-    """The sample that was begun last; see `samples`."""
+    noun: str  # what the numbers are: ``x_hat``, ``u``, ``(x, y)``
+    rows: list[int]  # indices of the runs in the example
+    numbers: list[Array] = field(default_factory=list)  # (runs, n) numbers of every sample
+    returned: list[Any] = field(default_factory=list)  # everything that was returned at every sample
+    states: list[Any] = field(default_factory=list)  # states of the component after every call
+    error: BaseException | None = None  # what a call has raised; the remaining samples are then missing
+    k: int = -1  # the sample that was begun last; see `samples`
 
     def __post_init__(self) -> None:
         self.journal, self.shared = Journal(), RunState.of(len(self.rows))

@@ -29,8 +29,7 @@ class Returned(NamedTuple):
     """What a component has returned in another process."""
 
     values: Array | None
-    raised: str = ""
-    """Text of its exception; empty where there is none."""
+    raised: str = ""  # text of its exception; empty where there is none
 
 
 class Check(NamedTuple):
@@ -56,8 +55,7 @@ class CheckResult(NamedTuple):
     id: str
     says: str
     status: Status
-    reason: str = ""
-    """Why it failed or was not checked; the numbers of a check that passed, where it has some."""
+    reason: str = ""  # why it failed or was not checked; the numbers of a check that passed, where it has some
     severity: Severity = "error"
 
     @property

@@ -146,8 +146,7 @@ class Setting:
     subject: Subject
     group: str
     system: System
-    seconds: float = 30.0
-    """Time limit of one check."""
+    seconds: float = 30.0  # time limit of one check
 
     @property
     def linear(self) -> LinearSystem:

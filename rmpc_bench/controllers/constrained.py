@@ -47,13 +47,10 @@ class Rows(NamedTuple):
     E: Float[Array, "rows np"]
     low: Float[Array, " rows"]
     high: Float[Array, " rows"]
-    unit: Float[Array, " rows"]
-    """Unit of a row and of its slack: the solver has absolute tolerances."""
+    unit: Float[Array, " rows"]  # unit of a row and of its slack: the solver has absolute tolerances
     soft: Bool[Array, " rows"]
-    linear: Float[Array, " rows"]
-    """Cost of a slack of one unit; not used in hard rows."""
-    quadratic: Float[Array, " rows"]
-    """Cost of half the square of a slack of one unit; not used in hard rows."""
+    linear: Float[Array, " rows"]  # cost of a slack of one unit; not used in hard rows
+    quadratic: Float[Array, " rows"]  # cost of half the square of a slack of one unit; not used in hard rows
 
     @classmethod
     def hard(
@@ -79,10 +76,8 @@ class Rows(NamedTuple):
 class Moves(NamedTuple):
     """Moves of every run, and how they were found."""
 
-    V: Float[Array, "runs n"]
-    """The minimum; where the step failed, M p."""
-    steps: Int8[Array, " runs"]
-    """Values of `OptimisedStep`."""
+    V: Float[Array, "runs n"]  # the minimum; where the step failed, M p
+    steps: Int8[Array, " runs"]  # values of `OptimisedStep`
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,8 +56,7 @@ class SignalRows(NamedTuple):
     unit: Float[Array, " nz"]
     linear: Float[Array, " nz"]
     quadratic: Float[Array, " nz"]
-    limited: Bool[Array, "N nz"]
-    """Which predicted samples are limited."""
+    limited: Bool[Array, "N nz"]  # which predicted samples are limited
 
     @classmethod
     def of(cls, soft: tuple[SoftRows, ...], nx: int, N: int) -> SignalRows:

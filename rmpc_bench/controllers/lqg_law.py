@@ -18,14 +18,10 @@ OK = np.int8(Status.OK)
 class LqgState(NamedTuple):
     """State of the controller between steps."""
 
-    q: Float[Array, "runs nq"]
-    """Sums of the control errors before the last sample, without columns where Q_i is 0."""
-    error: Float[Array, "runs nq"]
-    """Error of the last sample, which is summed once the input that has acted is known."""
-    v: Float[Array, "runs nu"]
-    """Last input of the law before limits."""
-    u: Float[Array, "runs nu"]
-    """Last input."""
+    q: Float[Array, "runs nq"]  # sums of the control errors before the last sample, without columns where Q_i is 0
+    error: Float[Array, "runs nq"]  # error of the last sample, which is summed once the input that has acted is known
+    v: Float[Array, "runs nu"]  # last input of the law before limits
+    u: Float[Array, "runs nu"]  # last input
 
 
 @dataclass(frozen=True, eq=False)

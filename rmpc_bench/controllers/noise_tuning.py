@@ -92,11 +92,9 @@ class TuningData(NamedTuple):
     """Data of LP2 at one sample, or of a window with axis 1 = sample."""
 
     y: Float[Array, "runs *samples ny"]
-    y_hat: Float[Array, "runs *samples ny"]
-    """C x_hat."""
+    y_hat: Float[Array, "runs *samples ny"]  # C x_hat
     x_hat: Float[Array, "runs *samples nx"]
-    x_tilde: Float[Array, "runs *samples nx"]
-    """State predicted from the previous estimate and input."""
+    x_tilde: Float[Array, "runs *samples nx"]  # state predicted from the previous estimate and input
 
 
 class Triangle(NamedTuple):

@@ -99,12 +99,9 @@ class Lqr(Regulator):
     """u = -K x_hat - K_d d - u_0; axis 0 of the gains is k."""
 
     K: Float[Array, "k nu nx"]
-    K_d: Float[Array, "k nu nx"] | None
-    """Gain of the estimated mean of the process noise, None if it is not used."""
-    u_0: Float[Array, "k nu"]
-    """Input that compensates the mean known from the model."""
-    bounds: Bounds | None = field(default=None, kw_only=True)
-    """Bounds to which the input is clipped, None without."""
+    K_d: Float[Array, "k nu nx"] | None  # gain of the estimated mean of the process noise, None if it is not used
+    u_0: Float[Array, "k nu"]  # input that compensates the mean known from the model
+    bounds: Bounds | None = field(default=None, kw_only=True)  # bounds to which the input is clipped, None without
 
     @property
     def input_limits(self) -> tuple[float, float] | Bounds | None:
@@ -191,8 +188,7 @@ class GameGain(Regulator):
     """u = -L x_hat, with the gain for the worst noise of the game; create it with `game_gain`."""
 
     stages: Stages
-    G: Float[Array, "t nx nx"]
-    """Roots of the sets of the process noise."""
+    G: Float[Array, "t nx nx"]  # roots of the sets of the process noise
     horizon: int
     ratio: float
 

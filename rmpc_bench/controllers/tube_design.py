@@ -37,8 +37,7 @@ class LimitRows(NamedTuple):
     H_u: Float[Array, "rows nu"]
     low: Float[Array, " rows"]
     high: Float[Array, " rows"]
-    names: tuple[str, ...]
-    """Name of the limited signal of every row, for messages."""
+    names: tuple[str, ...]  # name of the limited signal of every row, for messages
 
 
 def limit_rows(model: Model, limits: Mapping[str, Pairs], plant_info: PlantInfo | None = None) -> LimitRows:
@@ -89,10 +88,8 @@ class Feedback(NamedTuple):
     """Linear-quadratic feedback u = K x of the infinite horizon."""
 
     K: Float[Array, "nu nx"]
-    P: Float[Array, "nx nx"]
-    """Cost |x|^2_P of the states after x."""
-    S: Float[Array, "nu nu"]
-    """R_u + B' P B."""
+    P: Float[Array, "nx nx"]  # cost |x|^2_P of the states after x
+    S: Float[Array, "nu nu"]  # R_u + B' P B
     A_K: Float[Array, "nx nx"]
 
 

@@ -66,8 +66,7 @@ ESTIMATED = (
 class TubeState(NamedTuple):
     """State of the controller between steps."""
 
-    u_previous: Float[Array, "runs nu"]
-    """Previous input, for `fallback: hold`."""
+    u_previous: Float[Array, "runs nu"]  # previous input, for `fallback: hold`
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +74,11 @@ class TubeMpc(Controller):
     """The law u = K x + c_0; create it with `design`."""
 
     plan: TubeDesign
-    u_limits: Bounds
-    """Lower and upper limits of the deviations u - u_op."""
+    u_limits: Bounds  # lower and upper limits of the deviations u - u_op
     fallback: Fallback
-    point: OperatingPoint
-    """Operating point; 0 for a model without one."""
+    point: OperatingPoint  # operating point; 0 for a model without one
     is_at_zero: bool
-    measured: bool
-    """Whether the model measures every state without noise."""
+    measured: bool  # whether the model measures every state without noise
 
     regulates = True
     allows_delay = False

@@ -37,11 +37,9 @@ class LoopGains(NamedTuple):
     C: Float[Array, "ny nx"]
     K: Float[Array, "nx ny"]
     L: Float[Array, "nx ny"]
-    J: Float[Array, "nu ny"]
-    """u(k) = a(k) + J y(k), where a(k) depends on the past only."""
+    J: Float[Array, "nu ny"]  # u(k) = a(k) + J y(k), where a(k) depends on the past only
     from_x_pred: Float[Array, "nu nx"]
-    from_u: Float[Array, "nu nu"]
-    """a(k) = from_x_pred x_pred(k) + from_u u(k-1) + what the reference adds."""
+    from_u: Float[Array, "nu nu"]  # a(k) = from_x_pred x_pred(k) + from_u u(k-1) + what the reference adds
 
 
 class LinearPair(NamedTuple):

@@ -45,10 +45,8 @@ class Divergence(NamedTuple):
     """The divergence at every k = 0..N-1, for every plant."""
 
     covariance: Float[Array, "runs steps"]
-    mismatch: Float[Array, "runs steps"]
-    """Mean part without noise, times s^2."""
-    noise: Float[Array, "runs steps"]
-    """Contribution of the noise to the mean part; it does not depend on s."""
+    mismatch: Float[Array, "runs steps"]  # mean part without noise, times s^2
+    noise: Float[Array, "runs steps"]  # contribution of the noise to the mean part; it does not depend on s
 
 
 class _Side(NamedTuple):

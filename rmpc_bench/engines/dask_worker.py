@@ -31,24 +31,19 @@ LIBRARIES = ("numpy", "scipy", "numba")
 class Setup(NamedTuple):
     """What a dask worker needs to know of an experiment."""
 
-    key: str
-    """Its name in this process."""
-    data: bytes
-    """The experiments."""
+    key: str  # its name in this process
+    data: bytes  # the experiments
     limits: Limits
-    logs: Path | None
-    """Directory for the output of components; it is used where it exists on the machine of the worker."""
+    logs: Path | None  # directory for the output of components; it is used where it exists on the machine of the worker
     patience: float
-    versions: Mapping[str, str]
-    """Versions of the client, see `versions`."""
+    versions: Mapping[str, str]  # versions of the client, see `versions`
 
 
 class Report(NamedTuple):
     """What a dask worker returns."""
 
     results: list[Done | Failed]
-    ends: list[tuple[str, End]]
-    """Worker processes that have ended early, in words."""
+    ends: list[tuple[str, End]]  # worker processes that have ended early, in words
 
 
 def versions() -> dict[str, str]:

@@ -69,12 +69,9 @@ class Done(NamedTuple):
 
     task: Task
     block: Block
-    uncertainty: Mapping[str, Array]
-    """Name of an uncertain quantity -> (runs,) values."""
-    seconds: float = 0.0
-    """Time that the computation has taken, without waiting for a processor [s]."""
-    loads: bool = False
-    """Whether it is the first of its method in a process, whose time includes that of loading code."""
+    uncertainty: Mapping[str, Array]  # name of an uncertain quantity -> (runs,) values
+    seconds: float = 0.0  # time that the computation has taken, without waiting for a processor [s]
+    loads: bool = False  # whether it is the first of its method in a process, whose time includes that of loading code
 
 
 def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH) -> Done:

@@ -25,14 +25,10 @@ _NONE = -1.0
 class Limits(NamedTuple):
     """Limits of a worker process; None where there is none."""
 
-    step: float | None = None
-    """Longest time of a step of a run [s]."""
-    run: float | None = None
-    """Longest time of a run [s]."""
-    memory: int | None = None
-    """Largest memory [bytes]."""
-    memory_text: str = ""
-    """The same as the configuration states it."""
+    step: float | None = None  # longest time of a step of a run [s]
+    run: float | None = None  # longest time of a run [s]
+    memory: int | None = None  # largest memory [bytes]
+    memory_text: str = ""  # the same as the configuration states it
 
     @property
     def timed(self) -> bool:

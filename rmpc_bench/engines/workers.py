@@ -65,12 +65,10 @@ class End(NamedTuple):
     """How a worker process has ended."""
 
     message: str
-    k: int | None = None
-    """Sample that was being simulated."""
+    k: int | None = None  # sample that was being simulated
     trace: str = ""
     timed_out: bool = False
-    outside: bool = False
-    """Whether the process was probably disturbed from outside."""
+    outside: bool = False  # whether the process was probably disturbed from outside
 
 
 class Failed(NamedTuple):

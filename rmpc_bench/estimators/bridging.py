@@ -29,14 +29,10 @@ class BridgingState(NamedTuple):
     """State between steps of a filter that bridges missing measurements."""
 
     x_pred: Float[Array, "runs nx"]
-    e: Float[Array, "runs ny"]
-    """Innovation of the last correction; 0 of a run with gains of its own."""
-    own: Bool[Array, " runs"]
-    """Whether a measurement of the run has been missing, so that it has gains of its own."""
-    kept: Float[Array, "runs ..."]
-    """What their recursion keeps of these runs; not used for others."""
-    shift: Float[Array, "runs nx"]
-    """K e of these runs, with the change of F x_pred where they have an F of their own."""
+    e: Float[Array, "runs ny"]  # innovation of the last correction; 0 of a run with gains of its own
+    own: Bool[Array, " runs"]  # whether a measurement of the run has been missing, so that it has gains of its own
+    kept: Float[Array, "runs ..."]  # what their recursion keeps of these runs; not used for others
+    shift: Float[Array, "runs nx"]  # K e of these runs, with the change of F x_pred where they have an F of their own
 
 
 class Gains(NamedTuple):
@@ -44,8 +40,7 @@ class Gains(NamedTuple):
 
     L: Float[Array, "own nx ny"]
     K: Float[Array, "own nx ny"]
-    kept: Float[Array, "own ..."]
-    """What the step at k+1 needs, such as the root of P_pred."""
+    kept: Float[Array, "own ..."]  # what the step at k+1 needs, such as the root of P_pred
     P: Float[Array, "own nx nx"] | None
     S: Float[Array, "own ny ny"] | None = None
     F: Float[Array, "own nx nx"] | None = None

@@ -39,8 +39,7 @@ class FilterState(NamedTuple):
     """State of the filter between steps."""
 
     x_pred: Float[Array, "runs nx"]
-    e: Float[Array, "runs ny"]
-    """Innovation of the last correction."""
+    e: Float[Array, "runs ny"]  # innovation of the last correction
 
 
 @dataclass(frozen=True, eq=False)

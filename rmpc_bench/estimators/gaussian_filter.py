@@ -43,8 +43,7 @@ class GaussianState(NamedTuple):
 
     x: Float[Array, "runs n"]
     root: Float[Array, "runs n n"]
-    indefinite: Int[Array, " runs"]
-    """How often the covariance of the run was indefinite."""
+    indefinite: Int[Array, " runs"]  # how often the covariance of the run was indefinite
 
 
 class Innovation(NamedTuple):

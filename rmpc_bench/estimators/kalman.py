@@ -96,8 +96,7 @@ class TrajectoryState(NamedTuple):
 
     x_hat: Float[Array, "runs nx"]
     root: Float[Array, "runs nx nx"]
-    u: Float[Array, "runs nu"]
-    """Input at which the output is linearised, the last one that was applied."""
+    u: Float[Array, "runs nu"]  # input at which the output is linearised, the last one that was applied
 
 
 @dataclass(frozen=True, eq=False)

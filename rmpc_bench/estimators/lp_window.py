@@ -48,15 +48,11 @@ class WindowState(NamedTuple):
 
     x_pred: Float[Array, "runs nx"]
     x_hat: Float[Array, "runs nx"]
-    y: Float[Array, "runs places ny"]
-    """Outputs without the constant part d of the model."""
+    y: Float[Array, "runs places ny"]  # outputs without the constant part d of the model
     A: Float[Array, "runs places nx nx"]
-    c: Float[Array, "runs places nx"]
-    """B u and the constant part."""
-    before: Float[Array, "runs places nx"]
-    """Estimates x_hat at which the matrices of each step are evaluated."""
-    missed: Int[Array, " runs"]
-    """Number of consecutive estimates without a fit."""
+    c: Float[Array, "runs places nx"]  # B u and the constant part
+    before: Float[Array, "runs places nx"]  # estimates x_hat at which the matrices of each step are evaluated
+    missed: Int[Array, " runs"]  # number of consecutive estimates without a fit
 
 
 @dataclass(frozen=True, eq=False)

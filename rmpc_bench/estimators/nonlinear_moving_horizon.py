@@ -44,16 +44,12 @@ USUAL = 5
 class WindowState(NamedTuple):
     """State between steps: the window, whose newest sample is the last one."""
 
-    x: Float[Array, "runs samples n"]
-    """States of the last fit, and the prediction of the newest one."""
-    x_bar: Float[Array, "runs samples n"]
-    """Predictions, each from the estimate before it."""
-    root: Float[Array, "runs samples n n"]
-    """Roots of their covariances."""
+    x: Float[Array, "runs samples n"]  # states of the last fit, and the prediction of the newest one
+    x_bar: Float[Array, "runs samples n"]  # predictions, each from the estimate before it
+    root: Float[Array, "runs samples n n"]  # roots of their covariances
     u: Float[Array, "runs moves nu"]
     y: Float[Array, "runs measured ny"]
-    after: Float[Array, "runs n n"]
-    """Root of the covariance of the newest estimate."""
+    after: Float[Array, "runs n n"]  # root of the covariance of the newest estimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,7 @@ class OracleState(NamedTuple):
     """State of the estimator between steps."""
 
     x_pred: Float[Array, "runs nx"]
-    root: Float[Array, "runs nx nx"]
-    """Root of the covariance of x_pred - x."""
+    root: Float[Array, "runs nx nx"]  # root of the covariance of x_pred - x
     e: Float[Array, "runs ny"]
     K: Float[Array, "runs nx ny"]
     F_x: Float[Array, "runs samples rx sx"]

@@ -46,23 +46,17 @@ OK = np.int8(Status.OK)
 class Multiplier(NamedTuple):
     """Terms of one step that follow from the uncertainty and do not depend on P."""
 
-    lam: float
-    """Multiplier; 0 if the uncertainty has no effect on y(k+1)."""
-    surplus: Float[Array, "ny ny"]
-    """Matrix subtracted from R at k+1, C M M' C' / lam."""
-    noise: Float[Array, "nx nx"]
-    """Covariance of the modified noise in x(k+1)."""
+    lam: float  # multiplier; 0 if the uncertainty has no effect on y(k+1)
+    surplus: Float[Array, "ny ny"]  # matrix subtracted from R at k+1, C M M' C' / lam
+    noise: Float[Array, "nx nx"]  # covariance of the modified noise in x(k+1)
 
 
 class SearchState(NamedTuple):
     """State of the filter with a search between steps."""
 
-    x_hat: Float[Array, "runs nx"]
-    """Latest estimate; before the first measurement the prediction."""
-    root: Float[Array, "runs nx nx"]
-    """Root of P."""
-    known: Float[Array, "runs nx"]
-    """B u and the constant part of the step from that estimate."""
+    x_hat: Float[Array, "runs nx"]  # latest estimate; before the first measurement the prediction
+    root: Float[Array, "runs nx nx"]  # root of P
+    known: Float[Array, "runs nx"]  # B u and the constant part of the step from that estimate
 
 
 @dataclass(frozen=True, eq=False)

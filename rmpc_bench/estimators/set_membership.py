@@ -42,10 +42,8 @@ Level: TypeAlias = Annotated[float, Gt(0), Lt(1)]
 class SetState(NamedTuple):
     """State of the filter between steps."""
 
-    x: Float[Array, "runs nx"]
-    """Centre of the set: x_pred before a correction, x_hat after it."""
-    M: Float[Array, "runs nx nx"]
-    """Shape matrix of the set."""
+    x: Float[Array, "runs nx"]  # centre of the set: x_pred before a correction, x_hat after it
+    M: Float[Array, "runs nx nx"]  # shape matrix of the set
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,11 +58,9 @@ class WassersteinStep(NamedTuple):
     """One period of the covariances."""
 
     L: Float[Array, "nx ny"]
-    root: Float[Array, "nx nx"]
-    """Root of P."""
+    root: Float[Array, "nx nx"]  # root of P
     V: Float[Array, "nx nx"]
-    S: Float[Array, "ny ny"]
-    """Least favourable covariance of the innovation."""
+    S: Float[Array, "ny ny"]  # least favourable covariance of the innovation
     gap: float
 
 

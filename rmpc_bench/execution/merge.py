@@ -40,17 +40,14 @@ class Merged(NamedTuple):
     """What was joined."""
 
     shards: tuple[Shard, ...]
-    missing: tuple[str, ...]
-    """Which runs are missing, in words; empty when the experiment is complete."""
+    missing: tuple[str, ...]  # which runs are missing, in words; empty when the experiment is complete
 
 
 class _Missing(NamedTuple):
     """Trials that no store has."""
 
-    names: tuple[str, ...]
-    """Of the methods."""
-    runs: Bool[Array, " runs"]
-    """Whether a run is missing of any of them."""
+    names: tuple[str, ...]  # of the methods
+    runs: Bool[Array, " runs"]  # whether a run is missing of any of them
     n: int
 
 
@@ -60,8 +57,7 @@ class _ShardRecord(NamedTuple):
     shard: Shard
     experiment: StoredExperiment
     libraries: Mapping[str, Mapping[str, Sequence[str]]]
-    files: Names
-    """Hash of a source or a data file of the user -> names of its files -> their hashes."""
+    files: Names  # hash of a source or a data file of the user -> names of its files -> their hashes
 
 
 def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], None] = lambda text: None) -> Merged:

@@ -28,10 +28,8 @@ class ComputeOptions:
 
     workers: int | None = None
     engine: str | None = None
-    scheduler: str | None = None
-    """Address of a scheduler of dask."""
-    accept_versions: bool = False
-    """Whether other versions of a user's libraries may add to stored trials."""
+    scheduler: str | None = None  # address of a scheduler of dask
+    accept_versions: bool = False  # whether other versions of a user's libraries may add to stored trials
 
 
 def pending(

@@ -44,31 +44,23 @@ class Column(NamedTuple):
     """The primary metric of a method at one point of the sweep."""
 
     point: int
-    title: str
-    """The point in words."""
+    title: str  # the point in words
     method: str
-    key: str
-    """Hash under which the trials are stored."""
-    metric: str | None
-    """Hash under which the values are stored; None where the point has no such metric."""
-    position: int = 0
-    """Position of the metric among those of the point."""
+    key: str  # hash under which the trials are stored
+    metric: str | None  # hash under which the values are stored; None where the point has no such metric
+    position: int = 0  # position of the metric among those of the point
 
 
 class Extent(NamedTuple):
     """What the file says of an experiment."""
 
     name: str
-    experiment: str
-    """The experiment hash."""
+    experiment: str  # the experiment hash
     n_runs: int
-    methods: tuple[str, ...]
-    """Methods that are computed."""
+    methods: tuple[str, ...]  # methods that are computed
     primary: str
-    columns: tuple[Column, ...]
-    """Of the methods that are computed; trials that points of a sweep share occur once."""
-    n_trials: int
-    """Number of trials of all methods."""
+    columns: tuple[Column, ...]  # of the methods that are computed; trials that points of a sweep share occur once
+    n_trials: int  # number of trials of all methods
 
 
 def extent_of(config: ExperimentConfig, methods: Collection[str]) -> Extent:

@@ -63,8 +63,7 @@ class _Reduced(NamedTuple):
     chosen: Chosen
     access: CodeAccess
     smoke: bool
-    is_shared: bool
-    """Whether what all methods share comes from files, which may be those under `plugins`."""
+    is_shared: bool  # whether what all methods share comes from files, which may be those under `plugins`
 
     def made(self) -> list[SweepPoint]:
         """Build all points; a metric that needs a method with files of the user is left out."""

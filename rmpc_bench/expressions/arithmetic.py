@@ -86,12 +86,9 @@ class ArithmeticParser:
     """Recursive descent over one text from an offset on, one method per rule; each raises an ExpressionError."""
 
     SYMBOLS: ClassVar[tuple[str, ...]] = ("+", "-", "*", "/", "(", ")", "%")
-    OPERAND: ClassVar[str] = "a number"
-    """What may stand between operators, for error messages."""
-    INFINITY: ClassVar[str] = ""
-    """How infinity is written, for error messages; empty where numbers are finite."""
-    MAX_DEPTH: ClassVar[int] = 50
-    """Depth of parentheses; it is limited before Python's stack is."""
+    OPERAND: ClassVar[str] = "a number"  # what may stand between operators, for error messages
+    INFINITY: ClassVar[str] = ""  # how infinity is written, for error messages; empty where numbers are finite
+    MAX_DEPTH: ClassVar[int] = 50  # depth of parentheses; it is limited before Python's stack is
     MAX_TOKENS: ClassVar[int] = 1000
 
     def __init__(self, text: str, start: int = 0) -> None:

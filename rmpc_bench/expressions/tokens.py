@@ -26,13 +26,10 @@ class ExpressionError(ValueError):
 class Token(NamedTuple):
     """One word of an expression."""
 
-    kind: str
-    """``number``, ``name``, ``symbol``, ``start`` (before the first one) or ``end`` (after the last one)."""
+    kind: str  # ``number``, ``name``, ``symbol``, ``start`` (before the first one) or ``end`` (after the last one)
     text: str
-    start: int
-    """Offset of the first character."""
-    end: int
-    """Offset behind the last character."""
+    start: int  # offset of the first character
+    end: int  # offset behind the last character
 
     @property
     def column(self) -> int:

@@ -66,10 +66,8 @@ class Entry(NamedTuple):
     S: Float[Array, "nu nd"]
     N: Float[Array, "nx nd"]
     C_d: Float[Array, "ny nd"]
-    drift: Float[Array, "nd nd"]
-    """Covariance of xi."""
-    D0: Float[Array, "nd nd"]
-    """Covariance of d(0)."""
+    drift: Float[Array, "nd nd"]  # covariance of xi
+    D0: Float[Array, "nd nd"]  # covariance of d(0)
 
     @property
     def nd(self) -> int:

@@ -281,8 +281,7 @@ class LinearDynamics(Dynamics):
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
-    signals: NamedSignals | None = None
-    """Names and bounds; None where the signals have no names."""
+    signals: NamedSignals | None = None  # names and bounds; None where the signals have no names
     A_c: Float[Array, "nx nx"] | None = None
 
     continuous = False

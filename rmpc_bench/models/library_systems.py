@@ -38,8 +38,7 @@ class Realisation(NamedTuple):
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
     D: Float[Array, "ny nu"]
-    Ts: float | None
-    """Sampling time [s]: 0 of a continuous system, None of a discrete one without a sampling time."""
+    Ts: float | None  # sampling time [s]: 0 of a continuous system, None of a discrete one without a sampling time
     states: Names
     inputs: Names
     outputs: Names
@@ -164,16 +163,13 @@ class Equation(NamedTuple):
     """A nonlinear system x' = rhs(t, x, u, p), or x(k+1) of a discrete one; y = measured(t, x, u, p)."""
 
     rhs: Callable[..., Any]
-    measured: Callable[..., Any] | None
-    """None where all states are measured."""
+    measured: Callable[..., Any] | None  # none where all states are measured
     states: Names
     inputs: Names
     outputs: Names
-    nominal: Mapping[str, float]
-    """Name of a parameter -> nominal value."""
+    nominal: Mapping[str, float]  # name of a parameter -> nominal value
     discrete: bool
-    timed: bool = True
-    """Whether the time may have an effect on rhs."""
+    timed: bool = True  # whether the time may have an effect on rhs
 
     def output(self, x: Any, p: Parameters) -> Any:
         """Measure; `keys` has found that the input and the time have no effect."""

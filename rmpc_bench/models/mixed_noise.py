@@ -37,8 +37,7 @@ class MatrixOverTime(NamedTuple):
     """A matrix that may vary with k: the given entries and the size."""
 
     name: str
-    given: Array
-    """Entries as objects (numbers or functions of ``{"k": k}``), or an array (k, rows, columns)."""
+    given: Array  # entries as objects (numbers or functions of ``{"k": k}``), or an array (k, rows, columns)
     shape: tuple[int, int]
 
     @property

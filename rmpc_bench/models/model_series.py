@@ -30,10 +30,8 @@ class ModelSeries(NamedTuple):
     d0: Float[Array, "k ny"]
     Q_w: Float[Array, "k nx nx"]
     R_v: Float[Array, "k ny ny"]
-    G: Float[Array, "k nx nw"]
-    """Input of the process noise."""
-    W_root: Float[Array, "k nw nr"]
-    """Root of its covariance."""
+    G: Float[Array, "k nx nw"]  # input of the process noise
+    W_root: Float[Array, "k nw nr"]  # root of its covariance
 
     def between(self, name: str, first: int, stop: int) -> Array:
         """Return a matrix at the samples first..stop-1."""

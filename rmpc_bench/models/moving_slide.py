@@ -79,11 +79,9 @@ NOISE = SlideNoise()
 class Arms(NamedTuple):
     """Geometry of the arms at given poses."""
 
-    joints: Float[Array, "poses 4 2"]
-    """Corners B_i of the platform [m]."""
+    joints: Float[Array, "poses 4 2"]  # corners B_i of the platform [m]
     lengths: Float[Array, "poses 4"]
-    J: Float[Array, "poses 4 3"]
-    """Jacobian: angular velocities of the arms per velocity of the platform."""
+    J: Float[Array, "poses 4 3"]  # Jacobian: angular velocities of the arms per velocity of the platform
 
 
 def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:

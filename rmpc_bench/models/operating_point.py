@@ -41,12 +41,9 @@ class Found(NamedTuple):
     """An operating point and how it was found."""
 
     point: OperatingPoint
-    rest: Float[Array, " nx"]
-    """x', or x(k+1) - x(k), at the point; exactly 0 in a steady state."""
-    residual: float
-    """Largest entry of it that is left by the search."""
-    iterations: int | None
-    """Steps of the search; None for a given point."""
+    rest: Float[Array, " nx"]  # x', or x(k+1) - x(k), at the point; exactly 0 in a steady state
+    residual: float  # largest entry of it that is left by the search
+    iterations: int | None  # steps of the search; None for a given point
 
 
 def find_point(dynamics: Dynamics, at: At) -> Found:

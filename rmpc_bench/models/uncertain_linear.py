@@ -143,14 +143,12 @@ def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw
 class DesignSystem(NamedTuple):
     """A design model at one k, written as an uncertain system with its noises."""
 
-    nominal: LinearModel
-    """The nominal model, with the constant parts f0 and d0."""
+    nominal: LinearModel  # the nominal model, with the constant parts f0 and d0
     m: Matrices
     W: Float[Array, "nw nw"]
     V: Float[Array, "nv nv"]
     S: Float[Array, "nw nv"]
-    wbar: Float[Array, " nw"]
-    """Mean of w; zero for a model without uncertainty, whose f0 and d0 contain the means."""
+    wbar: Float[Array, " nw"]  # mean of w; zero for a model without uncertainty, whose f0 and d0 contain the means
     vbar: Float[Array, " nv"]
 
 

@@ -42,16 +42,11 @@ class BoundedStep(NamedTuple):
     Bw: Float[Array, "nx nw"]
     G_w: Float[Array, "sw nw"]
     W: Float[Array, "nw nw"]
-    rest: Float[Array, "nx nx"]
-    """Covariance of the process noise without Bw w."""
-    C: Float[Array, "ny nx"]
-    """Output matrix at k+1."""
-    R: Float[Array, "ny ny"]
-    """Covariance of v at k+1."""
-    HH: Float[Array, "ny ny"]
-    """H H' = C M M' C'."""
-    lam_l: float
-    """Lower bound of lam, > 0."""
+    rest: Float[Array, "nx nx"]  # covariance of the process noise without Bw w
+    C: Float[Array, "ny nx"]  # output matrix at k+1
+    R: Float[Array, "ny ny"]  # covariance of v at k+1
+    HH: Float[Array, "ny ny"]  # H H' = C M M' C'
+    lam_l: float  # lower bound of lam, > 0
 
     def multiplier(
         self, x_hat: Float[Array, "runs nx"], P: Float[Array, "runs nx nx"], b: Float[Array, "runs ny"]

@@ -55,19 +55,16 @@ class MeasurementWindow(NamedTuple):
     y: Float[Array, "runs places ny"]
     A: Float[Array, "runs places nx nx"]
     c: Float[Array, "runs places nx"]
-    before: Float[Array, "runs places nx"]
-    """Estimate of x(j-1)."""
+    before: Float[Array, "runs places nx"]  # estimate of x(j-1)
 
 
 class WindowFits(NamedTuple):
     """Solutions of the windows, one per run."""
 
-    x: Float[Array, "runs nx"]
-    """State at the last point."""
+    x: Float[Array, "runs nx"]  # state at the last point
     rho: Float[Array, "runs nx"]
     r: Float[Array, "runs ny"]
-    solved: Bool[Array, " runs"]
-    """False if the data are not finite or a solver fails."""
+    solved: Bool[Array, " runs"]  # false if the data are not finite or a solver fails
 
 
 def fit_free(

@@ -73,13 +73,10 @@ def confidence(level: float, n: int) -> float:
 class Intersection(NamedTuple):
     """Ellipsoids around the intersection of two sets, one per run."""
 
-    centre: Float[Array, "runs n"]
-    """Centre relative to the centre of the first set."""
+    centre: Float[Array, "runs n"]  # centre relative to the centre of the first set
     M: Float[Array, "runs n n"]
-    lam: Float[Array, " runs"]
-    """Weight of the second set in the combination; with 0 the result is the first set."""
-    met: Bool[Array, " runs"]
-    """Whether the sets intersect; if not, the result is the first set."""
+    lam: Float[Array, " runs"]  # weight of the second set in the combination; with 0 the result is the first set
+    met: Bool[Array, " runs"]  # whether the sets intersect; if not, the result is the first set
 
 
 def intersection(
@@ -145,10 +142,8 @@ def _padded(values: Float[Array, "runs k"], size: int) -> Float[Array, "runs siz
 class _Combination(NamedTuple):
     """Combinations of two sets as functions of their weight lam (runs, points)."""
 
-    B: Float[Array, "runs n n"]
-    """F W, which maps xi to x."""
-    g: Float[Array, "runs p"]
-    """Squares of s; g and z are padded with zeros to the larger of n and m."""
+    B: Float[Array, "runs n n"]  # F W, which maps xi to x
+    g: Float[Array, "runs p"]  # squares of s; g and z are padded with zeros to the larger of n and m
     z: Float[Array, "runs p"]
     margin: Float[Array, " runs"]
 

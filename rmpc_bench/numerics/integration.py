@@ -162,10 +162,8 @@ class Tolerance(NamedTuple):
     """How exactly a sample is integrated."""
 
     rtol: float
-    scale: Float[Array, " nx"]
-    """Range that every state has; 0 where it is not known."""
-    largest: float = LARGEST_ERROR
-    """Error with the shortest intervals beyond which a run ends."""
+    scale: Float[Array, " nx"]  # range that every state has; 0 where it is not known
+    largest: float = LARGEST_ERROR  # error with the shortest intervals beyond which a run ends
 
 
 def sizes(x: Array, two: Array, scale: Array) -> tuple[Array, Array]:
@@ -331,26 +329,19 @@ class Event(NamedTuple):
     """An event: where `value` passes through 0."""
 
     value: Callable[[float, Array], float]
-    direction: float
-    """Positive: upwards only; negative: downwards only; 0: both."""
-    reset: Callable[[float, Array], Array] | None
-    """Returns the new state; None where the run ends."""
+    direction: float  # positive: upwards only; negative: downwards only; 0: both
+    reset: Callable[[float, Array], Array] | None  # returns the new state; None where the run ends
 
 
 class Solution(NamedTuple):
     """Result of an integration of one run."""
 
     x: Float[Array, " nx"]
-    t: float
-    """Time at which it ended [s]."""
-    state: int = -1
-    """Index of the state that has left its bounds; -1 where none has."""
-    event: int = -1
-    """Index of the event that has ended the run; -1 where none has."""
-    failure: str = ""
-    """What the integrator reports; empty where it has reached the end."""
-    crowded: bool = False
-    """Whether there were more than `MAX_RESETS` events."""
+    t: float  # time at which it ended [s]
+    state: int = -1  # index of the state that has left its bounds; -1 where none has
+    event: int = -1  # index of the event that has ended the run; -1 where none has
+    failure: str = ""  # what the integrator reports; empty where it has reached the end
+    crowded: bool = False  # whether there were more than `MAX_RESETS` events
 
 
 class _TooManyCalls(Exception):

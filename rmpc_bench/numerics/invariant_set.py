@@ -30,8 +30,7 @@ class InvariantRows(NamedTuple):
 
     H: Float[Array, "rows n"]
     b: Float[Array, " rows"]
-    steps: int
-    """T, the last step whose rows are needed."""
+    steps: int  # T, the last step whose rows are needed
 
 
 def largest_invariant(

@@ -44,8 +44,7 @@ class Derivative(NamedTuple):
     """The Jacobian of a function at a point."""
 
     J: Float[Array, "m n"]
-    kinks: tuple[int, ...]
-    """Coordinates in whose direction the derivatives from the left and from the right differ."""
+    kinks: tuple[int, ...]  # coordinates in whose direction the derivatives from the left and from the right differ
 
 
 def sizes_of_coordinates(x: Float[Array, " n"]) -> Float[Array, " n"]:

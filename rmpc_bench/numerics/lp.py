@@ -97,10 +97,8 @@ class LpResult(NamedTuple):
     """Solution of a program; NaN without an optimum."""
 
     x: Float[Array, " n"]
-    duals: Float[Array, " m"]
-    """Derivative of the optimum with respect to the bound of a row."""
-    reduced_costs: Float[Array, " n"]
-    """Derivative of the optimum with respect to the bound of a column."""
+    duals: Float[Array, " m"]  # derivative of the optimum with respect to the bound of a row
+    reduced_costs: Float[Array, " n"]  # derivative of the optimum with respect to the bound of a column
     objective: float
     status: LpStatus
 

@@ -35,12 +35,9 @@ class Game(NamedTuple):
     """A game; axis 0 is the stage t = 0..N-1."""
 
     A: Float[Array, "N n n"]
-    S_B: Float[Array, "N n n"]
-    """B R^-1 B'."""
-    Q: Float[Array, "N n n"]
-    """Weight of x(t+1)."""
-    G: Float[Array, "N n n"]
-    """Root of the set of w(t)."""
+    S_B: Float[Array, "N n n"]  # B R^-1 B'
+    Q: Float[Array, "N n n"]  # weight of x(t+1)
+    G: Float[Array, "N n n"]  # root of the set of w(t)
 
     def window(self, first: int, length: int) -> Game:
         """Return ``length`` stages starting at ``first``."""
@@ -131,12 +128,9 @@ MIDDLE, HALF = 0.5 * (ABOVE - BELOW), 0.5 * (ABOVE + BELOW)
 class Tables(NamedTuple):
     """Tables of all k; axis 0 is k."""
 
-    tau_min: Float[Array, " k"]
-    """Smallest multiplier of the noise."""
-    s: Float[Array, " k"]
-    """Optimal s = log(tau / tau_min - 1) for x_hat = 0."""
-    series: Float[Array, "k rows nodes"]
-    """Chebyshev coefficients; game_kernel.py describes the rows."""
+    tau_min: Float[Array, " k"]  # smallest multiplier of the noise
+    s: Float[Array, " k"]  # optimal s = log(tau / tau_min - 1) for x_hat = 0
+    series: Float[Array, "k rows nodes"]  # chebyshev coefficients; game_kernel.py describes the rows
     usable: Bool[Array, " k"]
 
 

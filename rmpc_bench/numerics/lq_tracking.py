@@ -28,8 +28,7 @@ class IntegralGain(NamedTuple):
 
     K_x: Float[Array, "nu nx"]
     K_q: Float[Array, "nu nz"]
-    P: Float[Array, "n n"]
-    """The least sum from [x; q] is [x; q]' P [x; q]."""
+    P: Float[Array, "n n"]  # the least sum from [x; q] is [x; q]' P [x; q]
 
 
 def steady_rank(A: Float[Array, "nx nx"], B: Float[Array, "nx nu"], C: Float[Array, "nz nx"]) -> Rank:

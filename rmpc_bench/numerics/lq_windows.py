@@ -24,8 +24,7 @@ class Stages(NamedTuple):
 
     A: Float[Array, "t nx nx"]
     B: Float[Array, "t nx nu"]
-    Q: Float[Array, "t nx nx"]
-    """Weight of x(t+1)."""
+    Q: Float[Array, "t nx nx"]  # weight of x(t+1)
     R: Float[Array, "t nu nu"]
 
 
@@ -34,8 +33,7 @@ class WindowLaw(NamedTuple):
 
     K: Float[Array, "k nu nx"]
     K_d: Float[Array, "k nu m"]
-    S: Float[Array, "k nx nx"]
-    """Matrix of the minimal cost x' S x for d = 0."""
+    S: Float[Array, "k nx nx"]  # matrix of the minimal cost x' S x for d = 0
 
 
 def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> WindowLaw:

@@ -38,12 +38,9 @@ class Fits(NamedTuple):
     """Solutions, one per row; NaN where there is none."""
 
     x: Float[Array, "rows p"]
-    r: Float[Array, "rows groups"]
-    """Largest residual of every group; 0 of one without points."""
-    mu: Float[Array, "rows n"]
-    """Dual values."""
-    outcome: Int8[Array, " rows"]
-    """Members of `FitOutcome`."""
+    r: Float[Array, "rows groups"]  # largest residual of every group; 0 of one without points
+    mu: Float[Array, "rows n"]  # dual values
+    outcome: Int8[Array, " rows"]  # members of `FitOutcome`
 
 
 def fit(F: Float[Array, "rows n p"], d: Float[Array, "rows n"], group: Int[Array, " n"]) -> Fits:

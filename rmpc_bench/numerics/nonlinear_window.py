@@ -91,8 +91,7 @@ class Fits(NamedTuple):
     x: Float[Array, "runs samples n"]
     iterations: Int[Array, " runs"]
     converged: Bool[Array, " runs"]
-    defined: Bool[Array, " runs"]
-    """Whether the cost of the start is a number; elsewhere x is the start."""
+    defined: Bool[Array, " runs"]  # whether the cost of the start is a number; elsewhere x is the start
 
 
 class _Linearised(NamedTuple):

@@ -211,10 +211,8 @@ class Noises(NamedTuple):
 
     t_w: float
     t_v: float
-    U: Float[Array, "nz nz"]
-    """[B; D] U_c [B; D]'."""
-    J: Float[Array, "nz nz"]
-    """[B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2] without the terms of a_x."""
+    U: Float[Array, "nz nz"]  # [B; D] U_c [B; D]'
+    J: Float[Array, "nz nz"]  # [B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2] without the terms of a_x
 
 
 class NoisePair(NamedTuple):

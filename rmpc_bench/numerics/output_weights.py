@@ -44,10 +44,8 @@ from rmpc_bench.types import Array
 class Measured(NamedTuple):
     """Measurements compared with their predictions."""
 
-    e: Float[Array, "runs ny"]
-    """Innovation; NaN where an output is missing."""
-    S: Float[Array, "runs ny ny"]
-    """C P_pred C' + R_v."""
+    e: Float[Array, "runs ny"]  # innovation; NaN where an output is missing
+    S: Float[Array, "runs ny ny"]  # C P_pred C' + R_v
     q: Float[Array, "runs ny"]
     H: Float[Array, "runs ny nx"]
 

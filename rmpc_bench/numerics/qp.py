@@ -168,12 +168,9 @@ class QpSolution(NamedTuple):
     """Answer of the solver."""
 
     status: QpStatus
-    x: Float[Array, " n"]
-    """The minimum; NaN unless the status is `solved`."""
-    value: float
-    """Cost at the minimum, slacks included; NaN unless solved."""
-    multipliers: Float[Array, " rows"]
-    """Positive where an upper bound is active, negative where a lower one is."""
+    x: Float[Array, " n"]  # the minimum; NaN unless the status is `solved`
+    value: float  # cost at the minimum, slacks included; NaN unless solved
+    multipliers: Float[Array, " rows"]  # positive where an upper bound is active, negative where a lower one is
 
 
 @dataclass(frozen=True, eq=False)

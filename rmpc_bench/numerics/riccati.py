@@ -14,14 +14,10 @@ from rmpc_bench.types import Array
 class FilterStep(NamedTuple):
     """One period of a filter's covariances and gains."""
 
-    L: Float[Array, "nx ny"]
-    """Correction gain: x_hat = x_pred + L e."""
-    K: Float[Array, "nx ny"]
-    """Prediction gain: K = A L."""
-    root: Float[Array, "nx nx"]
-    """Root of the covariance of x_hat - x."""
-    root_next: Float[Array, "nx nx"]
-    """Root of the covariance of x_pred(k+1) - x(k+1)."""
+    L: Float[Array, "nx ny"]  # correction gain: x_hat = x_pred + L e
+    K: Float[Array, "nx ny"]  # prediction gain: K = A L
+    root: Float[Array, "nx nx"]  # root of the covariance of x_hat - x
+    root_next: Float[Array, "nx nx"]  # root of the covariance of x_pred(k+1) - x(k+1)
 
     @property
     def P(self) -> Float[Array, "nx nx"]:
@@ -76,10 +72,8 @@ def predicted_root(
 class PredictorStep(NamedTuple):
     """One period of a one-step predictor."""
 
-    K: Float[Array, "nx ny"]
-    """Gain: x_pred(k+1) = A x_pred + .. + K e."""
-    root_next: Float[Array, "nx nx"]
-    """Root of the covariance of x_pred(k+1) - x(k+1)."""
+    K: Float[Array, "nx ny"]  # gain: x_pred(k+1) = A x_pred + .. + K e
+    root_next: Float[Array, "nx nx"]  # root of the covariance of x_pred(k+1) - x(k+1)
 
     @property
     def P_next(self) -> Float[Array, "nx nx"]:

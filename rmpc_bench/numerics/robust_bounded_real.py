@@ -27,16 +27,14 @@ class Bounds(NamedTuple):
     """Bounds of the second moments of e and x; that of e as a root."""
 
     root: Float[Array, "nx nx"]
-    X: Float[Array, "nx nx"] | None
-    """None without uncertainty."""
+    X: Float[Array, "nx nx"] | None  # none without uncertainty
 
 
 class BoundedRealStep(NamedTuple):
     """Gains at k and bounds at k+1."""
 
     K: Float[Array, "nx ny"]
-    F: Float[Array, "nx nx"]
-    """Transition matrix beside the innovation: x_pred+ = F x_pred + K (y - C x_pred)."""
+    F: Float[Array, "nx nx"]  # transition matrix beside the innovation: x_pred+ = F x_pred + K (y - C x_pred)
     after: Bounds
 
 
@@ -46,8 +44,7 @@ class Uncertain(NamedTuple):
     A: Float[Array, "nx nx"]
     C: Float[Array, "ny nx"]
     N: Float[Array, "s nx"]
-    R: Float[Array, "nz nz"]
-    """Covariance of [w; v] plus alpha [M1; M2] [M1; M2]'."""
+    R: Float[Array, "nz nz"]  # covariance of [w; v] plus alpha [M1; M2] [M1; M2]'
 
 
 class Limits(NamedTuple):

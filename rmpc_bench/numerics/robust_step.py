@@ -45,12 +45,9 @@ class RobustBounds(NamedTuple):
 
     K: Float[Array, "nx ny"]
     Phi: Float[Array, "nx nx"]
-    root_next: Float[Array, "nx nx"]
-    """Root of the bound P."""
-    X_next: Float[Array, "nx nx"] | None
-    """None after (47) has failed."""
-    a: tuple[float, float, float]
-    """a_x, a_w, a_v; 0 without such uncertainty."""
+    root_next: Float[Array, "nx nx"]  # root of the bound P
+    X_next: Float[Array, "nx nx"] | None  # none after (47) has failed
+    a: tuple[float, float, float]  # a_x, a_w, a_v; 0 without such uncertainty
     noises: Noises
 
     @property
@@ -163,8 +160,7 @@ class Channel(NamedTuple):
     H: Float[Array, "nx r"]
     H_out: Float[Array, "ny r"]
     G: Float[Array, "s n"]
-    Q: Float[Array, "n n"]
-    """Covariance; of x it is P, whatever stands here."""
+    Q: Float[Array, "n n"]  # covariance; of x it is P, whatever stands here
     excess: Excess
 
 

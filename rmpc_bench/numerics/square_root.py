@@ -36,14 +36,10 @@ _SMALL = 4000
 class Conditional(NamedTuple):
     """A vector z given y."""
 
-    gain: Float[Array, "*k nz ny"]
-    """z_hat = z_mean + gain (y - y_mean)."""
-    root: Float[Array, "*k nz nz"]
-    """Lower triangular root of the covariance of z_hat - z."""
-    upper: Float[Array, "*k ny ny"]
-    """Upper triangular U with U' U the covariance of y."""
-    regular: Bool[Array, "*k"]
-    """Whether that covariance is regular; False for NaN."""
+    gain: Float[Array, "*k nz ny"]  # z_hat = z_mean + gain (y - y_mean)
+    root: Float[Array, "*k nz nz"]  # lower triangular root of the covariance of z_hat - z
+    upper: Float[Array, "*k ny ny"]  # upper triangular U with U' U the covariance of y
+    regular: Bool[Array, "*k"]  # whether that covariance is regular; False for NaN
 
 
 def covariance_of(root: Float[Array, "*k n r"]) -> Float[Array, "*k n n"]:

@@ -36,8 +36,7 @@ class Peak(NamedTuple):
     """Maximum of the gain of a system over the frequency."""
 
     norm: float
-    angle: float
-    """Frequency [rad per step], 0 to pi; NaN if the gain is infinite or constant."""
+    angle: float  # frequency [rad per step], 0 to pi; NaN if the gain is infinite or constant
 
 
 def spectral_radius(A: Float[Array, "n n"]) -> float:

@@ -41,24 +41,18 @@ NEXT_TO_NOTHING = 1e-20
 class Form(NamedTuple):
     """The game as a single step with noises of unit size; the error of the first state precedes the noises."""
 
-    T: Float[Array, "states noises"]
-    """States caused by noise without control, each times the root of its weight."""
-    F: Float[Array, "states noises"]
-    """States caused by noise with optimal control."""
-    f: Float[Array, " states"]
-    """States caused by x_hat with optimal control."""
+    T: Float[Array, "states noises"]  # states caused by noise without control, each times the root of its weight
+    F: Float[Array, "states noises"]  # states caused by noise with optimal control
+    f: Float[Array, " states"]  # states caused by x_hat with optimal control
 
 
 class StageMultipliers(NamedTuple):
     """Result of the search."""
 
     rho: float
-    tau: Float[Array, " blocks"]
-    """Multiplier of every block."""
-    eta: Float[Array, " noises"]
-    """The worst noise; the norm of every block is at most 1."""
-    low: float
-    """A lower bound of the minimal rho."""
+    tau: Float[Array, " blocks"]  # multiplier of every block
+    eta: Float[Array, " noises"]  # the worst noise; the norm of every block is at most 1
+    low: float  # a lower bound of the minimal rho
 
 
 def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:

@@ -32,8 +32,7 @@ class Zero(NamedTuple):
     """A zero of a function, or the best point that was found."""
 
     x: Float[Array, " n"]
-    residual: float
-    """Largest |f_i|."""
+    residual: float  # largest |f_i|
     converged: bool
     iterations: int
 

@@ -47,8 +47,7 @@ class TrackingLaw(NamedTuple):
     """The solution as a linear function: u(0) = K_w w - K_x x + u_0, minimal cost |E_w w - E_x x + e_0|^2."""
 
     K_x: Float[Array, "nu nx"]
-    K_w: Float[Array, "nu known"]
-    """Gain of the desired outputs w(1)..w(N), stacked."""
+    K_w: Float[Array, "nu known"]  # gain of the desired outputs w(1)..w(N), stacked
     u_0: Float[Array, " nu"]
     E_x: Float[Array, "lost nx"]
     E_w: Float[Array, "lost known"]

@@ -44,12 +44,9 @@ class LeastFavourable(NamedTuple):
     """The least favourable covariance, and the estimator that is best under it."""
 
     S_root: Float[Array, "nz nz"]
-    L: Float[Array, "nx ny"]
-    """Gain S_xy S_yy^-1."""
-    root: Float[Array, "nx nx"]
-    """Root of the covariance of the error, P = S_xx - L S_yx."""
-    gap: float
-    """Duality gap over tr P."""
+    L: Float[Array, "nx ny"]  # gain S_xy S_yy^-1
+    root: Float[Array, "nx nx"]  # root of the covariance of the error, P = S_xx - L S_yx
+    gap: float  # duality gap over tr P
 
     @property
     def S(self) -> Float[Array, "nz nz"]:

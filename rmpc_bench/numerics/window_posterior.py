@@ -31,10 +31,8 @@ class WindowStages(NamedTuple):
     """Matrices of the samples j = 0..m of a window."""
 
     A: Float[Array, "m nx nx"]
-    W: Float[Array, "m nw nr"]
-    """Roots of the process noise in its own coordinates."""
-    G: Float[Array, "m nx nr"]
-    """Roots of the process noise in the state: its covariance is G G'."""
+    W: Float[Array, "m nw nr"]  # roots of the process noise in its own coordinates
+    G: Float[Array, "m nx nr"]  # roots of the process noise in the state: its covariance is G G'
     C: Float[Array, "points ny nx"]
     R_v: Float[Array, "points ny ny"]
 
@@ -42,18 +40,12 @@ class WindowStages(NamedTuple):
 class WindowPosterior(NamedTuple):
     """The last state and chosen values of a window, given its measurements."""
 
-    X: Float[Array, "nx n"]
-    """Root of the covariance of the last state."""
-    rows: Float[Array, "values n"]
-    """Root of the covariance of the values, in the same unknowns."""
-    gain: Float[Array, "values p"]
-    """Mean of the values from the innovations of all samples."""
-    before: Float[Array, " values"]
-    """Standard deviations of the values before the measurement of their sample."""
-    kind: Int[Array, " values"]
-    """0 for w, 1 for x, 2 for v of a sample."""
-    L: Float[Array, "points nx ny"]
-    """Gains of the last state of every sample on its innovation."""
+    X: Float[Array, "nx n"]  # root of the covariance of the last state
+    rows: Float[Array, "values n"]  # root of the covariance of the values, in the same unknowns
+    gain: Float[Array, "values p"]  # mean of the values from the innovations of all samples
+    before: Float[Array, " values"]  # standard deviations of the values before the measurement of their sample
+    kind: Int[Array, " values"]  # 0 for w, 1 for x, 2 for v of a sample
+    L: Float[Array, "points nx ny"]  # gains of the last state of every sample on its innovation
 
 
 class Chosen(NamedTuple):
@@ -188,12 +180,9 @@ class WindowBounds(NamedTuple):
 class WindowFit(NamedTuple):
     """Last states of a window."""
 
-    x: Float[Array, "runs nx"]
-    """Without bounds where the program has no solution."""
-    solved: Bool[Array, " runs"]
-    """Whether a quadratic program was necessary."""
-    status: list[QpStatus]
-    """One per run; `OPTIMAL` where no program was necessary."""
+    x: Float[Array, "runs nx"]  # without bounds where the program has no solution
+    solved: Bool[Array, " runs"]  # whether a quadratic program was necessary
+    status: list[QpStatus]  # one per run; `OPTIMAL` where no program was necessary
 
 
 @dataclass(frozen=True, eq=False)

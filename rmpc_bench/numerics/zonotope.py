@@ -103,8 +103,7 @@ class Zonotope:
 class Facets(NamedTuple):
     """A set that is symmetric to 0, as {z : -bounds <= normals z <= bounds}."""
 
-    normals: Float[Array, "rows n"]
-    """Unit vectors, one per pair of opposite facets."""
+    normals: Float[Array, "rows n"]  # unit vectors, one per pair of opposite facets
     bounds: Float[Array, " rows"]
 
 
@@ -126,10 +125,8 @@ class InvariantSet(NamedTuple):
     """Outer approximation of the minimal robust invariant set."""
 
     set: Zonotope
-    terms: int
-    """s, number of terms of the sum."""
-    alpha: float
-    """Smallest number for which A^s W is inside alpha W."""
+    terms: int  # s, number of terms of the sum
+    alpha: float  # smallest number for which A^s W is inside alpha W
 
 
 def robust_invariant(

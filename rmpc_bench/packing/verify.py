@@ -232,8 +232,7 @@ class _Extent(NamedTuple):
     methods: list[str]
     n_runs: int
     n_packed: int
-    complete: bool
-    """Whether all runs of all these methods are packed and computed, so that every file can be made."""
+    complete: bool  # whether all runs of all these methods are packed and computed, so that every file can be made
 
     def __str__(self) -> str:
         n, n_packed = self.n_runs, self.n_packed

@@ -53,8 +53,7 @@ class Matrices(NamedTuple):
     A: Float[Array, "runs nx nx"]
     B: Float[Array, "runs nx nu"]
     C: Float[Array, "runs ny nx"]
-    numbers: Float[Array, "runs n_parameters"]
-    """Parameters, in the order of their names."""
+    numbers: Float[Array, "runs n_parameters"]  # parameters, in the order of their names
     status: Statuses
 
 

@@ -139,8 +139,7 @@ class OdePlant(Plant):
     nominal: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     cost_per_step: float = 0.0
-    extra: Ode | None = None
-    """The equation with the extra signals as its outputs; None where there are none."""
+    extra: Ode | None = None  # the equation with the extra signals as its outputs; None where there are none
     starts_runs = True
 
     @property

@@ -208,10 +208,8 @@ class Trial(NamedTuple):
 
     x: Float[Array, "runs samples nx"]
     steps: Int[Array, "runs samples"]
-    rough: dict[int, int]
-    """A state that jumps or has a kink, and the sample in which it does so first."""
-    failures: list[str]
-    """Why runs could not be integrated."""
+    rough: dict[int, int]  # a state that jumps or has a kink, and the sample in which it does so first
+    failures: list[str]  # why runs could not be integrated
 
 
 def scale_of(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Float[Array, " nx"]:

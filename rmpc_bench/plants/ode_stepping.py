@@ -39,8 +39,7 @@ class UserEvent(NamedTuple):
 
     function: Callable[..., Any]
     timed: bool
-    word: str
-    """What ends the run; empty where the state is replaced."""
+    word: str  # what ends the run; empty where the state is replaced
     reset: Callable[..., Any] | None
     reset_timed: bool
     direction: float
@@ -152,12 +151,9 @@ class RunAdvance(NamedTuple):
 
     x: Float[Array, " nx"]
     status: Status
-    reason: str
-    """Why the run has failed; empty where it has not."""
-    rough: int = -1
-    """State that jumps or has a kink; -1 where none does."""
-    steps: int = 0
-    """Steps computed under error control."""
+    reason: str  # why the run has failed; empty where it has not
+    rough: int = -1  # state that jumps or has a kink; -1 where none does
+    steps: int = 0  # steps computed under error control
 
 
 def advance_block(

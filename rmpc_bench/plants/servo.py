@@ -142,10 +142,8 @@ class ServoDelta(NamedTuple):
     linear: Float[Array, "runs 9"]
     friction: Float[Array, "runs 2 3"]
     status: Statuses
-    k_theta: Float[Array, " runs"]
-    """Torsional rigidity of the shaft [N m/rad]."""
-    rho: Float[Array, " runs"]
-    """Gear ratio."""
+    k_theta: Float[Array, " runs"]  # torsional rigidity of the shaft [N m/rad]
+    rho: Float[Array, " runs"]  # gear ratio
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,18 +27,12 @@ OWN = "is not part of this package, and stored results are read without its code
 class WrittenFigure(NamedTuple):
     """A figure with its files."""
 
-    name: str
-    """File name without ending, such as ``boxplot`` or ``boxplot-2``."""
-    kind: str
-    """Kind, or the reference to a user's figure."""
-    keys: Mapping[str, Any]
-    """The keys of the configuration."""
-    caption: str
-    """What it shows, in full sentences."""
-    paths: tuple[Path, ...]
-    """One file per format."""
-    svg: str = ""
-    """The picture as the SVG element of a page, whatever the formats; its class is its name."""
+    name: str  # file name without ending, such as ``boxplot`` or ``boxplot-2``
+    kind: str  # kind, or the reference to a user's figure
+    keys: Mapping[str, Any]  # the keys of the configuration
+    caption: str  # what it shows, in full sentences
+    paths: tuple[Path, ...]  # one file per format
+    svg: str = ""  # the picture as the SVG element of a page, whatever the formats; its class is its name
 
 
 def write_figures(

@@ -32,10 +32,8 @@ class RunningMean(NamedTuple):
 
     n: int = 0
     mean: float = 0.0
-    m2: float = 0.0
-    """Sum of (value - mean)^2."""
-    n_other: int = 0
-    """Values that are infinite or missing: an event that did not occur, or a failed run."""
+    m2: float = 0.0  # sum of (value - mean)^2
+    n_other: int = 0  # values that are infinite or missing: an event that did not occur, or a failed run
 
     @property
     def se(self) -> float:

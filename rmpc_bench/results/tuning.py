@@ -47,14 +47,11 @@ class Found(NamedTuple):
     candidates: Float[Array, "n p"]
     stages: tuple[str, ...]
     tuning: Float[Array, "n tuning_runs"]
-    chosen: int | None
-    """Index of the chosen candidate; None where nothing could be tuned."""
+    chosen: int | None  # index of the chosen candidate; None where nothing could be tuned
     default: tuple[float | None, ...] = ()
-    tested: str = ""
-    """What identifies the runs of ``test``; empty without them."""
+    tested: str = ""  # what identifies the runs of ``test``; empty without them
     test: Float[Array, "rows test_runs"] | None = None
-    is_short: bool = False
-    """Whether the rows of ``tuning`` but for the chosen one hold the objective at all runs."""
+    is_short: bool = False  # whether the rows of ``tuning`` but for the chosen one hold the objective at all runs
 
     @property
     def values(self) -> dict[str, float | int]:

@@ -124,14 +124,11 @@ class KeyEntry(NamedTuple):
     """One key of a component or of a section of a configuration."""
 
     name: str
-    kind: str
-    """Type and limits, in words."""
-    default: str | None
-    """As a configuration would write it; None for a required key."""
+    kind: str  # type and limits, in words
+    default: str | None  # as a configuration would write it; None for a required key
     unit: str
     meaning: str
-    keys: tuple[KeyEntry, ...] = ()
-    """Keys of the mapping that is its value."""
+    keys: tuple[KeyEntry, ...] = ()  # keys of the mapping that is its value
 
 
 class Manual(NamedTuple):
@@ -139,10 +136,8 @@ class Manual(NamedTuple):
 
     group: str
     kind: str
-    module: str
-    """Docstring of its module: model, source, limit, cost, and when it fails."""
-    text: str
-    """Docstring of the component, up to its sections."""
+    module: str  # docstring of its module: model, source, limit, cost, and when it fails
+    text: str  # docstring of the component, up to its sections
     keys: tuple[KeyEntry, ...]
     examples: str
 

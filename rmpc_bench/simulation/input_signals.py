@@ -24,8 +24,7 @@ ON_SAMPLE = 1e-9
 class Steps(InputSignal):
     """Values that change at given samples."""
 
-    starts: Int[Array, " n"]
-    """Samples at which the values begin; the first is 0."""
+    starts: Int[Array, " n"]  # samples at which the values begin; the first is 0
     values: Float[Array, "n nu"]
 
     def sample(self, runs: Sequence[int], n_samples: int) -> Float[Array, "runs samples nu"]:
@@ -74,8 +73,7 @@ class Sine(InputSignal):
 
     mean: Float[Array, " nu"]
     amplitude: Float[Array, " nu"]
-    step: float
-    """Angle of one sample [rad]."""
+    step: float  # angle of one sample [rad]
     phase: Float[Array, " nu"]
 
     def sample(self, runs: Sequence[int], n_samples: int) -> Float[Array, "runs samples nu"]:
@@ -123,10 +121,8 @@ class Prbs(InputSignal):
 
     low: Float[Array, " nu"]
     high: Float[Array, " nu"]
-    hold: int
-    """Samples over which every bit is held."""
-    bits: Float[Array, "length nu"]
-    """0 or 1."""
+    hold: int  # samples over which every bit is held
+    bits: Float[Array, "length nu"]  # 0 or 1
 
     def sample(self, runs: Sequence[int], n_samples: int) -> Float[Array, "runs samples nu"]:
         """Values at k = 0..n_samples - 1, the same for every run."""

@@ -69,12 +69,9 @@ class Arrivals:
 class LateState(NamedTuple):
     """State of a filter that repeats its last steps."""
 
-    base: Any
-    """State of the filter before the correction with the oldest sample of which something may still arrive."""
-    y: tuple[Float[Array, "runs ny"], ...]
-    """What has arrived of the last samples, from the newest one on."""
-    u: tuple[Float[Array, "runs nu"], ...]
-    """The inputs of these samples, from the oldest one on."""
+    base: Any  # state of the filter before the correction with the oldest sample of which something may still arrive
+    y: tuple[Float[Array, "runs ny"], ...]  # what has arrived of the last samples, from the newest one on
+    u: tuple[Float[Array, "runs nu"], ...]  # the inputs of these samples, from the oldest one on
 
 
 class LateFilter:

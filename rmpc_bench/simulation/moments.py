@@ -27,16 +27,11 @@ from rmpc_bench.types import Array, GainSchedule, Method, Period, Plant
 class Laws(NamedTuple):
     """First and second moments of what is random beside the uncertainty."""
 
-    x: Float[Array, " nx"]
-    """Mean of the true initial state."""
-    X: Float[Array, "nx nx"]
-    """Its covariance."""
-    n: Float[Array, " nn"]
-    """Mean of [w; v]."""
-    U: Float[Array, "nn nn"]
-    """Its covariance."""
-    u: Float[Array, "steps nu"] | None = None
-    """Known input; None where there is none."""
+    x: Float[Array, " nx"]  # mean of the true initial state
+    X: Float[Array, "nx nx"]  # its covariance
+    n: Float[Array, " nn"]  # mean of [w; v]
+    U: Float[Array, "nn nn"]  # its covariance
+    u: Float[Array, "steps nu"] | None = None  # known input; None where there is none
 
 
 SEVERAL = range(8)
@@ -97,12 +92,9 @@ class Moments(NamedTuple):
 class Joint(NamedTuple):
     """The closed loop of plant and filter over one period, on (x, x_pred): what noise and F add to it."""
 
-    A: Float[Array, "nz nz"]
-    """What becomes of (x, x_pred)."""
-    B: Float[Array, "nz nn"]
-    """How n enters."""
-    T: Float[Array, "nz no"]
-    """How [x(k+1); y(k)] enters."""
+    A: Float[Array, "nz nz"]  # what becomes of (x, x_pred)
+    B: Float[Array, "nz nn"]  # how n enters
+    T: Float[Array, "nz no"]  # how [x(k+1); y(k)] enters
     c: Float[Array, " nz"]
 
 

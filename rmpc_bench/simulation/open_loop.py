@@ -105,8 +105,7 @@ class HeldState(NamedTuple):
     """State of a law that is called at every m-th sample."""
 
     law: Any
-    command: Command
-    """What holds until the next call."""
+    command: Command  # what holds until the next call
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,10 +47,8 @@ class Square(Reference):
 
     first: Float[Array, " ny"]
     second: Float[Array, " ny"]
-    period: int
-    """Samples."""
-    edge: int
-    """Samples of a period that have the first value."""
+    period: int  # samples
+    edge: int  # samples of a period that have the first value
 
     def sample(self, n_samples: int) -> Float[Array, "samples ny"]:
         """Values at k = 0..n_samples - 1."""

@@ -17,10 +17,8 @@ OK = np.int8(Status.OK)
 class RunState(NamedTuple):
     """What the simulation and the components of a block write and read in place."""
 
-    alive: Bool[Array, " runs"]
-    """Whether a run has not failed."""
-    failed: Statuses
-    """Statuses that components report outside of their answers."""
+    alive: Bool[Array, " runs"]  # whether a run has not failed
+    failed: Statuses  # statuses that components report outside of their answers
 
     @classmethod
     def of(cls, n_runs: int) -> RunState:

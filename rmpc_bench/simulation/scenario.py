@@ -280,12 +280,9 @@ def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], n
 class Recording(NamedTuple):
     """The trajectories to keep."""
 
-    signals: tuple[str, ...] = ()
-    """Of `Record`: ``y``, ``u``, ``x``, ``x_hat``."""
-    n_runs: int = 0
-    """Of how many runs, from the first one on."""
-    ensemble: bool = False
-    """Whether to keep mean and covariance of (x, x_hat) over the runs, at every k."""
+    signals: tuple[str, ...] = ()  # of `Record`: ``y``, ``u``, ``x``, ``x_hat``
+    n_runs: int = 0  # of how many runs, from the first one on
+    ensemble: bool = False  # whether to keep mean and covariance of (x, x_hat) over the runs, at every k
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,12 +365,9 @@ class Draws(NamedTuple):
     x0: Float[Array, "runs nx"]
     w: Float[Array, "runs samples nw"]
     v: Float[Array, "runs samples nv"]
-    bursts: Bool[Array, "runs samples"] | None = None
-    """Whether a term of v is in a burst; None where none has bursts."""
-    alterations: tuple[Alteration, ...] = ()
-    """What alters the measurements after v was added, in order."""
-    inputs: tuple[Alteration, ...] = ()
-    """The laws of the input, in order."""
+    bursts: Bool[Array, "runs samples"] | None = None  # whether a term of v is in a burst; None where none has bursts
+    alterations: tuple[Alteration, ...] = ()  # what alters the measurements after v was added, in order
+    inputs: tuple[Alteration, ...] = ()  # the laws of the input, in order
 
     @property
     def omits_measurements(self) -> bool:

@@ -31,10 +31,8 @@ class Column(NamedTuple):
     """What identifies a column."""
 
     kind: Kind
-    owner: str
-    """Key of the method, or of what is drawn."""
-    name: str = ""
-    """Key of the metric, or name of the quantity."""
+    owner: str  # key of the method, or of what is drawn
+    name: str = ""  # key of the metric, or name of the quantity
 
 
 class Columns:

@@ -52,14 +52,10 @@ WORDS = np.array([status.word for status in sorted(Status)], dtype=object)
 class StoredMethod(NamedTuple):
     """A method whose trials are stored under one key."""
 
-    key: str
-    """Hash of its definition and of the code."""
-    definition: str
-    """Hash of its definition."""
-    code: Mapping[str, Any]
-    """What identifies the code that computes its trials."""
-    name: str = ""
-    """Its name, for messages."""
+    key: str  # hash of its definition and of the code
+    definition: str  # hash of its definition
+    code: Mapping[str, Any]  # what identifies the code that computes its trials
+    name: str = ""  # its name, for messages
 
 
 def each_once(methods: Iterable[StoredMethod]) -> list[StoredMethod]:

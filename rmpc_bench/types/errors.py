@@ -29,8 +29,7 @@ OTHER_NAMES: Mapping[str, str] = {
 class Issue(NamedTuple):
     """One thing wrong with the parameters of a component."""
 
-    key: str
-    """The YAML key to blame, with dots inside a nested one; empty for the component as a whole."""
+    key: str  # the YAML key to blame, with dots inside a nested one; empty for the component as a whole
     message: str
 
 

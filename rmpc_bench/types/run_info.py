@@ -19,18 +19,12 @@ class RunFailure(NamedTuple):
     """Why a run has failed, as text and plain data, since it is stored and shown without any code."""
 
     run: int
-    status: int
-    """Number of a `Status`."""
-    component: str
-    """``estimator``, ``controller``, ``plant`` or ``metric``; empty where it is not known."""
-    k: int | None
-    """Sample at which it happened; None where it is not known."""
-    message: str
-    """One line, such as ``ValueError: negative level``."""
-    trace: str = ""
-    """Frames of the user's code, as a traceback shows them; empty where there are none."""
-    values: Mapping[str, Any] = {}
-    """Name -> numbers in nested lists: y, u_previous, x_hat, parameters of the run."""
+    status: int  # number of a `Status`
+    component: str  # ``estimator``, ``controller``, ``plant`` or ``metric``; empty where it is not known
+    k: int | None  # sample at which it happened; None where it is not known
+    message: str  # one line, such as ``ValueError: negative level``
+    trace: str = ""  # frames of the user's code, as a traceback shows them; empty where there are none
+    values: Mapping[str, Any] = {}  # name -> numbers in nested lists: y, u_previous, x_hat, parameters of the run
 
 
 class PassedOn(BaseException):

@@ -30,8 +30,7 @@ class Candidate(NamedTuple):
     """Values that are to be tried."""
 
     row: Row
-    stage: str
-    """``grid``, ``golden``, ``quasi-random`` or ``nelder-mead``."""
+    stage: str  # ``grid``, ``golden``, ``quasi-random`` or ``nelder-mead``
 
 
 def value_at(parameter: TunedParameter, z: float) -> float:
@@ -103,10 +102,8 @@ class _Spent(Exception):
 class Plan(NamedTuple):
     """What a search asks for after some evaluations."""
 
-    wanted: tuple[Candidate, ...]
-    """Values whose objective is needed next; none where the search has ended."""
-    used: tuple[Candidate, ...]
-    """All values in the order in which they were asked for, the wanted ones included."""
+    wanted: tuple[Candidate, ...]  # values whose objective is needed next; none where the search has ended
+    used: tuple[Candidate, ...]  # all values in the order in which they were asked for, the wanted ones included
 
 
 def plan(

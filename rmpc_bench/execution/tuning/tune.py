@@ -94,12 +94,9 @@ class _Left(NamedTuple):
     """What is left to compute for a record."""
 
     plan: TuningPlan
-    missing: Sequence[WantedSearch]
-    """Searches that are not made."""
-    untested: Sequence[WantedSearch]
-    """Searches whose values are to be computed on the runs of the experiment."""
-    tested: str
-    """What identifies these runs."""
+    missing: Sequence[WantedSearch]  # searches that are not made
+    untested: Sequence[WantedSearch]  # searches whose values are to be computed on the runs of the experiment
+    tested: str  # what identifies these runs
 
     @property
     def any(self) -> bool:
