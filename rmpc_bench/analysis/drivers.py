@@ -95,16 +95,10 @@ COLUMNS = [field.name for field in fields(Driver)]
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The uncertain quantities of a table, one row per run.
+    """The uncertain quantities of a table, one row per run."""
 
-    Parameters
-    ----------
-    values : quantity -> (n_runs,) values in the order of `Trials.runs`
-    constant : quantities that have one value in all runs
-    """
-
-    values: Mapping[str, Array]
-    constant: tuple[str, ...]
+    values: Mapping[str, Array]  # quantity -> (n_runs,) values in the order of `Trials.runs`
+    constant: tuple[str, ...]  # quantities that have one value in all runs
 
     @property
     def correlated(self) -> tuple[tuple[str, str], ...]:

@@ -86,15 +86,9 @@ def ranks(losses: Losses, confidence: float, seed: int) -> Ranks:
 
 
 def _with_failures(accuracy: int, counted: int, failures: int, n_failed: tuple[int, int]) -> int:
-    """Return -1 where the first of two methods is better, 1 where the second is, else 0.
-
-    Parameters
-    ----------
-    accuracy, counted : sign of the difference of the mean logarithms where failed runs are left out, and where they are
-        the worst
-    failures : sign of the difference of the shares of failed runs
-    n_failed : failed runs of the two
-    """
+    """Return -1 where the first of two methods is better, 1 where the second is, else 0."""
+    # `accuracy` and `counted` are signs of the difference of the mean logarithms, with failed runs left out and as the
+    # worst; `failures` is that of the difference of the shares of failed runs.
     if failures:
         return failures
     fails_more = (n_failed[0] > n_failed[1], n_failed[1] > n_failed[0])
@@ -153,13 +147,8 @@ class Losses:
         """Average the differences of two methods over points with equal weights.
 
         Every point counts by its own mean, whatever the number of runs that both methods finished there.  The deviation
-        of a run from that mean has the weight (number of runs)/(number of pairs).
-
-        Parameters
-        ----------
-        method, other : their places; the difference is the first minus the second
-        points : places of the points; all unless given
-        failed : ``left out``, or ``worst``: as the worst finished run at the point, and worse than its partner
+        of a run from that mean has the weight (number of runs)/(number of pairs).  Failed runs are ``left out`` or
+        ``worst``: as the worst finished run at the point, and worse than its partner.
         """
         chosen = slice(None) if points is None else list(points)
         a, b = self.logs[chosen, method], self.logs[chosen, other]

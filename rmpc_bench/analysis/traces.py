@@ -94,13 +94,7 @@ class RunGroups:
 
     @classmethod
     def of_trajectories(cls, runs: Array, x: Array, x_hat: Array | None) -> RunGroups:
-        """Take every recorded run, or some neighbours, as a group.
-
-        Parameters
-        ----------
-        runs : (n,) indices of the runs
-        x, x_hat : (n, samples, states) trajectories; None for an estimate that is not recorded
-        """
+        """Take every recorded run, or some neighbours, as a group; x and x_hat are (n, samples, states)."""
         z = x if x_hat is None else np.concatenate([x, x_hat], axis=2)
         rows = np.array_split(np.arange(len(runs)), min(len(runs), MAX_GROUPS))
         means = [z[part].mean(axis=0) for part in rows]
@@ -127,16 +121,9 @@ class RunGroups:
         return found is not None and nz > {"x": 0, "x_hat": self.nx, "e": 2 * self.nx - 1}[found[2]]
 
     def series(self, quantity: str, without: int | None = None) -> Array:
-        """Compute a series over all groups but one.
+        """Compute the mean or the covariance of a series such as ``cov(e)`` over all groups but one, axis 0 = k.
 
-        Parameters
-        ----------
-        quantity : such as ``mean(x)`` or ``cov(e)``
-        without : number of the group to leave out; None for none
-
-        Returns
-        -------
-        (samples, states) mean, or (samples, states, states) covariance over n - 1, NaN for one run
+        A covariance is over n - 1, NaN for one run.
         """
         found = _QUANTITY.fullmatch(quantity)
         assert found is not None

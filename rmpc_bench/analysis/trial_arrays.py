@@ -101,10 +101,7 @@ def metric_attributes(info: MetricInfo) -> dict[str, str]:
 def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "methods runs samples n"]], Array]:
     """Return recorded runs, time indices, signals and reference of a table; NaN after the end of a failed run.
 
-    Raises
-    ------
-    ValueError
-        If no run is recorded, or the trials are those of a whole sweep.
+    A ValueError says that no run is recorded, or the trials are those of a whole sweep.
     """
     if table.points:
         raise ValueError("the trials are those of a sweep; take the recorded runs of one of its points")

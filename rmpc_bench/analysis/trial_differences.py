@@ -86,13 +86,7 @@ class TrialDifferences:
 
 
 def trial_differences(a: Trials, b: Trials, tolerance: float = 0.0) -> TrialDifferences:
-    """Compare two tables of trials.
-
-    Parameters
-    ----------
-    a, b : the tables
-    tolerance : largest relative difference of values that count as equal
-    """
+    """Compare two tables of trials, with the largest relative difference of values that count as equal."""
     common = common_points(a, b)
     runs: list[RunsInOne] = []
     statuses: list[StatusDifference] = []

@@ -72,25 +72,16 @@ class HoldsFor(StrEnum):
 
 @dataclass(frozen=True)
 class Stated:
-    """A number that a paper gives.
+    """A number that a paper gives."""
 
-    Parameters
-    ----------
-    of : the expression that computes it
-    value : the number of the paper
-    tolerance : largest absolute difference of the same size of effect; None for a number without Monte Carlo error,
-        which is compared by its printed digits
-    text : the number in words, as in the paper
-    printed : the digits as printed, where there is no tolerance
-    close : relative difference up to which a number without tolerance counts as close
-    """
-
-    of: str
-    value: float
+    of: str  # the expression that computes it
+    value: float  # the number of the paper
+    # largest absolute difference of the same size of effect; None for a number without Monte Carlo error, which is
+    # compared by its printed digits
     tolerance: float | None
-    text: str
-    printed: str = ""
-    close: float = CLOSE
+    text: str  # the number in words, as in the paper
+    printed: str = ""  # the digits as printed, where there is no tolerance
+    close: float = CLOSE  # relative difference up to which a number without tolerance counts as close
 
 
 @dataclass(frozen=True)

@@ -27,18 +27,11 @@ class NoSample(EvaluationError):
 
 @dataclass(frozen=True)
 class Value:
-    """An array whose axis 0 is ``runs`` or ``k``, or has no such axis (a number or a matrix).
+    """An array whose axis 0 is ``runs`` or ``k``, or has no such axis (a number or a matrix)."""
 
-    Parameters
-    ----------
-    array : the numbers
-    axis : what axis 0 is; empty for none
-    cut : first and last sample of a series that is a part of one; None for a whole one
-    """
-
-    array: Array
-    axis: str = ""
-    cut: tuple[int, int] | None = None
+    array: Array  # the numbers
+    axis: str = ""  # what axis 0 is; empty for none
+    cut: tuple[int, int] | None = None  # first and last sample of a series that is a part of one; None for a whole one
 
     @property
     def entry(self) -> tuple[int, ...]:

@@ -146,18 +146,11 @@ def _squared(S: Float[Array, "runs n n"]) -> Float[Array, "runs n n"]:
 
 @dataclass(frozen=True, eq=False)
 class NoiseTuning:
-    """LP2 and the output weight that follows from it.
+    """LP2 and the output weight that follows from it."""
 
-    Parameters
-    ----------
-    keys : options of the tuning
-    start : first sample at which LP2 is solved
-    nx, ny : numbers of states and outputs
-    """
-
-    keys: LpNoise
-    start: int
-    nx: int
+    keys: LpNoise  # options of the tuning
+    start: int  # first sample at which LP2 is solved
+    nx: int  # nx, ny: numbers of states and outputs
     ny: int
 
     @property

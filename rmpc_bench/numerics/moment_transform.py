@@ -83,18 +83,11 @@ class MomentRule:
 
 @dataclass(frozen=True)
 class SigmaPoints(MomentRule):
-    """Sigma points with the parameters of the unscented transform; the defaults are those of the cubature rule.
+    """Sigma points with the parameters of the unscented transform; the defaults are those of the cubature rule."""
 
-    Parameters
-    ----------
-    alpha : spread of the points
-    beta : added weight of the centre in the covariance
-    kappa : added to the number of states in the spread
-    """
-
-    alpha: float = 1.0
-    beta: float = 0.0
-    kappa: float = 0.0
+    alpha: float = 1.0  # spread of the points
+    beta: float = 0.0  # added weight of the centre in the covariance
+    kappa: float = 0.0  # added to the number of states in the spread
 
     def moments(
         self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
@@ -121,14 +114,9 @@ class SigmaPoints(MomentRule):
 
 @dataclass(frozen=True)
 class CentralDifferences(MomentRule):
-    """Linearisation by central differences.
+    """Linearisation by central differences."""
 
-    Parameters
-    ----------
-    spread : step in standard deviations; None for the step with the least error of the derivative
-    """
-
-    spread: float | None = None
+    spread: float | None = None  # step in standard deviations; None for the step with the least error of the derivative
 
     def moments(
         self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None

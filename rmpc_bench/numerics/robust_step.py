@@ -22,22 +22,14 @@ from rmpc_bench.types import Array
 
 @dataclass(frozen=True)
 class ParameterRules:
-    """Rules for the free parameters of Table 2.
+    """Rules for the free parameters of Table 2."""
 
-    Parameters
-    ----------
-    x, w, v : excess of a_x, a_w, a_v
-    state : whether a_x follows from the bound X of the state instead of P
-    tuned : whether a_w and a_v minimise the trace of the next P
-    printed : whether Step 5 is used as printed
-    """
-
-    x: Excess
+    x: Excess  # x, w, v: excess of a_x, a_w, a_v
     w: Excess
     v: Excess
-    state: bool
-    tuned: bool
-    printed: bool
+    state: bool  # whether a_x follows from the bound X of the state instead of P
+    tuned: bool  # whether a_w and a_v minimise the trace of the next P
+    printed: bool  # whether Step 5 is used as printed
 
 
 class RobustBounds(NamedTuple):
