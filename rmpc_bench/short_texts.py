@@ -98,6 +98,8 @@ SHORT: Mapping[str, Mapping[str, str]] = {
     "metrics": {
         "certificate": "worst cost found, relative to the certified bound",
         "cost": "quadratic cost of states and inputs",
+        "coverage": "share of errors in the region of the reported P",
+        "crps": "error and reported P of a state in one score",
         "departures": "how often the control error is unusually large",
         "estimation_mse": "mean square error of the estimate",
         "fallbacks": "samples with a simpler estimate than the own one",
@@ -110,6 +112,7 @@ SHORT: Mapping[str, Mapping[str, str]] = {
         "input_variation": "mean size of the input increments",
         "inside": "share of samples with the state in the reported set",
         "largest": "largest size of a component of a signal",
+        "log_score": "log density of the state, from x_hat and reported P",
         "mae": "mean absolute control error",
         "mse": "mean square control error",
         "near_singular": "samples close to a singular pose",

@@ -6,6 +6,7 @@ S may be singular: an error that leaves its range has the size inf.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,12 +23,23 @@ ROUNDING = 1e-9
 """Error of a coordinate without variance, relative to the largest |x| and |x_hat| of the run, that is rounding."""
 
 
+class SquaredSize(NamedTuple):
+    """e' S^+ e with the spectrum of S, whose leading axes are those of S."""
+
+    values: Float[Array, "runs window"]
+    """inf where e leaves the range of S, NaN where an entry is not a number."""
+    lam: Float[Array, "*k n"]
+    """Eigenvalues of S as a matrix of correlations; S is singular where one is at most `RANK`."""
+    std: Float[Array, "*k n"]
+    """Roots of the diagonal of S."""
+
+
 def squared_size(
     record: Record,
     samples: slice,
     S: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
     states: Sequence[int] | None = None,
-) -> Float[Array, "runs window"]:
+) -> SquaredSize:
     """Return e' S^+ e with e = x_hat - x and the symmetric S of all runs or of each; `states` are those that count.
 
     It is inf where e leaves the range of S, NaN where an entry is not a number.
@@ -43,7 +55,7 @@ def _normalised_square(
     e: Float[Array, "runs window nx"],
     P: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
     size: Float[Array, "runs 1 nx"],
-) -> Float[Array, "runs window"]:
+) -> SquaredSize:
     """Return e' P^+ e: inf outside the range of P, NaN where an entry is not a number."""
     # P is brought to the form of a correlation matrix first, so that the units of the coordinates do not matter. Sums
     # over coordinates go one by one: their bits do not depend on how many runs there are.
@@ -59,7 +71,7 @@ def _normalised_square(
         outside |= none[..., i] & (np.abs(c) > OUTSIDE)
         total += np.where(none[..., i], 0.0, c**2 / lam[..., i])
     unknown = np.isnan(e).any(axis=2) | np.isnan(std).any(axis=-1)
-    return np.where(unknown, np.nan, np.where(outside, np.inf, total))
+    return SquaredSize(np.where(unknown, np.nan, np.where(outside, np.inf, total)), lam, std)
 
 
 def _correlation(P: Float[Array, "*k nx nx"]) -> tuple[Float[Array, "*k nx"], Float[Array, "*k nx"], Array]:

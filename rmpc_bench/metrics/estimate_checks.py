@@ -19,6 +19,7 @@ from rmpc_bench.types import (
     without_disturbances,
 )
 from rmpc_bench.types.angles import period_of, places, wrapped
+from rmpc_bench.types.result_layout import NO_P
 
 ReportedMatrix = Literal["P", "M"]
 DESCRIPTIONS: dict[ReportedMatrix, str] = {"P": "the covariance P", "M": "the set M"}
@@ -65,6 +66,13 @@ def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "") 
             f"needs {wanted} of the estimate, which the estimator of {', '.join(map(repr, without))} does not give; "
             "leave the metric or the method out",
         )
+
+
+def check_some_reported(layout: MetricLayout) -> Iterator[Issue]:
+    """Find that no method reports the covariance P, where the estimates of all of them are known."""
+    known = dict(first_estimates(layout))
+    if known and len(known) == len(layout.methods) and all(each.P is None for each in known.values()):
+        yield Issue("", NO_P)
 
 
 def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:

@@ -92,7 +92,7 @@ class Inside(WindowMetric):
             return np.full(len(record.x), np.nan)
         # Failed runs overflow here; their values are not used.
         with np.errstate(all="ignore"):
-            size = squared_size(record, window.slice, S)
+            size = squared_size(record, window.slice, S).values
         share = time_mean((size <= 1.0 + EDGE)[:, :, None].astype(float))
         return np.where(np.isnan(size).any(axis=1), np.nan, share)
 

@@ -84,7 +84,7 @@ def simulate_block(
         simulated = compiled_loop(plant, method, draws, r, n_steps, start=start, needed=needed, **options)
     record, status = simulated or simulate(plant, method, draws, r, n_steps, start=start, **options)
     evaluated = RunInfo(start.runs, (), status == OK, start.journal)
-    record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
+    record = record._replace(experiment=experiment.metric_layout, runs=evaluated, shared={})
     # Failed runs may overflow; their values are replaced by NaN.
     with np.errstate(over="ignore", invalid="ignore"):
         found = [metric_values(metric, record) for metric in experiment.metrics]
@@ -265,7 +265,8 @@ def _recorded(
     signals = {**outputs.all(), **inputs.all()}
     x, y, x_hat, u = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
     record = Record(Ts, x, y, x_hat, u, r, outputs.matrix("P"), outputs.matrix("M"), controller)
-    return record._replace(command=signals.pop("u_command", None), info=signals)
+    gappy_P = outputs.matrix("P", gappy=True)
+    return record._replace(command=signals.pop("u_command", None), info=signals, gappy_P=gappy_P)
 
 
 def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:

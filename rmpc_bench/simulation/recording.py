@@ -28,7 +28,7 @@ class Recorder:
 
     def __init__(self, n_samples: int, matrices_of: int | None = None) -> None:
         self.n_samples, self.matrices_of = n_samples, matrices_of
-        self.signals, self.matrices = dict[str, Array](), dict[str, Array | None]()
+        self.signals, self.matrices, self.gaps = dict[str, Array](), dict[str, Array](), set[str]()
 
     def at(self, k: int, **values: Array) -> None:
         """Copy the values (runs, n) of signals at k."""
@@ -38,15 +38,16 @@ class Recorder:
             self.signals[name][k] = value
 
     def matrix_at(self, k: int, name: str, value: Array | None) -> None:
-        """Copy a matrix at k, (nx, nx) or (runs, nx, nx); where it is None at any k, there is no series."""
-        if self.matrices_of is not None and value is not None and value.ndim == 2:
+        """Copy a matrix at k, (nx, nx) or (runs, nx, nx); where it is None, the series has a gap."""
+        if value is None:
+            self.gaps.add(name)
+            return
+        if self.matrices_of is not None and value.ndim == 2:
             value = np.broadcast_to(value, (self.matrices_of, *value.shape))
-        if k == 0 and value is not None:
-            self.matrices[name] = np.empty((self.n_samples, *value.shape))
-        series = self.matrices.get(name)
-        if value is None or series is None:
-            self.matrices[name] = None
-        elif value.ndim > series[k].ndim:
+        if name not in self.matrices:
+            self.matrices[name] = np.full((self.n_samples, *value.shape), np.nan)
+        series = self.matrices[name]
+        if value.ndim > series[k].ndim:
             # Runs get matrices of their own once a measurement is missing.
             self.matrices[name] = series = np.repeat(series[:, None], len(value), axis=1)
             series[k] = value
@@ -57,9 +58,14 @@ class Recorder:
         """Signals with the run first and contiguous in memory: sums over time do not depend on other runs."""
         return {name: np.ascontiguousarray(signal.transpose(1, 0, 2)) for name, signal in self.signals.items()}
 
-    def matrix(self, name: str) -> Float[Array, "samples nx nx"] | Float[Array, "runs samples nx nx"] | None:
-        """Matrices over k, with the run first where every run has its own; None where they are not recorded."""
-        series = self.matrices.get(name)
+    def matrix(
+        self, name: str, *, gappy: bool = False
+    ) -> Float[Array, "samples nx nx"] | Float[Array, "runs samples nx nx"] | None:
+        """Matrices over k, with the run first where every run has its own; None without any, or with gaps.
+
+        With `gappy`, only a series with gaps, NaN there.
+        """
+        series = self.matrices.get(name) if (name in self.gaps) is gappy else None
         return series if series is None or series.ndim == 3 else np.ascontiguousarray(series.swapaxes(0, 1))
 
 

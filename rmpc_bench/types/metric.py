@@ -30,7 +30,7 @@ Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 
 ON_SAMPLE = 1e-9
 """Distance from a sample, in samples, up to which a time is the one of the sample."""
-ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise", "qp"))
+ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise", "qp", "crps"))
 """Words of the names of metrics that are written in capitals."""
 
 
@@ -156,11 +156,23 @@ class Record(NamedTuple):
 
     command: Float[Array, "runs steps nu"] | None = None
     """What the controller has returned, where bounds of the plant or laws of the input may change it; else None."""
+    gappy_P: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
+    """Reported covariance of an estimator that gives one at some k only, NaN at the others; else None."""
+    shared: dict[Any, Any] | None = None
+    """What several metrics compute from the record, see `once`; None: each computes it itself."""
 
     @property
     def u_command(self) -> Float[Array, "runs steps nu"]:
         """Input that the controller has returned, or the section `input`, before laws and bounds of the input."""
         return self.u if self.command is None else self.command
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` computes, once for all metrics of the record."""
+        if self.shared is None:
+            return make()
+        if key not in self.shared:
+            self.shared[key] = make()
+        return self.shared[key]
 
     @property
     def layout(self) -> MetricLayout:
