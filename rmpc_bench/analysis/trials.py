@@ -15,7 +15,7 @@ from rmpc_bench.analysis.levels import PlannedLook
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import RunGroups, Traces, last_new_sample
 from rmpc_bench.types import Array, MetricInfo, Status
-from rmpc_bench.types.metric import ComparisonKeys, Requirement
+from rmpc_bench.types.metric import CalibrationKeys, ComparisonKeys, Requirement
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
@@ -75,6 +75,8 @@ class Trials(ComparisonKeys):
     parameters : method -> where its parameters come from, such as ``default``; nothing is said of methods without one
     limits : method -> component of a signal, such as u.0, or u of all -> its limits in the controller
     tuning : how the parameters of tuned methods were chosen, at all points; None where it is not known
+    calibration : how reported covariances are compared with the errors; None where they are not
+    bounds : methods whose P is an upper bound of the covariance
     """
 
     name: str
@@ -117,6 +119,8 @@ class Trials(ComparisonKeys):
     parameters: Mapping[str, str] = field(default_factory=dict)
     limits: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
     tuning: Tuning | None = None
+    calibration: CalibrationKeys | None = None
+    bounds: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"<Trials of {self.name!r}: {len(self.runs)} runs of {len(self.methods)} methods>"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from annotated_types import Gt, Len
+from annotated_types import Gt, Len, Lt
 from jaxtyping import Bool, Float
 
 from rmpc_bench.types.basics import Array, NonNegative, attribute
@@ -410,3 +410,30 @@ class ComparisonKeys:
     def comparison_keys(self) -> dict[str, Any]:
         """Return these keys and their values, for another record that has them."""
         return {each.name: getattr(self, each.name) for each in fields(ComparisonKeys)}
+
+
+@dataclass(frozen=True)
+class CalibrationKeys:
+    """Whether reported covariances agree with the errors: shares of errors in the regions of P, and a word for each.
+
+    Parameters
+    ----------
+    levels : levels of the regions, such as [50%, 90%]
+    verdict : the level, one of them, whose share decides the word
+    margin : factor on the standard deviation, less 1, within which a covariance counts as right
+    from_ : first sample that counts, in seconds or samples as `time` of the experiment; k = 0 if not given
+    """
+
+    levels: Annotated[list[Annotated[float, Gt(0), Lt(1)]], Len(1)] = field(default_factory=lambda: [0.5, 0.9, 0.95])
+    verdict: Annotated[float, Gt(0), Lt(1)] = 0.9
+    margin: Annotated[float, Gt(0)] = 0.1
+    from_: NonNegative | None = None
+
+    @staticmethod
+    def name(level: float, of: str = "joint") -> str:
+        """Return the name of the metric of a share.
+
+        >>> CalibrationKeys.name(0.9), CalibrationKeys.name(0.995, "x.1")
+        ('coverage_90', 'coverage_99_5_x_1')
+        """
+        return re.sub(r"\W", "_", f"coverage_{100 * level:g}{'' if of == 'joint' else f'_{of}'}")
