@@ -147,6 +147,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "figures": {
         "boxplot": "rmpc_bench.figures.boxplot:Boxplot",
+        "coverage": "rmpc_bench.figures.coverage:CoverageFigure",
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
         "rows": "rmpc_bench.figures.rows:Rows",

@@ -131,6 +131,7 @@ SHORT: Mapping[str, Mapping[str, str]] = {
     },
     "figures": {
         "boxplot": "a box of the runs of every method",
+        "coverage": "share of covered errors against its level",
         "elements": "elements of a reported matrix over time",
         "ellipses": "covariance ellipses of the methods among their runs",
         "rows": "a row per method: its runs, its change and more",

@@ -116,6 +116,7 @@ def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
 
 ATTRIBUTES = (
     "Ne",
+    "P_is",
     "bridges_missing",
     "cost_per_step",
     "depends_on",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -80,6 +80,7 @@ class SingleRunEstimator(SingleDesign, Estimator):
     knows_uncertainty: bool
     bridges_missing: bool
     Ne: int
+    P_is: Literal["covariance", "bound"]
 
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
         super().__init__(user, given)
@@ -88,6 +89,7 @@ class SingleRunEstimator(SingleDesign, Estimator):
         # An estimator that asks for the plant is an oracle estimator.
         self.knows_uncertainty = "plant" in self.given
         self.bridges_missing = bool(user.constant("bridges_missing", False))
+        self.P_is = "bound" if user.constant("P_is", "covariance") == "bound" else "covariance"
         Ne = self.keys.get("Ne", user.constant("Ne", 0))
         self.Ne = Ne if isinstance(Ne, int) else 0
         self._reports = Reports(user.constant("reports", {}))

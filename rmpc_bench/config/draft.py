@@ -213,6 +213,8 @@ class DraftConfig:
     model_facts: tuple[ModelFacts, ...] = ()
     """Properties of the design models, once they are built."""
     metrics: list[Component | None] = field(default_factory=list)
+    calibrated: list[Component] = field(default_factory=list)
+    """Metrics that the key `calibration` adds to them, once the number of states is known."""
     figures: list[Component | None] = field(default_factory=list)
     claims: list[Any] = field(default_factory=list)
     """The keys of every claim (ClaimKeys); None where it has an error."""
@@ -225,7 +227,7 @@ class DraftConfig:
     @property
     def metric_names(self) -> list[str]:
         """Names of the valid metrics, as columns and claims use them."""
-        valid = [component for component in self.metrics if component is not None]
+        valid = [component for component in (*self.metrics, *self.calibrated) if component is not None]
         return [component.parameters["name"] for component in valid if "name" in component.parameters]
 
     def given(self, name: str) -> Mapping[str, Any]:

@@ -26,6 +26,7 @@ from rmpc_bench.config_file.component import Component, without_path
 from rmpc_bench.simulation.random_streams import words_of
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Problem
+from rmpc_bench.types.metric import CalibrationKeys
 from rmpc_bench.types.sweep_points import relevant_paths
 from rmpc_bench.types.tuning import NOTHING_TUNED, OTHER_SETTINGS, TunedParameter, TuningProtocol
 
@@ -188,6 +189,7 @@ class ExperimentConfig:
     tuning : what there is to tune, and the values that are known; None without the section `tune`
     origin : what the configuration was made from; None where nothing is tuned
     content : text of a configuration that was given as a mapping; None where `path` is its file
+    calibration : how reported covariances are compared with the errors; None where they are not
     """
 
     path: Path
@@ -217,6 +219,7 @@ class ExperimentConfig:
     tuning: TuningPlan | None = None
     origin: Origin | None = None
     content: str | None = None
+    calibration: CalibrationKeys | None = None
 
     def __repr__(self) -> str:
         n, runs = len(self.points), self.experiment.n_runs

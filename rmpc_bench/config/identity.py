@@ -189,7 +189,7 @@ def _has_density(term: NoiseTerm) -> bool:
 def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:
     """What identifies every metric, by its name; a window is given in samples, whatever the unit of time."""
     table = {}
-    for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
+    for metric, component in zip(experiment.metrics, (*draft.metrics, *draft.calibrated), strict=True):
         keys = set_keys(component, without_path) if component is not None else {}
         renamed = RENAMED["metrics"] if component is not None and component.is_built_in else {}
         keys = {renamed.get(name, name): value for name, value in keys.items()}

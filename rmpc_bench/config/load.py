@@ -47,7 +47,7 @@ from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.errors import MAPPING, check_arguments
 
-_AS_GIVEN = ("name", "paper", "title", "statistics", "execution", "stop", "report")
+_AS_GIVEN = ("name", "paper", "title", "calibration", "statistics", "execution", "stop", "report")
 """Sections that a configuration has as they were validated."""
 
 
@@ -166,6 +166,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "methods": _methods(draft),
         **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
+        **_calibration(draft, experiment),
         "statistics": plain_data(values["statistics"]),
         "evaluate": values["evaluate"],
         "record": plain_data(values["record"]),
@@ -210,7 +211,7 @@ def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
 def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list[dict[str, Any]]:
     """Return the keys of the metrics; windows that a smoke run has cut are given as cut."""
     entries = []
-    for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
+    for metric, component in zip(experiment.metrics, draft.metrics, strict=False):
         keys = set_keys(component) if component is not None else {}
         if smoke:
             first, last = (sample * experiment.tick for sample in metric.window(experiment.metric_layout))
@@ -220,6 +221,15 @@ def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list
             }
         entries.append(keys)
     return entries
+
+
+def _calibration(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
+    """Return the key `calibration`, where it is given; a start that a smoke run has cut is given as cut."""
+    keys = draft.values["calibration"]
+    if keys is None:
+        return {}
+    end = (experiment.n_steps - 1) * experiment.tick
+    return {"calibration": plain_data(keys if keys.from_ is None else replace(keys, from_=min(keys.from_, end)))}
 
 
 def load_config(

@@ -18,6 +18,7 @@ from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, Positive
 from rmpc_bench.types.basics import MAX_STEPS
+from rmpc_bench.types.metric import CalibrationKeys
 
 MAX_RUNS = 10_000_000
 """A larger number is out of the supported range: its arrays would not fit into memory."""
@@ -230,6 +231,12 @@ SECTIONS: dict[str, Section] = {
         "Values of some keys, named by their paths: {grid: {PATH: [..]}}, {zip: {PATH: [..]}}, {exclude: [..]}.",
     ),
     "metrics": Section(list[Any], ["mse"], "Numbers to keep of every run."),
+    "calibration": Section(
+        bool | CalibrationKeys,
+        False,
+        "Whether the covariances that estimators report agree with their errors, in shares and words; `true` for the "
+        "defaults.",
+    ),
     "statistics": Section(Statistics, Statistics(), "How methods are compared."),
     "evaluate": Section(
         Evaluate, ["runs"], "What to compute: single runs, exact moments over all runs, or the ensemble."

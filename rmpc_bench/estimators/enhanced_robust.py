@@ -123,7 +123,7 @@ def design(
     # X below 0 says that there is no bound of the state.
     kept = np.array([[root_of(each), X[k] if k < len(X) else -np.ones_like(P0)] for k, each in enumerate(P)])
     own = RunByRun(partial(_of_one_run, systems, rules))
-    return replace(predictor, uncertainty_scale=design_scale, root=kept, recursion=own)
+    return replace(predictor, uncertainty_scale=design_scale, root=kept, recursion=own, P_is="bound")
 
 
 def _of_one_run(systems: Sequence[DesignSystem], rules: ParameterRules, k: int, kept: Array, there: Array) -> Gains:

@@ -61,6 +61,7 @@ class GainScheduleFilter(Estimator):
     S : (1 or samples, ny, ny) covariance of the innovation, None if the design reports none
     root : (1 or samples, ...) what the recursion keeps, mostly the roots of its P_pred; None without a recursion
     recursion : gives the gains of runs with missing measurements, None where these cannot go on
+    P_is : `bound` if P is an upper bound of the covariance
     """
 
     x0: Float[Array, " nx"]
@@ -80,6 +81,7 @@ class GainScheduleFilter(Estimator):
     S: Float[Array, "kS ny ny"] | None = None
     root: Float[Array, "k ..."] | None = None
     recursion: Recursion | None = None
+    P_is: Literal["covariance", "bound"] = "covariance"
 
     has_compiled_form = True
 

@@ -102,7 +102,8 @@ def design(
         extra={"X": np.array([each.X for each in bounds[:-1]])} if uncertain else {},
     )
     own = RunByRun(partial(_of_one_run, systems, [each.X for each in bounds], limits))
-    return replace(predictor, uncertainty_scale=1.0, root=np.array([each.root for each in bounds[:-1]]), recursion=own)
+    kept = np.array([each.root for each in bounds[:-1]])
+    return replace(predictor, uncertainty_scale=1.0, root=kept, recursion=own, P_is="bound")
 
 
 def _of_one_run(

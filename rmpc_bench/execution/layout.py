@@ -84,6 +84,7 @@ class _Layout:
             stop=stop_of(config, None),
             parameters=dict(config.parameters),
             tuning=_tuning(config),
+            calibration=config.calibration,
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:
@@ -139,6 +140,7 @@ class _Layout:
             holds=method.estimator.holds or method.controller.holds,
             optimises=method.controller.optimises,
             limits=_limits(point.methods[name]["controller"]) if _is_of_bench(point, name) else {},
+            P_is=method.estimator.P_is,
         )
 
     def _series_of(

@@ -14,26 +14,12 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.components import ComponentMetric, units_of
 from rmpc_bench.metrics.error_size import RANK, ROUNDING, SquaredSize, squared_size
-from rmpc_bench.metrics.estimate_checks import (
-    check_reported,
-    check_some_reported,
-    check_state_lengths,
-    estimate_error,
-)
+from rmpc_bench.metrics.estimate_checks import check_reported, check_state_lengths, estimate_error
 from rmpc_bench.metrics.means import time_mean
 from rmpc_bench.metrics.sample import SignalComponent
 from rmpc_bench.numerics.ellipsoid import confidence
-from rmpc_bench.types import (
-    Array,
-    DesignError,
-    Direction,
-    Issue,
-    MetricLayout,
-    Record,
-    SampleWindow,
-    WindowMetric,
-    issues_of,
-)
+from rmpc_bench.types import Array, DesignError, Direction, Issue, MetricLayout, Record, SampleWindow, WindowMetric
+from rmpc_bench.types.errors import issues_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,39 +72,19 @@ class Nees(ComponentMetric):
 
 def _squares(record: Record, P: Array, window: SampleWindow, states: list[int] | None = None) -> SquaredSize:
     """Return e' P^+ e in a window, computed once for all metrics."""
-
-    def make() -> SquaredSize:
-        return squared_size(record, window.slice, P[..., window.slice, :, :], states)
-
-    found: SquaredSize = record.once(("squares", window, None if states is None else tuple(states)), make)
-    return found
+    key = ("squares", window, None if states is None else tuple(states))
+    return record.once(key, lambda: squared_size(record, window.slice, P[..., window.slice, :, :], states))
 
 
-def _deviations(record: Record, P: Array, window: SampleWindow, state: int) -> tuple[Array, Array]:
-    """Return |e| of a state and its reported standard deviation, NaN where one is not a number."""
-
-    def make() -> tuple[Array, Array]:
-        error = record.once("error", lambda: np.abs(estimate_error(record)))
-        variance = P[..., window.slice, state, state]
-        std = np.sqrt(np.maximum(variance, 0.0))
-        return np.ascontiguousarray(error[:, window.slice, state]), np.where(np.isfinite(variance), std, np.nan)
-
-    found: tuple[Array, Array] = record.once(("deviations", window, state), make)
-    return found
+def _deviations(record: Record, P: Array, window: SampleWindow, i: int) -> tuple[Array, Array]:
+    """Return |e| of state i in a window and its reported standard deviation, NaN where one is not a number."""
+    error = record.once("error", lambda: np.abs(estimate_error(record)))[:, window.slice, i]
+    variance = P[..., window.slice, i, i]
+    return error, np.where(np.isfinite(variance), np.sqrt(np.maximum(variance, 0.0)), np.nan)
 
 
 FEWEST = 20
 """Samples with P from which on a run counts whose estimator gives P at some samples only."""
-
-
-def _mean_of_known(values: Float[Array, "runs window"]) -> Float[Array, " runs"]:
-    """Average over the samples with a value; NaN where these are some only and fewer than `FEWEST`."""
-    unknown = np.isnan(values)
-    if not unknown.any():
-        return time_mean(values[:, :, None])
-    n = values.shape[1] - unknown.sum(axis=1)
-    mean = np.ascontiguousarray(np.where(unknown, 0.0, values)).sum(axis=1) / np.maximum(n, 1)
-    return np.where((n == values.shape[1]) | (n >= FEWEST), mean, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,31 +96,39 @@ class ReportedMetric(WindowMetric):
 
     @property
     def state(self) -> int | None:
-        """Index of the state that it is about; None for all together."""
+        """Index of the state that the key `of` names; None for all together."""
         of = getattr(self, "of", "joint")
         found = re.fullmatch(r"x\.([0-9]+)", of)
-        if found is None and of != "joint":
-            raise DesignError(f"must be joint, or x.I with I from 0 on (got {of!r})", "of")
+        if found is None and (of != "joint" or isinstance(self, Crps)):
+            raise DesignError(
+                f"must be {'' if isinstance(self, Crps) else 'joint or '}x.I, I from 0 on (got {of!r})", "of"
+            )
         return None if found is None else int(found[1])
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
         """Find an invalid window or state, estimates of another length than the state, and that no method reports P."""
         yield from super().check(layout)
         yield from check_state_lengths(layout)
-        yield from check_some_reported(layout)
+        yield from check_reported(layout, "P", of_all=False)
         issues = [*issues_of(lambda: self.state)]
         if not issues and layout.plant is not None and self.state is not None:
             issues = [*issues_of(SignalComponent("x", self.state).check, layout.plant.nx)]
         yield from issues
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
-        """Average over the samples at which there is a P."""
-        P = record.gappy_P if record.P is None else record.P
+        """Average over the samples that have a P."""
+        P, window = record.gappy_P if record.P is None else record.P, self.samples(record)
         if P is None:
             return np.full(len(record.x), np.nan)
         # Failed runs overflow here; their values are not used.
         with np.errstate(all="ignore"):
-            return _mean_of_known(self.of_samples(record, P, self.samples(record)))
+            values = self.of_samples(record, P, window)
+        known = ~np.isnan(values)
+        if known.all():
+            return time_mean(values[:, :, None])
+        n = known.sum(axis=1)
+        mean = time_mean(np.where(known, values, 0.0)[:, :, None]) * (window.length / np.maximum(n, 1))
+        return np.where(n >= min(FEWEST, window.length), mean, np.nan)
 
     def of_samples(self, record: Record, P: Array, window: SampleWindow) -> Float[Array, "runs window"]:
         """Return the value at every sample of the window; NaN without P."""
@@ -168,10 +142,9 @@ class Coverage(ReportedMetric):
     `joint` is the ellipsoid e' P^+ e <= c, e = x_hat - x, where c is the quantile of chi-square with as many degrees of
     freedom as P has rank; `x.I` is |e_I| <= z sd_I.  An error out of the range of a singular P is not covered.  The
     mean over runs is the level if P is the covariance of a Gaussian error.  Higher is better up to the level only: the
-    key `calibration` compares the share with the level and says in words which estimator is overconfident.
+    key `calibration` says in words which estimator is overconfident.
 
-    A method whose estimator reports no P has no value.  Where P is reported at some samples only these count, from 20
-    per run on.
+    A method that reports no P has no value.  Where it reports P at some samples only, these count, from 20 per run on.
 
     Parameters
     ----------
@@ -199,34 +172,24 @@ class Coverage(ReportedMetric):
         if self.state is None:
             size, lam, _ = _squares(record, P, window)
             limits = np.array([0.0, *(confidence(self.level, n) for n in range(1, lam.shape[-1] + 1))])
-            inside, known = size <= limits[(lam > RANK).sum(axis=-1)], size
-        else:
-            error, std = _deviations(record, P, window, self.state)
-            inside, known = error <= math.sqrt(confidence(self.level, 1)) * std, error + std
-            if (std == 0.0).any():
-                ends = (signal[:, :, self.state] for signal in (record.x, record.x_hat))
-                size = np.maximum(*(np.abs(end).max(axis=1) for end in ends))
-                inside |= (std == 0.0) & (error <= ROUNDING * size[:, None])
-        return np.where(np.isnan(known), np.nan, inside)
+            return np.where(np.isnan(size), np.nan, size <= limits[(lam > RANK).sum(axis=-1)])
+        error, std = _deviations(record, P, window, self.state)
+        largest = np.maximum(*(np.abs(each[:, :, self.state]).max(axis=1) for each in (record.x, record.x_hat)))
+        # Without variance only rounding is covered.
+        limit = np.where(std == 0.0, ROUNDING * largest[:, None], math.sqrt(confidence(self.level, 1)) * std)
+        return np.where(np.isnan(error + std), np.nan, error <= limit)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Crps(ReportedMetric):
-    """Continuous ranked probability score of a state: of the normal distribution with mean x_hat and the variance in P.
+    """Continuous ranked probability score of a state with the normal distribution of x_hat and P; lower is better.
 
-    The mean over k = 0..N-1 of sd (z (2 Phi(z) - 1) + 2 phi(z) - 1/sqrt(pi)), z = e/sd; |e| where sd = 0.  Lower is
-    better; it has the unit of the state.  An accurate estimate and an honest covariance both lower it.
-
-    A method whose estimator reports no P has no value.  Where P is reported at some samples only these count, from 20
-    per run on.
+    The mean over k = 0..N-1 of sd (z (2 Phi(z) - 1) + 2 phi(z) - 1/sqrt(pi)), z = e/sd; |e| where sd = 0.  It has the
+    unit of the state.  An accurate estimate and a right covariance both lower it.  P counts as in `coverage`.
 
     Parameters
     ----------
     of : the state x.I
-
-    References
-    ----------
-    Gneiting and Raftery, Journal of the American Statistical Association 102 (2007) 359, (21).
 
     Examples
     --------
@@ -246,12 +209,6 @@ class Crps(ReportedMetric):
         """Return the unit of the state."""
         return units_of(layout, "x", [self.state or 0])[0]
 
-    def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Add to the common checks: one state, since the units of several differ."""
-        if self.of == "joint":
-            yield Issue("of", "must be one state, x.I with I from 0 on: states have units of their own")
-        yield from super().check(layout)
-
     def of_samples(self, record: Record, P: Array, window: SampleWindow) -> Float[Array, "runs window"]:
         """Compute the closed form for a normal distribution."""
         from scipy.special import erf
@@ -267,11 +224,8 @@ class Crps(ReportedMetric):
 class LogScore(ReportedMetric):
     """Logarithmic score: mean over k = 0..N-1 of minus the log density of x under the distribution N(x_hat, P).
 
-    0.5 (nx log(2 pi) + e' P^-1 e + log det P) with e = x_hat - x.  Lower is better; it may be negative, and other units
-    of the states shift it.  It is inf where P is singular.
-
-    A method whose estimator reports no P has no value.  Where P is reported at some samples only these count, from 20
-    per run on.
+    0.5 (nx log(2 pi) + e' P^-1 e + log det P) with e = x_hat - x; inf where P is singular.  Lower is better; it may be
+    negative, and other units of the states shift it.  P counts as in `coverage`.
 
     Examples
     --------
@@ -283,9 +237,8 @@ class LogScore(ReportedMetric):
     name: str = "log_score"
 
     def of_samples(self, record: Record, P: Array, window: SampleWindow) -> Float[Array, "runs window"]:
-        """Compute the density from the spectrum of P, which the other metrics of a record need as well."""
+        """Compute the density; the determinant is that of the correlations times the variances."""
         size, lam, std = _squares(record, P, window)
-        # The determinant is that of the correlations times the variances.
         half_log = 0.5 * np.log(lam).sum(axis=-1) + np.log(std).sum(axis=-1)
         values = 0.5 * (lam.shape[-1] * math.log(2.0 * math.pi) + size) + half_log
         return np.where(np.isnan(size), np.nan, np.where((lam <= RANK).any(axis=-1), np.inf, values))

@@ -54,25 +54,20 @@ def check_state_lengths(layout: MetricLayout, key: str = "") -> Iterator[Issue]:
             return
 
 
-def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "") -> Iterator[Issue]:
-    """Find the methods whose estimator reports none of the given matrices; `key` is the one to blame."""
+def check_reported(layout: MetricLayout, *names: ReportedMatrix, key: str = "", of_all: bool = True) -> Iterator[Issue]:
+    """Find the methods whose estimator reports none of the given matrices, or that no method does; blame the `key`."""
     without = [
         method for method, estimate in first_estimates(layout) if all(getattr(estimate, name) is None for name in names)
     ]
-    if without:
+    if not of_all:
+        yield from [Issue(key, NO_P)] if 0 < len(layout.methods) == len(without) else []
+    elif without:
         wanted = " or ".join(DESCRIPTIONS[name] for name in names)
         yield Issue(
             key,
             f"needs {wanted} of the estimate, which the estimator of {', '.join(map(repr, without))} does not give; "
             "leave the metric or the method out",
         )
-
-
-def check_some_reported(layout: MetricLayout) -> Iterator[Issue]:
-    """Find that no method reports the covariance P, where the estimates of all of them are known."""
-    known = dict(first_estimates(layout))
-    if known and len(known) == len(layout.methods) and all(each.P is None for each in known.values()):
-        yield Issue("", NO_P)
 
 
 def estimate_error(record: Record) -> Float[Array, "runs samples nx"]:

@@ -32,6 +32,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "requirements.csv": "Runs that meet a requirement",
     "lost.csv": "Share of the runs that are lost, with its interval",
     "ranks.csv": "Rank of every method over all points of the sweep, as an interval, and ratios to the baseline",
+    "calibration.csv": "Whether the reported covariances agree with the errors",
     "two-way.csv": "Main effects and interactions of two axes of methods",
     "tuning.csv": "Tuned parameters: range, default, tuned and best value, objectives, regret, rank",
     "tuning.json": "Every value that tuning has tried, with the metric of its runs",

@@ -50,6 +50,7 @@ NEEDED = (CONFIG, RESOLVED, manifest.FILE, ROWS, "summary.csv", "comparisons.csv
 FILES = (
     *NEEDED,
     *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv", "ranks.csv"),
+    "calibration.csv",
     *("lost.csv", "two-way.csv", "tuning.csv", "tuning.json", SECONDS, "claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""

@@ -25,6 +25,7 @@ from rmpc_bench.publishing.table_files import experiment_record
 from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
+from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.page.context import KINDS, IndexEntry, answer_of, index_context, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
@@ -53,6 +54,7 @@ class Publication:
     requirements : runs that meet the requirements
     ranks : the methods in the order of their ranks over all points
     tuning : how the parameters were chosen
+    calibration : whether reported covariances agree with the errors
     paths : the files, in the order in which they were written
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
@@ -67,6 +69,7 @@ class Publication:
     requirements: RequirementsTable
     ranks: RanksTable
     tuning: TuningTable
+    calibration: CalibrationTable
     paths: tuple[Path, ...] = ()
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
@@ -95,6 +98,7 @@ class Publication:
             tuned=self.tuning,
             demanded=self.requirements,
             ranked=self.ranks,
+            calibrated=self.calibration,
             verdicts=self.verdicts,
             reasons=reasons,
             stop="" if experiment.stop is None else experiment.stop.text,
@@ -160,6 +164,7 @@ def write_page(
         requirements=published.requirements,
         ranks=published.ranks,
         tuning=published.tuning,
+        calibration=published.calibration,
         timings=results.durations,
         files=[*_relative(published.paths, directory), "report.md"],
         index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),

@@ -25,6 +25,7 @@ from rmpc_bench.publishing.table_files import (
     write_traces,
 )
 from rmpc_bench.replaced_file import folder, inside
+from rmpc_bench.report.calibration_table import CALIBRATION, calibration_table
 from rmpc_bench.report.run_tables import lost_table
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.report.two_way_table import two_way_content
@@ -166,12 +167,13 @@ def _published(
     published = Publication(
         results=results,
         directory=directory,
-        tables=summarise(results).shown(report.order, report.metrics),
+        tables=summarise(results).shown(report.order, results.experiment.shown_metrics),
         verdicts=judge(results),
         drivers=drivers(results),
         requirements=requirements(results),
         ranks=ranks(results),
         tuning=tuning(results),
+        calibration=calibration_table(results.trials),
         remarks=tuple(filter(None, [remark_on(rendering.font), _remark_on_rows(results)])),
     )
     paths = [
@@ -182,6 +184,7 @@ def _published(
         *write_table(published.ranks, directory, "ranks"),
         *write_rows(two_way_content(results.trials), directory / "two-way.csv"),
         *write_table(published.tuning, directory, "tuning"),
+        *write_table(published.calibration, directory, CALIBRATION),
         *write_traces(results.stored, directory / "traces.npz"),
         *write_claims(results, published.verdicts, directory, rendering.formats),
         *write_rows(results.durations, directory / "timings.csv"),
@@ -193,7 +196,7 @@ def _published(
             note_look(directory, len(results.trials.runs))
         note_report(directory, _way(results, place, file))
     record = experiment_record(results, file)
-    paths += write_latex(published.tables, record, texts, report)
+    paths += write_latex(published.tables, published.calibration, record, texts, report)
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
     published = replace(published, paths=tuple(paths), figures=figures, left_out=left_out)

@@ -19,6 +19,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.style import own_words
 from rmpc_bench.replaced_file import folder, replace_text, replaced
+from rmpc_bench.report.calibration_table import CALIBRATION, CalibrationTable, calibration_table
 from rmpc_bench.report.csv_file import comparisons_table, summary_table, trials_csv, write_csv
 from rmpc_bench.report.latex import WIDTH
 from rmpc_bench.report.latex_text import printed_latex
@@ -40,7 +41,9 @@ WRITTEN = "% written by rmpc-bench"
 """Beginning of these files; a file that begins otherwise belongs to the user and is kept."""
 
 
-def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, report: ReportKeys) -> list[Path]:
+def write_latex(
+    tables: Summary, calibration: CalibrationTable, record: ExperimentRecord, directory: Path, report: ReportKeys
+) -> list[Path]:
     """Write the tables for a paper with their captions and notes, and remove those of an earlier choice of metrics."""
     comments = [
         f"{WRITTEN[2:]}, version {record['version']}, numerics {record['numerics']}",
@@ -52,7 +55,8 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
     files = {}
     # The formulas of names are measured with the font of figures.
     with own_words():
-        found = latex_tables(tables, comments, report.columns, width)
+        # A metric may have the name of the table of calibration.
+        found = calibration.to_latex(comments, width) | latex_tables(tables, comments, report.columns, width)
     for name, table in found.items():
         files[f"{name}.tex"] = table.body
         files[f"{name}.caption.tex"] = f"{_head(name)}{table.caption}"
@@ -105,7 +109,7 @@ def write_summary(results: Results, tables: Summary, directory: Path) -> list[Pa
 
 
 def write_table(
-    table: DriversTable | RequirementsTable | RanksTable | TuningTable, directory: Path, name: str
+    table: DriversTable | RequirementsTable | RanksTable | TuningTable | CalibrationTable, directory: Path, name: str
 ) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
     file, text = directory / "tables" / f"{name}.md", table.to_markdown()
@@ -175,8 +179,8 @@ def write_claims(
 
 def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     """Write the tables and claims that follow from metrics and statuses alone."""
-    report, trials = results.experiment.report, results.trials
-    tables = summarise(results).shown(report.order, report.metrics)
+    report, trials, calibration = results.experiment.report, results.trials, calibration_table(results.trials)
+    tables = summarise(results).shown(report.order, results.experiment.shown_metrics)
     texts = folder(directory, "tables")
     write_csv(summary_table(tables.described_columns), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared_columns), directory / "comparisons.csv")
@@ -184,8 +188,9 @@ def write_tables_of_rows(results: Results, directory: Path, file: str) -> None:
     write_rows(lost_table(trials), directory / "lost.csv")
     write_table(ranks(results), directory, "ranks")
     write_rows(two_way_content(trials), directory / "two-way.csv")
+    write_table(calibration, directory, CALIBRATION)
     if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
-        write_latex(tables, experiment_record(results, file), texts, report)
+        write_latex(tables, calibration, experiment_record(results, file), texts, report)
     if not any(table.groups for table in trials.each):
         write_claims(results, judge(results), directory, report.formats)
 

@@ -14,6 +14,7 @@ from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_cells, parameter_legend
 from rmpc_bench.figures.labels import marked
+from rmpc_bench.report.calibration_table import coverage_cells
 from rmpc_bench.report.point_tables import FrameTable, markdown_page, markdown_table, rounded_columns
 from rmpc_bench.report.run_notes import short_time
 
@@ -65,6 +66,7 @@ class RanksTable(FrameTable):
         columns["n/n_failed"] = [f"{row.n}/{row.n_failed}" for row in rows]
         columns[f"ratio to {baseline}"] = [_interval(row.ratio) for row in rows]
         columns |= part_columns(self.found, baseline)
+        columns |= coverage_cells(self.trials, self.methods)
         if words := parameter_cells(self.trials, [row.method for row in rows]):
             columns["parameters"] = words
         notes = [[point.notes.get(row.method) for point in self.trials.each] for row in rows]
@@ -100,6 +102,11 @@ class RanksTable(FrameTable):
         ]
         what = "rank, ratio: of these points; the intervals cover the random variation between runs, not other systems"
         texts += [what] if points else []
+        if self.trials.calibration is not None:
+            texts.append(
+                "covers: mean share of errors in this region of the reported covariance, median of the size of "
+                "errors relative to its standard deviations; ranks do not use it"
+            )
         if any(each.ratio for row in self.found.rows for each in row.by_value):
             texts.append("?: the simultaneous interval of the ratio contains 1")
         if self.found.n_values > 1:

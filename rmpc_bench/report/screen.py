@@ -18,6 +18,7 @@ from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
+from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark_lines, show_command
@@ -31,10 +32,10 @@ WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
 MOST_NOTES = 7  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
-_FIRST = "page differs failed note stop claims two-way tuned requirements lost remarks worst driven".split()
+_FIRST = "page differs failed note stop claims two-way tuned requirements calibration lost remarks worst driven".split()
 _AVERAGES = {"geometric": "geometric mean", "mean": "ratio of the means"}
 _PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
-_WHOLE = ("failed", "worst", "page")  # notes whose lines are not broken: a command or a path that is copied
+_WHOLE = ("failed", "worst", "page", "calibration")  # notes whose lines are not broken, such as a command or a path
 _INTERVAL = re.compile(r"\[[^\[\] ]+, [^\[\] ]+\]")
 _GLUE = "\x01"  # stands for a blank at which a line does not end
 
@@ -54,6 +55,7 @@ class Screen:
     tuned: TuningTable
     demanded: RequirementsTable
     ranked: RanksTable
+    calibrated: CalibrationTable | None = None
     verdicts: Sequence[ClaimVerdict] = ()
     reasons: Sequence[str] = ()  # why the findings do not count
     stop: str = ""  # what a stopping rule has decided
@@ -139,6 +141,7 @@ class Screen:
             yield "two-way", [text for table in self._crossed() for text in table.sentences][:2]
             yield "tuned", [*filter(None, [self.tuned.gist])]
             yield "requirements", [*filter(None, [self.demanded.gist])]
+            yield "calibration", self.calibrated.lines(width) if self.calibrated is not None else []
             yield "lost", self._lost()
         yield "failed", self._failed(width)
         yield "worst", self._worst(tables, width)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -26,7 +26,7 @@ from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.store.store import Store, StoredMethod, each_once
 from rmpc_bench.types import MetricInfo
-from rmpc_bench.types.metric import ComparisonKeys, Direction, Requirement
+from rmpc_bench.types.metric import CalibrationKeys, ComparisonKeys, Direction, Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class PointMethod:
     optimises: bool = False  # whether its controller goes on after a step whose optimisation failed
     # component of a signal -> its limits in the controller, such as ``u.0``; ``u`` for all components
     limits: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    P_is: Literal["covariance", "bound"] = "covariance"  # whether its P is meant as an upper bound
 
     @property
     def stored(self) -> StoredMethod:
@@ -139,11 +140,20 @@ class StoredExperiment(ComparisonKeys):
     # without tuning has written the record
     parameters: Mapping[str, str] = field(default_factory=dict)
     tuning: StoredTuning | None = None  # what identifies the searches of tuned methods; None where nothing is tuned
+    calibration: CalibrationKeys | None = None  # how reported covariances are compared with the errors
 
     @property
     def origins(self) -> dict[str, str]:
         """Where the parameters of every method come from; an earlier version has tuned none."""
         return {name: self.parameters.get(name) or usual_parameters(self.paper) for name in self.methods}
+
+    @property
+    def shown_metrics(self) -> list[str] | None:
+        """Metrics of page and tables: those of the report, else all but the shares that have a table of their own."""
+        if self.report.metrics or self.calibration is None:
+            return self.report.metrics
+        starts = tuple(self.calibration.name(level) for level in self.calibration.levels)
+        return [info.name for info in self.points[0].metrics if not info.name.startswith(starts)]
 
     @property
     def level(self) -> float:
@@ -181,10 +191,15 @@ class StoredExperiment(ComparisonKeys):
 def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:
     """Store what reports need of an experiment in place of what is there, with the arrays that it names."""
     data = asdict(experiment)
+    # The bytes of experiments without these stay those of earlier versions.
+    if data["calibration"] is None:
+        del data["calibration"]
     for point in data["points"]:
         if not point["angles"]:
-            # The bytes of experiments without angles stay those of earlier versions.
             del point["angles"]
+        for method in point["methods"].values():
+            if experiment.calibration is None:
+                del method["P_is"]
     store.set_layout(KEY, json.dumps(data), arrays)
 
 
@@ -258,6 +273,10 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
     if found.stop is not None:
         numbers |= {"stop.max_runs": found.stop.max_runs, "stop.looks.wanted": found.stop.looks.wanted}
     yield from _out_of_range(numbers)
+    if (keys := found.calibration) is not None:
+        wanted = {*map(keys.name, keys.levels)}
+        if keys.verdict not in keys.levels or any(wanted - {info.name for info in p.metrics} for p in found.points):
+            yield "calibration: has levels without a metric, or a verdict at none of them"
 
 
 def _wrong_point(found: StoredExperiment, point: StoredPoint) -> Iterator[str]:

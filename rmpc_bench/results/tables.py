@@ -120,6 +120,7 @@ def _same_at_all_points(experiment: StoredExperiment) -> dict[str, Any]:
         "declared": tuple(experiment.methods),
         "requirements": experiment.requirements,
         "parameters": experiment.origins,
+        "calibration": experiment.calibration,
     }
 
 
@@ -136,6 +137,7 @@ def _of_record(point: StoredPoint) -> dict[str, Any]:
         "random_besides": point.random_besides,
         "limitations": point.limitations,
         "limits": {name: method.limits for name, method in point.methods.items()},
+        "bounds": frozenset(name for name, method in point.methods.items() if method.P_is == "bound"),
     }
 
 

@@ -74,6 +74,11 @@ class Estimator(Design):
         return None
 
     @attribute
+    def P_is(self) -> Literal["covariance", "bound"]:
+        """Whether P is meant as the covariance of x_hat - x or as an upper bound of it."""
+        return "covariance"
+
+    @attribute
     def M(self) -> Float[Array, "k nx nx"] | None:
         """Shape of the reported set of x_hat - x over k; None where it depends on the data or is not reported."""
         return None

@@ -171,8 +171,8 @@ def test_what_is_refused_before_a_run():
         only_issue(metric, layout._replace(methods=(without,)), "", "no method reports a covariance P")
     both = layout._replace(methods=(with_P,))
     only_issue(Coverage(of="x.2"), both, "of", r"there is no x\.2: choose x\.0 to x\.1")
-    only_issue(Coverage(of="y.0"), both, "of", r"must be joint, or x\.I")
-    only_issue(Crps(of="joint"), both, "of", "must be one state")
+    only_issue(Coverage(of="y.0"), both, "of", r"must be joint or x\.I")
+    only_issue(Crps(of="joint"), both, "of", "must be x")
     assert Crps(of="x.0").info(layout).direction == "lower" and Coverage().info(layout).direction == "higher"
 
 

@@ -37,6 +37,7 @@ DEFAULTS = {
         "form": None,
         "x0": None,
         "P": None,
+        "P_is": "covariance",
         "M": None,
         "sets": None,
         "uncertainty_scale": None,

@@ -121,6 +121,7 @@ def folds_of(source: PageSource, tables: Sequence[ResultTable]) -> list[Fold]:
     in_short = "bias, variance and reported covariance by state"
     found = [
         _failures(source),
+        _calibration(source),
         _two_way(source),
         _drivers(source),
         *_points(source, tables),
@@ -163,6 +164,19 @@ def _failures(source: PageSource) -> Fold:
         gist = f"{message} ({f'all {n}' if n == len(failed) else f'{n} of {len(failed)}'}"
         gist += f", {names.pop()})" if len(names) == 1 else ")"
     return Fold("Failures", gist, parts)
+
+
+def _calibration(source: PageSource) -> Fold | None:
+    """Compare the reported covariances with the errors."""
+    table, parts = source.calibration, list[Part]()
+    if table is None or not source.trials.with_verdicts:
+        return None
+    for trials, rows in table.points[:MOST_POINTS]:
+        parts += [Part(text=f"{short_title(trials)}:")] if trials.title and rows else []
+        parts += [Part(table=Table(table.columns(trials, rows, plain=True), by_method=True))] if rows else []
+    left = len(table.points) - MOST_POINTS
+    parts += [Part(note=f"{left} more points are in calibration.csv.")] if parts and left > 0 else []
+    return Fold("Calibration", table.gist, [*parts, Part(note=table.note)] if parts else [])
 
 
 def _two_way(source: PageSource) -> Fold:

@@ -13,6 +13,7 @@ from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.page.matrix import Group
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
@@ -54,6 +55,7 @@ class PageSource:
     requirements: RequirementsTable | None = None
     ranks: RanksTable | None = None
     tuning: TuningTable | None = None
+    calibration: CalibrationTable | None = None
     timings: Columns = field(default_factory=dict)  # durations of the calls of own components
     files: Sequence[str] = ()  # files of the directory, relative to the page
     index: str = ""  # index of several experiments, relative to the page
