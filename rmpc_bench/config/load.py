@@ -166,7 +166,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "methods": _methods(draft),
         **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
-        **_calibration(draft, experiment),
+        **({"calibration": plain_data(values["calibration"])} if values["calibration"] is not None else {}),
         "statistics": plain_data(values["statistics"]),
         "evaluate": values["evaluate"],
         "record": plain_data(values["record"]),
@@ -221,15 +221,6 @@ def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list
             }
         entries.append(keys)
     return entries
-
-
-def _calibration(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
-    """Return the key `calibration`, where it is given; a start that a smoke run has cut is given as cut."""
-    keys = draft.values["calibration"]
-    if keys is None:
-        return {}
-    end = (experiment.n_steps - 1) * experiment.tick
-    return {"calibration": plain_data(keys if keys.from_ is None else replace(keys, from_=min(keys.from_, end)))}
 
 
 def load_config(

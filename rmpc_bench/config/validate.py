@@ -113,6 +113,9 @@ def _shrink(draft: DraftConfig, first: Time | None) -> None:
     # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
     length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
     draft.values |= {"runs": min(runs, size.runs), "time": Time(step=time.step, unit=time.unit, **length)}
+    keys = draft.values["calibration"]
+    if keys is not None and keys.from_ is not None:
+        draft.values["calibration"] = replace(keys, from_=min(keys.from_, (n_steps - 1) * time.tick))
 
 
 def _top_level(draft: DraftConfig) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -97,7 +97,7 @@ class CoverageFigure(OnePointFigure):
             finish(figure, [(name_of(point, name), mark) for name, mark in marks.items()], title)
         return figure
 
-    def _content(self, results: Trials) -> tuple[Trials, str, CalibrationKeys, dict[str, Rows]]:
+    def _content(self, results: Trials) -> tuple[Trials, str, CalibrationKeys, dict[str, list[Mapping[str, Any]]]]:
         """Find the point with its title, and method -> its rows for all states."""
         point, title = point_at(results, self.at)
         rows = next((rows for each, rows in calibrations(results) if each is point), [])

@@ -73,7 +73,10 @@ class Nees(ComponentMetric):
 def _squares(record: Record, P: Array, window: SampleWindow, states: list[int] | None = None) -> SquaredSize:
     """Return e' P^+ e in a window, computed once for all metrics."""
     key = ("squares", window, None if states is None else tuple(states))
-    return record.once(key, lambda: squared_size(record, window.slice, P[..., window.slice, :, :], states))
+    found: SquaredSize = record.once(
+        key, lambda: squared_size(record, window.slice, P[..., window.slice, :, :], states)
+    )
+    return found
 
 
 def _deviations(record: Record, P: Array, window: SampleWindow, i: int) -> tuple[Array, Array]:

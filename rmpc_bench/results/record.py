@@ -273,9 +273,9 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
     if found.stop is not None:
         numbers |= {"stop.max_runs": found.stop.max_runs, "stop.looks.wanted": found.stop.looks.wanted}
     yield from _out_of_range(numbers)
-    if (keys := found.calibration) is not None:
-        wanted = {*map(keys.name, keys.levels)}
-        if keys.verdict not in keys.levels or any(wanted - {info.name for info in p.metrics} for p in found.points):
+    if (asked := found.calibration) is not None:
+        wanted = {*map(asked.name, asked.levels)}
+        if asked.verdict not in asked.levels or any(wanted - {info.name for info in p.metrics} for p in found.points):
             yield "calibration: has levels without a metric, or a verdict at none of them"
 
 
