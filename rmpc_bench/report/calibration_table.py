@@ -136,13 +136,19 @@ def _decides(trials: Trials, row: Mapping[str, Any]) -> bool:
 def _short(row: Mapping[str, Any]) -> str:
     """Return the first word of a verdict and, where it is wrong, the factor."""
     first = str(row["verdict"]).partition(",")[0].partition(" (")[0]
-    return first + f" {plain(short(row['factor'], 2))}x" * (first in (OVERCONFIDENT, CONSERVATIVE))
+    return first + f" {_size(row, 2)}x" * (first in (OVERCONFIDENT, CONSERVATIVE))
+
+
+def _size(row: Mapping[str, Any], digits: int = 3) -> str:
+    """Write the factor of the errors; its bound where all of them are covered, or none."""
+    sign, key = {0.0: ("< ", "factor_high"), np.inf: ("> ", "factor_low")}.get(row["factor"], ("", "factor"))
+    return sign + plain(short(row[key], digits))
 
 
 def _line(row: Mapping[str, Any], width: int) -> str:
     """Write a method for the screen; verdict, then name, are cut where the line is too long."""
     low, c, high = (f"{100 * row[key]:.0f}" for key in ("low", "covered", "high"))
-    numbers = f"covers {c} % of {100 * row['level']:g} % [{low}, {high}]  errors {plain(short(row['factor']))} x std  "
+    numbers = f"covers {c} % of {100 * row['level']:g} % [{low}, {high}]  errors {_size(row)} x std  "
     numbers *= row["n"] > 0
     words = row["verdict"]
     if width_of(row["method"] + numbers + words) + 2 > width:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from calibrated import coverage_trials, errors, of_squares
 from data_frames import arrays
 from tuned_searches import search, tuning
 
@@ -16,6 +17,7 @@ from rmpc_bench.types import MetricInfo
 KINDS = registry.names("figures")
 PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
+    "coverage": [{}, {"order": ["B"], "width": 5.0}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
     "rows": [{}, {"show": ["mean", "share"], "metric": "power", "above": 1.5, "order": ["B"]}],
@@ -75,6 +77,10 @@ def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
     if kind == "sweep":
         results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
+    if kind == "coverage":
+        rng, recorded = np.random.default_rng(4), results.results
+        values = {name: of_squares(errors(rng, RUNS, rho=0.0), 1.0) for name in "AB"}
+        results = FigureExample(coverage_trials(values, traces=recorded.traces, over_time=recorded.over_time))
     if "path" in keys:
         grid = [{"controller.Hp": Hp, "controller.Hu": Hu} for Hp in ("5", "10") for Hu in ("1", "2")]
         results = FigureExample(make_sweep(*[(point, results.results) for point in grid]))
