@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rmpc_bench.analysis.calibration import Region, calibrations, states_of
-from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.estimation_errors import recorded_errors
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import stacked_panels
 from rmpc_bench.figures.labels import at_point, name_of, runs_sentence, sentence
 from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.palette import BAND, DIM, LineStyle, line_styles, paler, sample
+from rmpc_bench.figures.palette import BAND, DIM, line_styles, paler, sample
 from rmpc_bench.figures.points import point_at
 from rmpc_bench.figures.recorded_runs import window_of
 from rmpc_bench.figures.style import new_figure, style
@@ -26,15 +25,12 @@ from rmpc_bench.types.figure import OnePointFigure
 from rmpc_bench.types.metric import CalibrationKeys
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.trials import Trials
 
-PANEL = 2.2
-"""Height of a panel [in]."""
-APART = 0.012
-"""Distance between the marks of methods at one level."""
+PANEL, APART = 2.2, 0.012
+"""Height of a panel [in], and distance between the marks of methods at one level."""
 NEEDED = "needs shares of covered errors: calibration: true"
 
 
@@ -62,30 +58,30 @@ class CoverageFigure(OnePointFigure):
 
     def caption(self, results: Trials) -> str:
         """Say what marks, band and lines are; see `Figure.caption`."""
-        point, title, keys, rows = self._content(results)
-        level = f"{100 * keys.verdict:g} %"
-        over_time = f"below, over time at {level}, the share of the recorded runs with Wilson intervals"
-        return sentence(
-            f"Share of errors in the regions of the reported covariance{at_point(title)} against their level, with "
-            f"{100 * point.confidence:g} % intervals; grey: errors up to {100 * keys.margin:g} % larger or smaller "
-            "than promised",
-            over_time * any(covered_over_time(point, name, keys.verdict) is not None for name in rows),
-            runs_sentence([point], [*rows]),
-        )
+        point, title, keys, rows, over_time = self._content(results)
+        band = f"grey: errors up to {100 * keys.margin:g} % larger or smaller than promised"
+        what = f"Share of errors in the regions of the reported covariance{at_point(title)} against their level"
+        below = f"below, over time at {100 * keys.verdict:g} %, the share of the recorded runs with Wilson intervals"
+        marks = f"{what}, with {100 * point.confidence:g} % intervals"
+        return sentence(marks, band, below * bool(over_time), runs_sentence([point], [*rows]))
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the marks of every method, and the shares over time; see `Figure.draw`."""
         self.require(layout_of(results))
-        point, title, keys, rows = self._content(results)
-        found = {name: covered_over_time(point, name, keys.verdict) for name in rows}
-        over_time = {name: each for name, each in found.items() if each is not None}
-        styles = line_styles(point.all_methods, [*rows])
+        point, title, keys, rows, over_time = self._content(results)
+        styles, grid = line_styles(point.all_methods, [*rows]), np.linspace(0.005, 0.995, 199)
         with style():
             figure = new_figure(self.size(0.4 + PANEL * (1 + bool(over_time))))
             first, *below = stacked_panels(figure, 1 + bool(over_time), sharex=False)
-            _draw_band(first, max(1, len(states_of(point))), keys.margin)
+            band = [Region(float(p), max(1, len(states_of(point)))).margin(keys.margin) for p in grid]
+            first.fill_between(grid, *np.array(band).T, color=BAND, lw=0, zorder=0.4)
+            first.plot([0, 1], [0, 1], color=DIM, lw=0.8, zorder=0.5)
+            first.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="level", ylabel="coverage")
             for place, (name, of) in enumerate(rows.items()):
-                _draw_marks(first, of, APART * (place - (len(rows) - 1) / 2), styles[name])
+                p, c, low, high = (np.array([row[key] for row in of]) for key in ("level", "covered", "low", "high"))
+                p, look = p + APART * (place - (len(rows) - 1) / 2), styles[name]
+                first.vlines(p, low, high, lw=1.0, color=look.color, gid=look.gid)
+                first.plot(p, c, ls="", marker=look.marker, ms=4.0, color=look.color, gid=look.gid)
             for axes in below:
                 for name, (share, low, high) in over_time.items():
                     window = window_of(point, len(share) - 1, None, None)
@@ -93,51 +89,37 @@ class CoverageFigure(OnePointFigure):
                     axes.plot(window.times, share, lw=1.0, color=styles[name].color, gid=styles[name].gid)
                 axes.axhline(keys.verdict, color=DIM, lw=0.8)
                 axes.set(ylim=(-0.02, 1.02), xlabel=window.label, ylabel=f"coverage, {100 * keys.verdict:g} %")
-            marks = {name: sample(ls="", marker=each.marker, color=each.color) for name, each in styles.items()}
-            finish(figure, [(name_of(point, name), mark) for name, mark in marks.items()], title)
+            marks = [sample(ls="", marker=each.marker, color=each.color) for each in styles.values()]
+            finish(figure, [*zip((name_of(point, name) for name in styles), marks, strict=True)], title)
         return figure
 
-    def _content(self, results: Trials) -> tuple[Trials, str, CalibrationKeys, dict[str, list[Mapping[str, Any]]]]:
-        """Find the point with its title, and method -> its rows for all states."""
+    def _content(
+        self, results: Trials
+    ) -> tuple[Trials, str, CalibrationKeys, dict[str, list[Mapping[str, Any]]], dict[str, list[Array]]]:
+        """Find the point with its title, the rows of every method for all states, and shares over time."""
         point, title = point_at(results, self.at)
         rows = next((rows for each, rows in calibrations(results) if each is point), [])
         known = [row for row in rows if row["of"] == "joint" and row["n"]]
         found = {name: [row for row in known if row["method"] == name] for name in self.order or point.methods}
-        found = {name: of for name, of in found.items() if of}
-        if point.calibration is None or not found:
-            raise DesignError("no method to show reports a covariance P" if point.calibration else NEEDED, "order")
-        return point, title, point.calibration, found
+        found, keys = {name: of for name, of in found.items() if of}, point.calibration
+        if keys is None or not found:
+            raise DesignError(NEEDED if keys is None else "no method to show reports a covariance P", "order")
+        over_time = {name: each for name in found if (each := covered_over_time(point, name, keys.verdict))}
+        return point, title, keys, found, over_time
 
 
-def _draw_band(axes: Axes, n: int, margin: float) -> None:
-    """Draw the diagonal, and the shares of errors in n dimensions that are as large as promised up to a margin."""
-    p = np.linspace(0.005, 0.995, 199)
-    low, high = np.array([Region(float(each), n).margin(margin) for each in p]).T
-    axes.fill_between(p, low, high, color=BAND, lw=0, zorder=0.4)
-    axes.plot([0, 1], [0, 1], color=DIM, lw=0.8, zorder=0.5)
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="level", ylabel="coverage")
+def covered_over_time(point: Trials, method: str, level: float) -> list[Array]:
+    """Return over k the share of the recorded runs whose error is covered, NaN without P, and the ends of its interval.
 
-
-def _draw_marks(axes: Axes, rows: Rows, shift: float, how: LineStyle) -> None:
-    """Draw the shares of a method with their intervals."""
-    p, c, low, high = (np.array([row[key] for row in rows]) for key in ("level", "covered", "low", "high"))
-    look: dict[str, Any] = {"color": how.color, "gid": how.gid}
-    axes.vlines(p + shift, low, high, lw=1.0, **look)
-    axes.plot(p + shift, c, ls="", marker=how.marker, ms=4.0, **look)
-
-
-def covered_over_time(point: Trials, method: str, level: float) -> tuple[Array, Array, Array] | None:
-    """Return over k the share of the recorded runs whose error is covered, with the ends of its interval.
-
-    None where their errors or covariances are not known; a sample without a covariance is NaN.
+    Nothing where their errors or covariances are not known.
     """
     from scipy.special import gammaincinv
 
     found = recorded_errors(point, method)
     if found is None or found.P is None or not len(found.runs):
-        return None
+        return []
     values, freedom = found.squares()
     limits = np.where(freedom > 0, 2 * gammaincinv(np.maximum(freedom, 1) / 2, level), 0.0)
     k, n = (values <= limits).sum(axis=0), (~np.isnan(values)).sum(axis=0)
-    low, high = np.array([wilson(int(some), int(of), point.confidence) for some, of in zip(k, n, strict=True)]).T
-    return np.where(n > 0, k / np.maximum(n, 1), np.nan), low, high
+    ends = [wilson(int(some), int(of), point.confidence) for some, of in zip(k, n, strict=True)]
+    return [np.where(n > 0, k / np.maximum(n, 1), np.nan), *np.array(ends).T]
