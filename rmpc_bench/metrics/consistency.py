@@ -72,10 +72,8 @@ class Nees(ComponentMetric):
 
 def _squares(record: Record, P: Array, window: SampleWindow, states: list[int] | None = None) -> SquaredSize:
     """Return e' P^+ e in a window, computed once for all metrics."""
-    key = ("squares", window, None if states is None else tuple(states))
-    found: SquaredSize = record.once(
-        key, lambda: squared_size(record, window.slice, P[..., window.slice, :, :], states)
-    )
+    key, part = ("squares", window, None if states is None else tuple(states)), P[..., window.slice, :, :]
+    found: SquaredSize = record.once(key, lambda: squared_size(record, window.slice, part, states))
     return found
 
 
@@ -125,13 +123,14 @@ class ReportedMetric(WindowMetric):
             return np.full(len(record.x), np.nan)
         # Failed runs overflow here; their values are not used.
         with np.errstate(all="ignore"):
-            values = self.of_samples(record, P, window)
+            total, n = self.sums(record, P, window)
+            return np.where(n >= min(FEWEST, window.length), total / n, np.nan)
+
+    def sums(self, record: Record, P: Array, window: SampleWindow) -> tuple[Array, Array]:
+        """Return the sums over the samples of the window that have a value, and their numbers, (runs,) each."""
+        values = self.of_samples(record, P, window)
         known = ~np.isnan(values)
-        if known.all():
-            return time_mean(values[:, :, None])
-        n = known.sum(axis=1)
-        mean = time_mean(np.where(known, values, 0.0)[:, :, None]) * (window.length / np.maximum(n, 1))
-        return np.where(n >= min(FEWEST, window.length), mean, np.nan)
+        return np.ascontiguousarray(np.where(known, values, 0.0)).sum(axis=1), known.sum(axis=1)
 
     def of_samples(self, record: Record, P: Array, window: SampleWindow) -> Float[Array, "runs window"]:
         """Return the value at every sample of the window; NaN without P."""
@@ -170,17 +169,26 @@ class Coverage(ReportedMetric):
     better: ClassVar[Direction] = "higher"
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
-    def of_samples(self, record: Record, P: Array, window: SampleWindow) -> Float[Array, "runs window"]:
-        """Return 1 where the error is covered, else 0."""
+    def sums(self, record: Record, P: Array, window: SampleWindow) -> tuple[Array, Array]:
+        """Count the samples at which the error is covered; regions of other levels share all but the last line."""
+        key = ("known", window, self.state)
+        size, rank, n = record.once(key, lambda: self._sizes(record, P, window))
+        limits = np.array([0.0, *(confidence(self.level, dof) for dof in range(1, P.shape[-1] + 1))])[rank]
+        return (size <= limits).sum(axis=1), n
+
+    def _sizes(self, record: Record, P: Array, window: SampleWindow) -> tuple[Array, Array, Array]:
+        """Return squares of the errors over P, its rank, and in how many samples of a run both are known."""
         if self.state is None:
             size, lam, _ = _squares(record, P, window)
-            limits = np.array([0.0, *(confidence(self.level, n) for n in range(1, lam.shape[-1] + 1))])
-            return np.where(np.isnan(size), np.nan, size <= limits[(lam > RANK).sum(axis=-1)])
+            return size, (lam > RANK).sum(axis=-1), (~np.isnan(size)).sum(axis=1)
         error, std = _deviations(record, P, window, self.state)
-        largest = np.maximum(*(np.abs(each[:, :, self.state]).max(axis=1) for each in (record.x, record.x_hat)))
-        # Without variance only rounding is covered.
-        limit = np.where(std == 0.0, ROUNDING * largest[:, None], math.sqrt(confidence(self.level, 1)) * std)
-        return np.where(np.isnan(error + std), np.nan, error <= limit)
+        size, certain = (error / std) ** 2, std == 0.0
+        if certain.any():
+            largest = np.maximum(*(np.abs(each[:, :, self.state]).max(axis=1) for each in (record.x, record.x_hat)))
+            # Without variance only rounding is covered.
+            rounding = np.where(error <= ROUNDING * largest[:, None], 0.0, np.inf)
+            size = np.where(certain, np.where(np.isnan(error), np.nan, rounding), size)
+        return size, np.where(certain, 0, 1), (~np.isnan(size)).sum(axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
