@@ -30,8 +30,8 @@ MAY_IMPORT = {
     "numerics": {"types"},
     "models": {"numerics", "types"},
     "noise": {"numerics", "types"},
-    # A plant may be a recorded one.
-    "plants": DESIGNS | {"recordings"},
+    # A plant may be a recorded one.  What it draws itself has a law.
+    "plants": DESIGNS | {"recordings", "noise"},
     # The files of users that a component reads itself.
     "recordings": {"types", "received"},
     "estimators": DESIGNS,

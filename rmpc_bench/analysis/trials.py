@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rmpc_bench.analysis.adjustment import Adjustment, adjustment_of
 from rmpc_bench.analysis.columns import Columns, Series, data_frame, rows_at, series_columns, stacked, with_point
 from rmpc_bench.analysis.levels import PlannedLook
 from rmpc_bench.analysis.runs import RunNotes, common_runs
@@ -68,6 +69,7 @@ class Trials(ComparisonKeys):
     quantities : column ``run``, ascending, and one per named uncertain quantity; empty for a whole sweep, whose points
         have it; `uncertainty` is the same as a data frame
     requirements : what the metric of a run must keep
+    laws : uncertain quantity -> keys of its law, such as ``dist``, where it has one of its own
     random_besides : what else is random in a run, such as ``noise``; None where the store does not say
     limitations : what a comparison with this plant cannot show, as sentences
     groups : method -> moments over the runs by groups of runs, where they are not exact
@@ -112,6 +114,7 @@ class Trials(ComparisonKeys):
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
     quantities: Columns = field(default_factory=dict)
+    laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     random_besides: tuple[str, ...] | None = None
     limitations: tuple[str, ...] = ()
     requirements: tuple[Requirement, ...] = ()
@@ -143,6 +146,11 @@ class Trials(ComparisonKeys):
     def with_tuning(self, tuning: Tuning | None) -> Trials:
         """Return the same trials, and points of a sweep, with a record of how parameters were chosen."""
         return replace(self, tuning=tuning, points=tuple(replace(point, tuning=tuning) for point in self.points))
+
+    @cached_property
+    def adjustment(self) -> Adjustment:
+        """What the comparisons of this point are adjusted for."""
+        return adjustment_of(self)
 
     @property
     def all_methods(self) -> tuple[str, ...]:

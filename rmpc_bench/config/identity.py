@@ -20,6 +20,7 @@ import rmpc_bench
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, NoiseTerm
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config_file.component import Component, Writer, as_given, plain_data, without_path
+from rmpc_bench.noise.distributions import UncertainLaw
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.errors import unknown
@@ -240,11 +241,13 @@ def _without_later(component: Component, keys: Mapping[str, Any]) -> dict[str, A
 def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:
     """Return the distributions of the uncertain quantities; where `canonical`, their scale is applied to them."""
     laws = draft.uncertainty if canonical else draft.laws
-    data = {
-        name: {"dist": type(law).__name__.lower().removesuffix("group"), **plain_data(law)}
-        for name, law in laws.items()
-    }
+    data = {name: law_data(law) for name, law in laws.items()}
     return data if canonical or draft.scale == 1 else {**data, "scale": draft.scale}
+
+
+def law_data(law: UncertainLaw) -> dict[str, Any]:
+    """Return the keys of a law as plain data."""
+    return {"dist": type(law).__name__.lower().removesuffix("group"), **plain_data(law)}
 
 
 def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]:

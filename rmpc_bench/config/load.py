@@ -166,8 +166,9 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "methods": _methods(draft),
         **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
+        # A key that an earlier version did not have is left out unless it is used.
         **({"calibration": plain_data(values["calibration"])} if values["calibration"] is not None else {}),
-        "statistics": plain_data(values["statistics"]),
+        "statistics": {k: v for k, v in plain_data(values["statistics"]).items() if (k, v) != ("adjust", "auto")},
         "evaluate": values["evaluate"],
         "record": plain_data(values["record"]),
         "report": plain_data(values["report"]),

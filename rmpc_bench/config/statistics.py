@@ -8,15 +8,19 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Len, Lt
 
+from rmpc_bench.analysis.adjustment import law_of
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.identity import SweepPoint
+from rmpc_bench.config.identity import SweepPoint, law_data
 from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
 from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
+from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import NonNegative
-from rmpc_bench.types.metric import OPERATORS, ComparisonKeys, Limit, Requirement
+from rmpc_bench.types.errors import nearest
+from rmpc_bench.types.metric import OPERATORS, AdjustKeys, ComparisonKeys, Limit, Requirement
 
 Text = Annotated[str, Len(1)]
 DEFAULT_RELEVANT = 0.01
@@ -27,6 +31,7 @@ BEST_AT = {"zero": 0, "one": 1}
 """Direction of a metric that has its best value inside of its range -> this value."""
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _METRIC = "metric of this configuration"
+_NO_LAW = "has no independent law that is known"
 _ONCE = "names one metric, once, between comparisons with numbers"
 
 
@@ -87,6 +92,8 @@ class Statistics(ComparisonKeys):
                 at: list[str | int] = ["statistics", "two_way", axis, place]
                 if name not in known and not draft.is_inherited(at):
                     draft.note(at, unknown(name, known, f"{axis} in the names of methods"))
+        if point is not None:
+            _check_adjust(draft, point.experiment)
         infos = () if point is None else point.experiment.metric_infos
         info = next((each for each in infos if each.name == (self.primary or infos[0].name)), None)
         if info is None:
@@ -98,6 +105,33 @@ class Statistics(ComparisonKeys):
             why = "a larger one is better" if info.direction == "higher" else f"it is best at {BEST_AT[info.direction]}"
             message = f"a run is lost where {info.name} is large, but {why}"
             draft.note(["statistics", "lost"], f"{message}; choose another metric with statistics.primary")
+
+
+def _check_adjust(draft: DraftConfig, experiment: Experiment) -> None:
+    """Refuse quantities that averages cannot be adjusted for; inherited ones that do not exist are left out."""
+    adjust, path = draft.values["statistics"].adjust, list[str | int](["statistics", "adjust"])
+    path += ["for"] if isinstance(adjust, AdjustKeys) else []
+    names = adjust.for_ if isinstance(adjust, AdjustKeys) else [] if isinstance(adjust, str) else adjust
+    scenario, laws = experiment.scenario, {**experiment.scenario.uncertainty, **experiment.plant.laws()}
+    known, gone = dict.fromkeys([*scenario.quantities, *experiment.plant.laws()]), list[str]()
+    for place, name in enumerate(names or ()):
+        data = law_data(laws[name]) if isinstance(laws.get(name), Distribution) else {}
+        if law_of(data) is not None or data.get("dist") == "fixed":
+            continue
+        if name in known or name in scenario.burst_names:
+            why = f"has a {data['dist']} law, for which there are no polynomials" if data else _NO_LAW
+            draft.note([*path, place], f"{name} {why}")
+        elif draft.is_inherited([*path, place]):
+            gone.append(name)
+            draft.left_out.append(f"statistics.adjust: {name} does not exist here")
+        else:
+            near = nearest(name, [*known])
+            hint = f"did you mean {near!r}?" if near else f"known: {', '.join(known) or 'none'}"
+            draft.note([*path, place], f"{name!r} is not an uncertain quantity; {hint}")
+    if gone:
+        kept = [name for name in names or () if name not in gone]
+        changed = replace(adjust, for_=kept) if isinstance(adjust, AdjustKeys) else kept
+        draft.values["statistics"] = replace(draft.values["statistics"], adjust=changed)
 
 
 def check_statistics(draft: DraftConfig, point: SweepPoint | None) -> None:

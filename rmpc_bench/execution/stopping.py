@@ -135,8 +135,6 @@ def _of_primary(experiment: StoredExperiment) -> StoredExperiment:
                 methods=methods,
                 n_recorded=0,
                 has_ensemble=False,
-                uncertainty=(),
-                uncertainty_key="",
             )
         )
     return replace(experiment, points=tuple(points))

@@ -26,6 +26,7 @@ from rmpc_bench.models.uncertain_system import (
     takes_matrices,
     uncertain_system,
 )
+from rmpc_bench.noise.distributions import Choice, Distribution, Uniform
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Channel, CompiledPlant, Motion, Period, Plant, Positive, Status, SystemMatrix, Term
 
@@ -207,6 +208,17 @@ class UncertainLinear(OfSystem, Plant):
             for i in range(min(F.shape[2:]) if channel in self.system.active else 0):
                 found[f"{name}.{i}"] = F[:, 0, i, i]
         return found
+
+    def laws(self) -> dict[str, Distribution]:
+        """Laws of the entries that are constant within a run; see `drawn`."""
+        law, (low, high) = self.uncertainty, self.uncertainty.bounds
+        if law.per != "run" or self.worst is not None:
+            return {}
+        of_entry = Uniform(low, high) if law.law == "uniform" else Choice((low, high))
+        active = (
+            (name, min(shape)) for name, shape in zip(NAMES, self.shapes, strict=True) if name in self.system.active
+        )
+        return {f"F_{name}.{i}": of_entry for name, n in active for i in range(n)}
 
     def against(self, worst: tuple[Array, ...]) -> UncertainLinear:
         """Return the plant with an adversary's sequences (samples, r, s) of F_x, F_w, F_v."""

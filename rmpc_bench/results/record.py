@@ -98,6 +98,8 @@ class StoredPoint:
     random_besides: tuple[str, ...] | None = None
     limitations: tuple[str, ...] = ()  # what a comparison with this plant cannot show
     angles: Mapping[str, float] = field(default_factory=dict)  # component that is an angle, such as x.0 -> its period
+    # uncertain quantity with a law of its own -> keys of the law, its scale applied
+    laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""
@@ -194,9 +196,12 @@ def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping
     # The bytes of experiments without these stay those of earlier versions.
     if data["calibration"] is None:
         del data["calibration"]
+    if data["adjust"] == "auto":
+        del data["adjust"]
     for point in data["points"]:
-        if not point["angles"]:
-            del point["angles"]
+        for name in ("angles", "laws"):
+            if not point[name]:
+                del point[name]
         for method in point["methods"].values():
             if experiment.calibration is None:
                 del method["P_is"]
@@ -408,6 +413,7 @@ def _key(config: ExperimentConfig, stop: StopKeys) -> str:
     trials = [[point.coordinates, point.method_keys, point.metric_keys] for point in config.points]
     claims = [[claim.check, claim.at, claim.pooled, claim.holds_for, claim.stated] for claim in config.claims]
     comparison = [config.primary, config.baseline, statistics.confidence, config.headline, statistics.average]
+    comparison += [statistics.adjust]
     margins = [statistics.relevant_change, statistics.margins]
     of_rule = claims if stop.decide else comparison + margins
     data = [asdict(stop), trials, of_rule, statistics.confidence, rmpc_bench.__version__]

@@ -135,6 +135,7 @@ def _of_record(point: StoredPoint) -> dict[str, Any]:
         "keys": {name: method.key for name, method in point.methods.items()},
         "oracles": frozenset(name for name, method in point.methods.items() if method.is_oracle),
         "random_besides": point.random_besides,
+        "laws": point.laws,
         "limitations": point.limitations,
         "limits": {name: method.limits for name, method in point.methods.items()},
         "bounds": frozenset(name for name, method in point.methods.items() if method.P_is == "bound"),

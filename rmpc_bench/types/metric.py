@@ -387,6 +387,20 @@ class Requirement:
         return np.asarray(found)
 
 
+@dataclass(frozen=True)
+class AdjustKeys:
+    """Quantities that averages are adjusted for.
+
+    Parameters
+    ----------
+    for_ : names of uncertain quantities; those with a known law that is not too wide if not given
+    degree : largest degree of the polynomials, 1, 2 or 4
+    """
+
+    for_: list[Annotated[str, Len(1)]] | None = None
+    degree: Literal[1, 2, 4] = 4
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparisonKeys:
     """Keys of `statistics` that the configuration, the record and `Trials` have under one name with one value.
@@ -401,11 +415,14 @@ class ComparisonKeys:
     ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
     two_way : two axes -> their entries, whose names a + joins in the name of a method: main effects and interactions
         of every metric; `methods.grid` sets it
+    adjust : what average changes are adjusted for: `auto` for uncertain quantities of known law, `none`, their names,
+        or `{for: [..], degree: 2}`
     """
 
     lost: Annotated[float, Gt(1)] | None = None
     ranks: bool = False
     two_way: dict[Axis, list[Annotated[str, Len(1)]]] | None = None
+    adjust: Literal["auto", "none"] | list[Annotated[str, Len(1)]] | AdjustKeys = "auto"
 
     def comparison_keys(self) -> dict[str, Any]:
         """Return these keys and their values, for another record that has them."""

@@ -300,6 +300,13 @@ class Plant(Design):
         """Constants that `draw` added to the named quantities of a run, by name; they are stored beside them."""
         return {}
 
+    def laws(self) -> Mapping[str, Any]:
+        """Laws of values of `drawn` that are independent of each other and of all else, by name.
+
+        They are objects of `rmpc_bench.noise.distributions`; comparisons are adjusted for these quantities.
+        """
+        return {}
+
     def period(self, k: int) -> Period | None:
         """Matrices of the period at k, for exact ensemble moments; None where the uncertainty is not white."""
         return None

@@ -1,0 +1,404 @@
+"""Adjusted averages: what draws of known law explain is removed from paired differences.
+
+Model   u are the uncertain quantities of a run, H(u) products of polynomials that are orthonormal under their exact
+        laws, so that their means are exactly 0.  X = [1, H] over the n drawn runs, also those that failed.  For a
+        column z, alpha(z) is the intercept of its regression on X.  With s = 1 where both methods finished, else 0:
+            geometric, difference   theta = alpha(s d) / alpha(s), d the log ratio or the difference
+            ratio of the means      theta = log alpha(s a) - log alpha(s b)
+        Means of the finished runs alone would be wrong: among them H has another mean.
+Values  V_i = theta + (n - 1)(mean_j theta_(-j) - theta_(-i)), where theta_(-i) leaves out run i.  Their mean is theta,
+        and sd(V)/sqrt(n) its standard error: V stands wherever the mean of the paired values is compared.
+Limit   X = [1] and no failed run: V are the paired values, or those of the jackknife.  With all runs finished the
+        standard error is that of HC3 times sqrt((n - 1)/n).
+Rule    The form follows from the numbers of pairs and of terms, and from u; the paired values have no part in it.
+Source  MacKinnon and White, Journal of Econometrics 29 (1985) 305 (HC3, the jackknife of a regression); Owen, Monte
+        Carlo theory, methods and examples, 2013, section 8.9 (control variates).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import Interval, mean_interval, student
+from rmpc_bench.analysis.rounding import NEGLIGIBLE
+from rmpc_bench.types import Array
+from rmpc_bench.types.metric import AdjustKeys
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.pairs import Pairs
+    from rmpc_bench.analysis.trials import Trials
+
+PAIRS_PER_TERM = 10
+"""With so many pairs per term an adjustment for draws that explain nothing widens an interval by 10 % at most."""
+FORMS = ("degree 4", "quadratic", "without interactions", "linear")
+HIGHEST = 4
+"""Largest degree of a polynomial."""
+LARGEST_LEVERAGE, SMALLEST_EIGENVALUE = 0.95, 0.02
+"""Beyond these the drawn values do not determine the terms of a form."""
+WIDEST = 2.0
+"""Standard deviations from the mean beyond which a normal law is too wide: a rare draw then has a large residual."""
+BEYOND = 10.0
+"""Standard deviations from the mean beyond which a normal law has no draw."""
+ROWS = 50_000
+"""Runs whose terms are in memory together."""
+NO_LAW = "no uncertain quantity with a known law"
+
+
+class Law(NamedTuple):
+    """A law as numbers that have its moments up to those of the polynomials."""
+
+    nodes: Array
+    weights: Array
+
+    @property
+    def is_random(self) -> bool:
+        """Whether it has a spread."""
+        return float(np.ptp(self.nodes)) > 0
+
+
+def law_of(data: Mapping[str, Any]) -> Law | None:
+    """Return a law from its keys, such as ``{"dist": "uniform", "low": -1, "high": 1}``.
+
+    None for a law that no polynomials are made for.  A normal law may be of any width.
+    """
+    dist = data.get("dist")
+    try:
+        if dist == "uniform":
+            x, weights = np.polynomial.legendre.leggauss(HIGHEST + 1)
+            low, high = float(data["low"]), float(data["high"])
+            found = Law((low + high) / 2 + (high - low) / 2 * x, weights / 2)
+        elif dist == "choice":
+            values = np.array(data["values"], dtype=float)
+            shares = data.get("probabilities") or np.full(len(values), 1 / len(values))
+            nodes, place = np.unique(values, return_inverse=True)
+            sums = np.bincount(place, np.array(shares, dtype=float))
+            found = Law(nodes[sums > 0], sums[sums > 0])
+        elif dist == "normal":
+            x, weights = np.polynomial.legendre.leggauss(200)
+            low, high = (min(max(each, -BEYOND), BEYOND) for each in _limits(data))
+            z = (low + high) / 2 + (high - low) / 2 * x
+            weights = weights * np.exp(-(z**2 - min(low**2, high**2) * (low * high > 0)) / 2)
+            found = Law(float(data.get("mean") or 0.0) + float(data["std"]) * z, weights / weights.sum())
+        else:
+            return None
+    except (TypeError, ValueError, KeyError, ZeroDivisionError):
+        # A record from elsewhere may hold anything.
+        return None
+    is_law = len(found.nodes) and np.isfinite(found.nodes).all() and abs(found.weights.sum() - 1) < NEGLIGIBLE
+    return found if is_law else None
+
+
+def _limits(data: Mapping[str, Any]) -> tuple[float, float]:
+    """Limits of a normal law in standard deviations from its mean."""
+    std, mean = float(data["std"]), float(data.get("mean") or 0.0)
+    if data.get("truncate") is not None:
+        return -float(data["truncate"]), float(data["truncate"])
+    low, high = data.get("low"), data.get("high")
+    return (
+        -math.inf if low is None or not std else (float(low) - mean) / std,
+        math.inf if high is None or not std else (float(high) - mean) / std,
+    )
+
+
+def left_out_by_auto(data: Mapping[str, Any]) -> str:
+    """Say why `auto` takes a law for noise; empty where it adjusts for it."""
+    law = law_of(data)
+    if law is None:
+        dist = data.get("dist")
+        return f"its {dist} law has no polynomials" if isinstance(dist, str) else "its law is not known"
+    wide = data["dist"] == "normal" and law.is_random and max(map(abs, _limits(data))) > WIDEST
+    return "its normal law is too wide" if wide else ""
+
+
+class Quantity(NamedTuple):
+    """An uncertain quantity with the recurrence of its orthonormal polynomials."""
+
+    name: str
+    centre: float
+    scale: float
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    """b_(k+1) p_(k+1)(t) = (t - a_k) p_k(t) - b_k p_(k-1)(t), t = (u - centre) / scale."""
+
+    @property
+    def degree(self) -> int:
+        """Largest degree: a law of m values has m - 1 polynomials."""
+        return len(self.b)
+
+    def polynomials(self, u: Array) -> list[Array]:
+        """Return p_1, p_2 .. at values of the quantity."""
+        t = (u - self.centre) / self.scale
+        found = [np.zeros_like(t), np.ones_like(t)]
+        for k, (a, b) in enumerate(zip(self.a, self.b, strict=True)):
+            found.append(((t - a) * found[-1] - (self.b[k - 1] if k else 0.0) * found[-2]) / b)
+        return found[2:]
+
+
+def quantity_of(name: str, law: Law) -> Quantity:
+    """Make the polynomials of a law that has a spread (Stieltjes)."""
+    weights, centre = law.weights, float(law.weights @ law.nodes)
+    scale = math.sqrt(float(weights @ (law.nodes - centre) ** 2))
+    t = (law.nodes - centre) / scale
+    before, p = np.zeros_like(t), np.ones_like(t)
+    a, b = [], list[float]()
+    for _ in range(min(HIGHEST, len(t) - 1)):
+        a.append(float(weights @ (t * p**2)))
+        new = (t - a[-1]) * p - (b[-1] if b else 0.0) * before
+        b.append(math.sqrt(float(weights @ new**2)))
+        before, p = p, new / b[-1]
+    return Quantity(name, centre, scale, tuple(a), tuple(b))
+
+
+Term = tuple[int, ...]
+"""Degree of every quantity in a product."""
+
+
+def terms_of(degrees: Sequence[int], form: str) -> list[Term]:
+    """Return the terms of a form without the constant, for quantities with these largest degrees."""
+    total = {"degree 4": 4, "linear": 1}.get(form, 2)
+    places = range(len(degrees))
+    chosen = (each for k in range(1, total + 1) for each in combinations_with_replacement(places, k))
+    found = (tuple(each.count(place) for place in places) for each in chosen if form != FORMS[2] or len({*each}) == 1)
+    return [term for term in found if all(n <= most for n, most in zip(term, degrees, strict=True))]
+
+
+def n_terms(degrees: Sequence[int], form: str) -> int:
+    """Count the terms of a form with the constant."""
+    total = {"degree 4": 4, "linear": 1}.get(form, 2)
+    if form == FORMS[2]:
+        return 1 + sum(min(total, degree) for degree in degrees)
+    counts = [1] + [0] * total
+    for degree in degrees:
+        counts = [sum(counts[k - n] for n in range(min(k, degree) + 1)) for k in range(total + 1)]
+    return sum(counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The columns X of a form at the drawn values, with what leaving out a run takes."""
+
+    form: str
+    quantities: tuple[Quantity, ...]
+    values: Array
+    """(n, quantities) drawn values."""
+
+    @cached_property
+    def p(self) -> int:
+        """Number of columns."""
+        return 1 + len(self._terms)
+
+    @cached_property
+    def _terms(self) -> list[Term]:
+        return terms_of([each.degree for each in self.quantities], self.form) if self.form else []
+
+    @cached_property
+    def _kept(self) -> list[Array]:
+        return [*self._made()] if len(self.values) <= ROWS else []
+
+    def blocks(self) -> Iterator[tuple[slice, Array]]:
+        """Yield ranges of runs and the rows of X."""
+        firsts = range(0, len(self.values), ROWS)
+        for first, block in zip(firsts, self._kept or self._made(), strict=True):
+            yield slice(first, first + ROWS), block
+
+    def _made(self) -> Iterator[Array]:
+        for first in range(0, len(self.values), ROWS):
+            rows = self.values[first : first + ROWS]
+            powers = [[np.ones(len(rows)), *q.polynomials(rows[:, i])] for i, q in enumerate(self.quantities)]
+            X = np.ones((len(rows), self.p))
+            for column, term in enumerate(self._terms, 1):
+                for place in np.flatnonzero(term):
+                    X[:, column] *= powers[place][term[place]]
+            yield X
+
+    @cached_property
+    def _square(self) -> Array:
+        return np.asarray(sum(X.T @ X for _, X in self.blocks()))
+
+    @cached_property
+    def _leverages(self) -> tuple[Array, Array]:
+        """First row of (X'X)^-1 X' and leverages, (n,) each."""
+        inverse, g, h = np.linalg.inv(self._square), np.empty(len(self.values)), np.empty(len(self.values))
+        for rows, X in self.blocks():
+            product = X @ inverse
+            g[rows], h[rows] = product[:, 0], np.einsum("ij,ij->i", product, X)
+        return g, h
+
+    @cached_property
+    def is_determined(self) -> bool:
+        """Whether the drawn values determine the terms; a basis without terms is."""
+        smallest = float(np.linalg.eigvalsh(self._square / len(self.values))[0])
+        return smallest >= SMALLEST_EIGENVALUE and float(self._leverages[1].max()) <= LARGEST_LEVERAGE
+
+    def intercepts(self, z: Array) -> tuple[Array, Array]:
+        """Return the intercepts of the columns z, (columns,), and those without one run after the other, as z."""
+        (g, h), found = self._leverages, np.empty_like(z)
+        beta = np.linalg.solve(self._square, sum(X.T @ z[rows] for rows, X in self.blocks()))
+        for rows, X in self.blocks():
+            found[rows] = beta[0] - (g[rows] / (1 - h[rows]))[:, None] * (z[rows] - X @ beta)
+        return beta[0], found
+
+
+class Values(NamedTuple):
+    """Numbers whose mean is an average."""
+
+    values: Array
+    runs: Array
+    """Indices of their runs."""
+    df: int
+    """Degrees of freedom of their standard error."""
+    basis: Basis | None = None
+    """None for the paired values as they are."""
+
+    def interval(self, average: str, level: float, seed: int) -> Interval:
+        """Interval of the mean; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
+        mean = average == "mean"
+        low, high = student(self.values, level) if mean else mean_interval(self.values, level, seed)
+        if self.df == len(self.values) - 1:
+            return low, high
+        from scipy import special
+
+        middle, share = float(np.mean(self.values)), (1 + level) / 2
+        factor = float(special.stdtrit(self.df, share) / special.stdtrit(len(self.values) - 1, share))
+        return middle + factor * (low - middle), middle + factor * (high - middle)
+
+
+def leave_one_out(basis: Basis, average: str, a: Array, b: Array) -> Array | None:
+    """Return the values V of an average over all drawn runs; None where an adjusted mean is not positive.
+
+    Parameters
+    ----------
+    basis : of the n drawn runs
+    average : ``geometric``, ``mean`` or ``difference``
+    a, b : (n,) values of the two methods; NaN where one of the two failed or has none
+    """
+    n, both = len(a), ~(np.isnan(a) | np.isnan(b))
+    a, b = np.where(both, a, 1.0), np.where(both, b, 1.0)
+    columns = [a, b] if average == "mean" else [np.where(a == b, 0.0, np.log(a) - np.log(b))]
+    columns = [a - b] if average == "difference" else columns
+    z = np.column_stack([both.astype(float), *columns])
+    z[~both] = 0.0
+    whole, each = basis.intercepts(z)
+    if both.all():
+        # Exact, where the regression leaves a rounding error.
+        whole[0], each[:, 0] = 1.0, 1.0
+    least = np.minimum(whole, each.min(axis=0))
+    if not np.isfinite(each).all() or least[0] <= 0 or (average == "mean" and (least <= 0).any()):
+        return None
+    if average == "mean":
+        theta, without = math.log(whole[1] / whole[2]), np.log(each[:, 1] / each[:, 2])
+    else:
+        theta, without = float(whole[1] / whole[0]), each[:, 1] / each[:, 0]
+    gaps = (n - 1) * (without.mean() - without)
+    # Rounding is no spread: the draws then explain every difference.
+    size = 1.0 if average == "mean" and (a != b).any() else float(np.abs(z[:, 1:]).max())
+    return np.full(n, theta) if np.abs(gaps).max() <= NEGLIGIBLE * size else np.asarray(theta + gaps)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """What is adjusted for at one point of a sweep.
+
+    Parameters
+    ----------
+    runs : (n,) indices of the drawn runs
+    quantities : those of the basis
+    values : (n, quantities) drawn values; empty without any
+    forms : forms that may be chosen, the largest first
+    reason : why there is no basis; empty where there may be one
+    left_out : quantity -> why `auto` takes it for noise
+    """
+
+    runs: Array
+    quantities: tuple[Quantity, ...] = ()
+    values: Array = field(default_factory=lambda: np.empty((0, 0)))
+    forms: tuple[str, ...] = ()
+    reason: str = ""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def _bases(self) -> dict[str, Basis]:
+        return {}
+
+    def basis(self, n_pairs: int) -> Basis | None:
+        """Choose the form by the number of pairs and by the drawn values; None where even a linear one is too large."""
+        degrees = [each.degree for each in self.quantities]
+        for form in self.forms if 2 * n_pairs >= len(self.runs) else ():
+            if n_pairs >= PAIRS_PER_TERM * n_terms(degrees, form):
+                if form not in self._bases:
+                    self._bases[form] = Basis(form, self.quantities, self.values)
+                if self._bases[form].is_determined:
+                    return self._bases[form]
+        return None
+
+    def why_not(self, n_pairs: int) -> str:
+        """Say why so many pairs have no adjusted average."""
+        q = len(self.quantities)
+        least = PAIRS_PER_TERM * (1 + q)
+        if self.reason:
+            return self.reason
+        if n_pairs < least:
+            return f"{n_pairs} runs, {least} are needed for {q} quantit{'y' if q == 1 else 'ies'}"
+        if 2 * n_pairs < len(self.runs):
+            return "most runs failed"
+        return "an adjusted mean is not positive" if self.basis(n_pairs) else "the drawn values do not differ enough"
+
+    def of_runs(self, runs: Array) -> Adjustment:
+        """Return the same for some of the runs."""
+        places = np.searchsorted(self.runs, runs)
+        return Adjustment(runs, self.quantities, self.values[places], self.forms, self.reason, self.left_out)
+
+    def adjusted(self, pairs: Pairs, averages: Mapping[str, Any], basis: Basis | None = None) -> dict[str, Values]:
+        """Adjust averages of pairs, all that can be; by the rule, or with a given basis."""
+        n_pairs = int(pairs.both.sum())
+        basis = basis or self.basis(n_pairs)
+        if basis is None or not averages:
+            return {}
+        a, b, places = np.full(len(self.runs), np.nan), np.full(len(self.runs), np.nan), None
+        places = np.searchsorted(self.runs, pairs.runs)
+        a[places], b[places] = pairs.a, pairs.b
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            made = {name: leave_one_out(basis, name, a, b) for name in averages}
+        return {
+            name: Values(V, self.runs, n_pairs - basis.p, basis)
+            for name, V in made.items()
+            if V is not None and np.isfinite(V).all()
+        }
+
+
+def adjustment_of(trials: Trials) -> Adjustment:
+    """Find what the comparisons at one point are adjusted for, by `statistics.adjust` and the laws of its draws."""
+    adjust, runs, drawn = trials.adjust, trials.runs, trials.quantities
+    names = [name for name in drawn if name != "run"]
+    if adjust == "none" or not names:
+        return Adjustment(runs, reason=NO_LAW)
+    keys = adjust if isinstance(adjust, AdjustKeys) else AdjustKeys(None if isinstance(adjust, str) else [*adjust])
+    left_out, chosen = dict[str, str](), dict[str, Law]()
+    for name in names:
+        data = trials.laws.get(name, {})
+        law = law_of(data)
+        if law is not None and not law.is_random:
+            continue
+        why = left_out_by_auto(data) if keys.for_ is None else "" if law and name in keys.for_ else "not asked for"
+        if law is None or why:
+            left_out[name] = why or "its law is not known"
+        else:
+            chosen[name] = law
+    places = np.minimum(np.searchsorted(drawn["run"], runs), max(len(drawn["run"]) - 1, 0))
+    has_values = len(drawn["run"]) and (drawn["run"][places] == runs).all()
+    values = np.column_stack([drawn[name][places] for name in chosen]) if chosen and has_values else np.empty((0, 0))
+    reason = "" if chosen else NO_LAW
+    if chosen and not (values.size and np.isfinite(values).all()):
+        reason = "the drawn values are not stored"
+    nothing_else = trials.random_besides == () and not left_out
+    degree = {"degree 4": 4, "linear": 1}
+    forms = [form for form in FORMS if degree.get(form, 2) <= keys.degree and (form != FORMS[0] or nothing_else)]
+    quantities = tuple(quantity_of(name, law) for name, law in chosen.items())
+    return Adjustment(runs, quantities, values, () if reason else tuple(forms), reason, left_out)
