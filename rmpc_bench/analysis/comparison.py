@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.adjustment import Values
 from rmpc_bench.analysis.columns import Rows
-from rmpc_bench.analysis.intervals import FEW, NONE, holm, mean_interval, signed_rank_p, student
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, holm, signed_rank_p
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, two_way, worst_finished
-from rmpc_bench.analysis.rounding import without_noise
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, significant, without_noise
 from rmpc_bench.analysis.superiority import (
     runs_for_count,
     runs_for_direction,
@@ -29,7 +30,7 @@ from rmpc_bench.analysis.superiority import (
     superiority_interval,
 )
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, largest_share, verdict
+from rmpc_bench.analysis.verdict import FACTOR, Evidence, Failures, Verdict, counts_decide, largest_share, verdict
 from rmpc_bench.types import Array, MetricInfo
 
 
@@ -63,6 +64,13 @@ class Comparison:
     runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
     runs_for_equivalence : about how many runs would show equivalence if there were no difference
     look : number of the look at the growing number of runs
+    rests_on : ``adjusted`` or ``plain`` average, or ``counts``: what the verdict rests on, and `change_pct` with its
+        interval, which counts leave as they are; empty with `adjust: none`
+    geometric_adjusted_pct, .., mean_adjusted_pct, .., difference_adjusted, .. : averages adjusted for draws of known
+        law, see `rmpc_bench.analysis.adjustment`; NaN where there is none
+    adjusted_form, adjusted_for : form of the adjustment, and names of its quantities with blanks between them
+    width_ratio : width of the plain interval over that of the adjusted one, of the average that `average` names; inf
+        where the draws explain all differences
     """
 
     method: str
@@ -102,9 +110,24 @@ class Comparison:
     runs_for_direction: float = math.nan
     runs_for_equivalence: float = math.nan
     look: int
+    rests_on: str = ""
+    geometric_adjusted_pct: float = math.nan
+    geometric_adjusted_low: float = math.nan
+    geometric_adjusted_high: float = math.nan
+    mean_adjusted_pct: float = math.nan
+    mean_adjusted_low: float = math.nan
+    mean_adjusted_high: float = math.nan
+    difference_adjusted: float = math.nan
+    difference_adjusted_low: float = math.nan
+    difference_adjusted_high: float = math.nan
+    adjusted_form: str = ""
+    adjusted_for: str = ""
+    width_ratio: float = math.nan
 
 
 COLUMNS = [field.name for field in fields(Comparison)]
+ADJUSTED = COLUMNS[COLUMNS.index("rests_on") :]
+"""Columns of an adjustment; tables of experiments with `adjust: none` do not have them."""
 WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
 """Whole numbers that may be missing: NaN in a `Comparison`, None in its row."""
 MANY = 1e15
@@ -151,18 +174,31 @@ def levels(trials: Trials) -> Levels:
 
 def _deciding(point: Trials, pairs: Pairs) -> tuple[Array, Array]:
     """Return runs and the numbers whose mean decides: those of the average, or the scores where counts decide."""
-    averages, scores = _averages(point, pairs), pairs.scores
+    averages, scores = averages_of(point, pairs), pairs.scores
     if averages and np.count_nonzero(scores[pairs.both]) >= FEW:
-        return pairs.runs[pairs.both], next(iter(averages.values()))
+        first = next(iter(averages.values()))
+        return first.runs, first.values
     return pairs.runs, scores
 
 
-def _averages(point: Trials, pairs: Pairs) -> dict[str, Array]:
-    """Return the averages that are asked for, the one that the verdict rests on first."""
+def averages_of(point: Trials, pairs: Pairs) -> dict[str, Values]:
+    """Return the averages that are asked for, adjusted where they can be; the verdict rests on the first one."""
+    plain = _averages(point, pairs)
+    return plain | _adjusted(point, pairs, plain)
+
+
+def _adjusted(point: Trials, pairs: Pairs, plain: Mapping[str, Values]) -> dict[str, Values]:
+    # Where few pairs differ counts come first, as without an adjustment.
+    return {} if pairs.rarely_differ else point.adjustment.adjusted(pairs, plain)
+
+
+def _averages(point: Trials, pairs: Pairs) -> dict[str, Values]:
+    """Return the plain averages that are asked for, the one that the verdict rests on first."""
     found = pairs.averages()
     if point.average != "both":
         found = {name: values for name, values in found.items() if name in (point.average, "difference")} or found
-    return dict(sorted(found.items(), key=lambda item: item[0] != point.headline))
+    ordered, runs = sorted(found.items(), key=lambda item: item[0] != point.headline), pairs.runs[pairs.both]
+    return {name: Values(values, runs, len(values) - 1) for name, values in ordered}
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -188,21 +224,25 @@ def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, 
 def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels) -> Comparison:
     is_primary = info == trials.primary_info and trials.with_verdicts
     level = of.held if is_primary else of.plain
-    averages, scores = _averages(trials, pairs), pairs.scores
+    plain, scores = _averages(trials, pairs), pairs.scores
+    averages = plain | _adjusted(trials, pairs, plain)
     won, lost, tied = _counts(scores)
-    intervals = _intervals(trials, averages, level)
+    of_plain = _intervals(trials, plain, level)
+    intervals = of_plain | _intervals(
+        trials, {name: averages[name] for name in averages if averages[name].basis}, level
+    )
     failed = shares_interval(*pairs.failed, len(scores), of.failures if is_primary else of.plain)
-    word, planning = "", {}
+    word, planning, evidence = "", {}, _evidence(pairs, intervals, scores, level)
     if is_primary:
         failures = None
         if any(pairs.failed):
             counted = pairs.counted(worst_finished(trials, info))
-            of_counted = _intervals(trials, _averages(trials, counted), level)
+            of_counted = _intervals(trials, averages_of(trials, counted), level)
             failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
-        evidence = _evidence(pairs, intervals, scores, level)
         word = verdict(evidence, failures)
         if word == Verdict.FAILS_MORE or word == verdict(evidence):
-            planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
+            first = next((each.values for each in averages.values()), scores)
+            planning = _planning(first, pairs, averages, word, level)
         planning |= _far_worse_columns(pairs, trials.lost or FACTOR)
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(
@@ -224,7 +264,9 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
         failed_low=failed[0],
         failed_high=failed[1],
         look=trials.look,
-        **_sizes(averages, {} if pairs.rarely_differ else intervals, pairs.scale()),  # type: ignore[arg-type]
+        **_sizes(plain, {} if pairs.rarely_differ else of_plain, pairs.scale())
+        | _adjusted_columns(pairs, averages, intervals, of_plain),
+        rests_on=_rests_on(trials, pairs, averages, evidence),
         **planning,  # type: ignore[arg-type]
     )
 
@@ -237,12 +279,36 @@ def _far_worse_columns(pairs: Pairs, factor: float) -> dict[str, float]:
     return found
 
 
-def _intervals(trials: Trials, averages: Mapping[str, Array], level: float) -> dict[str, tuple[float, float]]:
-    """Intervals of the averages; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
-    return {
-        name: student(values, level) if name == "mean" else mean_interval(values, level, trials.seed)
-        for name, values in averages.items()
-    }
+def _intervals(trials: Trials, averages: Mapping[str, Values], level: float) -> dict[str, Interval]:
+    return {name: each.interval(name, level, trials.seed) for name, each in averages.items()}
+
+
+def _rests_on(trials: Trials, pairs: Pairs, averages: Mapping[str, Values], evidence: Evidence) -> str:
+    if trials.adjust == "none":
+        return ""
+    if not averages or pairs.rarely_differ or counts_decide(evidence):
+        return "counts"
+    return "plain" if next(iter(averages.values())).basis is None else "adjusted"
+
+
+def _adjusted_columns(
+    pairs: Pairs, averages: Mapping[str, Values], intervals: Mapping[str, Interval], plain: Mapping[str, Interval]
+) -> dict[str, Any]:
+    """Return the adjusted averages and, where the first one is adjusted, form, quantities and gain."""
+    found: dict[str, Any] = {}
+    for number, (name, each) in enumerate(averages.items()):
+        if each.basis is None:
+            continue
+        sizes = _sizes({name: each}, intervals, pairs.scale(), "_adjusted")
+        if number:
+            sizes = {key: size for key, size in sizes.items() if key.startswith(name)}
+        else:
+            half, of_plain = (np.ptp(ends[name]) for ends in (intervals, plain))
+            ratio = of_plain / half if half > NEGLIGIBLE * of_plain else math.inf if of_plain else 1.0
+            found |= {"adjusted_form": each.basis.form, "width_ratio": significant(float(ratio), 3)}
+            found |= {"adjusted_for": " ".join(quantity.name for quantity in each.basis.quantities)}
+        found |= sizes
+    return found
 
 
 def _evidence(pairs: Pairs, intervals: Mapping[str, tuple[float, float]], scores: Array, level: float) -> Evidence:
@@ -268,25 +334,25 @@ def _counts(scores: Array) -> tuple[int, int, int]:
 
 
 def _sizes(
-    averages: Mapping[str, Array], intervals: Mapping[str, tuple[float, float]], scale: float
+    averages: Mapping[str, Values], intervals: Mapping[str, Interval], scale: float, kind: str = ""
 ) -> dict[str, float]:
     """Return the averages with their intervals: in per cent, or in the unit of a signed metric."""
     found: dict[str, float] = {}
-    for n, (name, values) in enumerate(averages.items()):
-        ends = (float(values.mean()), *intervals.get(name, NONE))
+    for n, (name, each) in enumerate(averages.items()):
+        ends, stem = (float(each.values.mean()), *intervals.get(name, NONE)), f"{name}{kind}"
         if name == "difference":
-            names = ("difference", "difference_low", "difference_high")
+            names = (stem, f"{stem}_low", f"{stem}_high")
             found |= {key: without_noise(end, scale) for key, end in zip(names, ends, strict=True)}
             continue
         per_cent = [float(100 * np.expm1(end)) for end in ends]
-        found |= dict(zip((f"{name}_pct", f"{name}_low", f"{name}_high"), per_cent, strict=True))
+        found |= dict(zip((f"{stem}_pct", f"{stem}_low", f"{stem}_high"), per_cent, strict=True))
         if n == 0:
             found |= dict(zip(("change_pct", "ci_low", "ci_high"), per_cent, strict=True))
     return found
 
 
 def _planning(
-    values: Array, pairs: Pairs, averages: Mapping[str, Array], word: Verdict, level: float
+    values: Array, pairs: Pairs, averages: Mapping[str, Values], word: Verdict, level: float
 ) -> dict[str, float]:
     """Return about how many runs would decide, from the numbers whose mean decides now."""
     sd, n_runs = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(pairs.runs)

@@ -27,18 +27,24 @@ MOST_RUNS = 1e6
 
 def size_text(row: Mapping[str, Any], info: MetricInfo, average: str = "") -> str:
     """Write the average difference of a comparison with its interval, such as "-10.2 % [-11.3, -9.0]", or "-"."""
-    if row["average"] == "difference":
-        names, unit = ("difference", "difference_low", "difference_high"), info.unit
-    elif average:
-        names, unit = (f"{average}_pct", f"{average}_low", f"{average}_high"), "%"
-    else:
-        names, unit = ("change_pct", "ci_low", "ci_high"), "%"
-    return interval_text(Estimate(*(float(row[name]) for name in names)), unit, sign=True)
+    unit = info.unit if row["average"] == "difference" else "%"
+    return interval_text(change_of(row, average), unit, sign=True)
+
+
+def change_of(row: Mapping[str, Any], average: str = "") -> Estimate:
+    """Return the change of a comparison with its interval, adjusted where it can be; of another average if given."""
+    names = ("change_pct", "ci_low", "ci_high")
+    if row["average"] == "difference" or average:
+        stem, size = (average, "_pct") if average else ("difference", "")
+        is_adjusted = not math.isnan(row.get(f"{stem}_adjusted{size}", math.nan))
+        stem += "_adjusted" * is_adjusted
+        names = (f"{stem}{size}", f"{stem}_low", f"{stem}_high")
+    return Estimate(*(float(row[name]) for name in names))
 
 
 def contradicting(row: Mapping[str, Any]) -> bool:
     """Whether geometric mean and ratio of the means have opposite signs."""
-    return float(row["geometric_pct"]) * float(row["mean_pct"]) < 0
+    return change_of(row, "geometric").value * change_of(row, "mean").value < 0
 
 
 def verdict_text(row: Mapping[str, Any], margin: str) -> str:

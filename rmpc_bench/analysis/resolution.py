@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.comparison import Comparison, compared, levels
+from rmpc_bench.analysis.comparison import Comparison, averages_of, compared, levels
+from rmpc_bench.analysis.comparison_text import change_of
 from rmpc_bench.analysis.intervals import FEW, skewness, skewness_error, student
 from rmpc_bench.analysis.pairs import Pairs, relative_change
 from rmpc_bench.analysis.superiority import superiority_interval
@@ -43,7 +45,7 @@ def half_widths(trials: Trials) -> list[HalfWidth]:
         if info is None:
             continue
         rows = compared(point, info, of)
-        found += [_half_width(point.title, row.method, *_of_comparison(pairs, row)) for pairs, row in rows]
+        found += [_half_width(point.title, row.method, *_of_comparison(point, pairs, row)) for pairs, row in rows]
         if not rows:
             values = point.column(info.name, point.baseline)
             values = values[~np.isnan(values)]
@@ -65,12 +67,12 @@ def _half_width(point: str, method: str, width: float, values: Array) -> HalfWid
     return HalfWidth(point, method, width)
 
 
-def _of_comparison(pairs: Pairs, row: Comparison) -> tuple[float, Array]:
+def _of_comparison(point: Trials, pairs: Pairs, row: Comparison) -> tuple[float, Array]:
     """Return the half width over the runs that both methods finished, and the numbers of which it is the mean."""
     if row.n_pairs < 2:
         return math.nan, np.zeros(0)
     if row.average:
-        return _of_average(pairs, row), pairs.averages()[row.average]
+        return _of_average(pairs, row), averages_of(point, pairs)[row.average].values
     scores = pairs.scores[pairs.both]
     won, lost = int((scores > 0).sum()), int((scores < 0).sum())
     low, high = superiority_interval(won, lost, len(scores) - won - lost, row.ci_level)
@@ -84,5 +86,5 @@ def _of_average(pairs: Pairs, row: Comparison) -> float:
         low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
         half = (high - low) / 2
         return math.inf if math.isnan(half) else relative_change(half)
-    scale = pairs.scale()
-    return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan
+    scale, change = pairs.scale(), change_of(asdict(row))
+    return (change.high - change.low) / 2 / scale if scale else math.nan

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.columns import Rows
-from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, margin_of
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, change_of, margin_of
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.shown_numbers import (
@@ -295,9 +295,7 @@ _SUPERIORITY = ("superiority", "superiority_low", "superiority_high")
 def _change(compared: Mapping[str, Any]) -> Estimate:
     if not compared:
         return Estimate()
-    signed = compared["average"] == "difference"
-    names = ("difference", "difference_low", "difference_high") if signed else ("change_pct", "ci_low", "ci_high")
-    return Estimate(*(float(compared[name]) for name in names))
+    return change_of(compared)
 
 
 def _contains_0(change: Estimate) -> bool:

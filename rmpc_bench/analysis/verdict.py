@@ -104,16 +104,26 @@ def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:
     return Verdict.INCONCLUSIVE if is_doubtful and (word in _WORSE) != fails_more else word
 
 
-def _word(evidence: Evidence) -> Verdict:
+def counts_decide(evidence: Evidence) -> bool:
+    """Whether counts decide in place of the interval."""
     low, high = evidence.interval
-    few = evidence.n_untied < FEW
-    inside = -evidence.margin <= low and high <= evidence.margin
-    if math.isnan(low) or math.isnan(high) or (few and not (inside and evidence.n_pairs >= FEW)):
+    few = evidence.n_untied < FEW and not (_inside(evidence) and evidence.n_pairs >= FEW)
+    return math.isnan(low) or math.isnan(high) or few
+
+
+def _inside(evidence: Evidence) -> bool:
+    low, high = evidence.interval
+    return -evidence.margin <= low and high <= evidence.margin
+
+
+def _word(evidence: Evidence) -> Verdict:
+    if counts_decide(evidence):
         return _word_of_counts(evidence.superiority)
+    low, high = evidence.interval
     sign, other = _sign(evidence.interval), _sign(evidence.other)
     if sign * other < 0:
         return Verdict.DEPENDS_ON_AVERAGE
-    if inside:
+    if _inside(evidence):
         return Verdict.EQUIVALENT
     if sign < 0:
         return Verdict.BETTER if high < -evidence.margin else Verdict.BETTER_SIZE_UNCERTAIN

@@ -10,7 +10,7 @@ from typing import Any
 from rmpc_bench.analysis import comparison_text
 from rmpc_bench.analysis.columns import Columns, n_rows
 from rmpc_bench.analysis.comparison import WHOLE, comparisons, levels
-from rmpc_bench.analysis.comparison_text import margin_of, size_text
+from rmpc_bench.analysis.comparison_text import change_of, margin_of, size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.shown_numbers import Estimate, interval_text
 from rmpc_bench.analysis.statistics import summary
@@ -53,10 +53,8 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
 
 def _changed(row: Mapping[str, Any], info: MetricInfo) -> str:
     """Write verb, metric and size; empty where there is no size."""
-    columns, unit = ("change_pct", "ci_low", "ci_high"), "%"
-    if row["average"] == "difference":
-        columns, unit = ("difference", "difference_low", "difference_high"), info.unit
-    value, low, high = (float(row[column]) for column in columns)
+    unit = info.unit if row["average"] == "difference" else "%"
+    value, low, high = change_of(row)
     if math.isnan(value):
         return ""
     name = name_of_distance(info)

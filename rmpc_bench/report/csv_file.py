@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.analysis.columns import Columns, n_rows
+from rmpc_bench.analysis.comparison import ADJUSTED
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, rounded
 from rmpc_bench.analysis.runs import RunNotes
 from rmpc_bench.analysis.statistics import NUMBERS
@@ -95,9 +96,11 @@ def trials_csv(trials: Trials, path: Path) -> None:
 MIDDLE = ["median", "q25", "q75"]
 CHANGES = ["change_pct", "ci_low", "ci_high", "geometric_pct", "geometric_low", "geometric_high"]
 CHANGES += ["mean_pct", "mean_low", "mean_high"]
+CHANGES += [name for name in ADJUSTED if name.startswith(("geometric_", "mean_"))]
 SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "failed_low", "failed_high"]
 SHARES += ["far_worse_upper", "baseline_far_worse_upper"]
 DIFFERENCES = ["difference", "difference_low", "difference_high"]
+DIFFERENCES += [name for name in ADJUSTED if name.startswith("difference_")]
 UNRELIABLE = 1e-12  # digits of a small metric that may be rounding errors of the numbers whose difference it is
 
 
@@ -126,7 +129,10 @@ def summary_table(described: Columns) -> Columns:
 
 def comparisons_table(compared: Columns) -> Columns:
     """Return the content of comparisons.csv, from `Summary.compared_columns`; counts and texts are exact."""
+    if not any(compared["rests_on"]):
+        # Without an adjustment the file is that of an earlier version.
+        compared = {name: cells for name, cells in compared.items() if name not in ADJUSTED}
     # Beside 100 per cent and 1; differences are rounded beside the numbers that they were computed from already.
     for names, scale in ((CHANGES, 100.0), (SHARES, 1.0), (DIFFERENCES, 0.0)):
-        compared = rounded_columns(compared, names, scale)
+        compared = rounded_columns(compared, [name for name in names if name in compared], scale)
     return compared

@@ -165,7 +165,7 @@ def test_a_resumed_experiment_counts_what_is_stored(tmp_path):
     (row,) = shown.running.rows()
     wanted = compare(results).to_frame().iloc[0]
     assert row.n == 30 == wanted["n_pairs"] and row.method == wanted["method"]
-    assert row.value == pytest.approx(wanted["change_pct"], rel=1e-6)
+    assert row.value == pytest.approx(wanted["geometric_pct"], rel=1e-6)
 
 
 def test_json_lines_of_a_run(tmp_path):
