@@ -246,6 +246,11 @@ class Basis:
         return beta[0], found
 
 
+def without_terms(n: int) -> Basis:
+    """Return the basis of a constant, for n runs."""
+    return Basis("", (), np.zeros((n, 0)))
+
+
 class Values(NamedTuple):
     """Numbers whose mean is an average."""
 
@@ -352,8 +357,8 @@ class Adjustment:
 
     def of_runs(self, runs: Array) -> Adjustment:
         """Return the same for some of the runs."""
-        places = np.searchsorted(self.runs, runs)
-        return Adjustment(runs, self.quantities, self.values[places], self.forms, self.reason, self.left_out)
+        values = self.values[np.searchsorted(self.runs, runs)] if len(self.values) else self.values
+        return Adjustment(runs, self.quantities, values, self.forms, self.reason, self.left_out)
 
     def adjusted(self, pairs: Pairs, averages: Mapping[str, Any], basis: Basis | None = None) -> dict[str, Values]:
         """Adjust averages of pairs, all that can be; by the rule, or with a given basis."""

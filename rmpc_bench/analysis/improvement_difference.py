@@ -5,7 +5,8 @@ Method  L_i is the log ratio of method and baseline in run i.  Both experiments 
         is that of a mean of paired logs.  The difference of the two improvements, which is
         exp(mean L(B)) - exp(mean L(A)) where low values are best, has the interval of its linearisation (delta
         method), run by run.  For the ratio of the means the numbers L_i are those of the jackknife
-        (`pairs.Pairs.averages`), for a signed metric they are differences in its unit.
+        (`pairs.Pairs.averages`), for a signed metric they are differences in its unit.  Where the draws have known laws
+        they are those of `adjustment`, each experiment with its own laws.
 Unpaired  With different seeds the runs have nothing in common: Welch's intervals.
 Verdict  As for a method against its baseline, of the ratio of ratios: with `better` the improvement is larger in A.
 Limit   A baseline that is the same in all runs of both: the paired comparison of the method in A and in B.
@@ -19,7 +20,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import FEW, NONE, Interval, mean_interval, student, welch, wilson
+from rmpc_bench.analysis.adjustment import Values, without_terms
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, welch, wilson
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, relative_change, worst_finished
 from rmpc_bench.analysis.shown_numbers import Estimate
@@ -100,13 +102,16 @@ class _Sample:
     """The pairs of method and baseline in both experiments, of the runs that are compared."""
 
     trials: Trials
+    other: Trials
     a: Pairs
     b: Pairs
     paired: bool
     counted: tuple[Pairs, Pairs]
     """The same with every failed run counted: it is the worst finished one, and worse than its partner."""
-    values: Mapping[str, _Both] = field(default_factory=dict)
-    """Average -> numbers whose means are the improvements in A and in B."""
+    plain: Mapping[str, _Both] = field(default_factory=dict)
+    """Average -> numbers whose means are the improvements in A and in B, of the runs that all finished."""
+    values: Mapping[str, tuple[Values, Values]] = field(default_factory=dict)
+    """The same, adjusted for the draws of either experiment where they can be."""
 
 
 def improvement_differences(
@@ -128,13 +133,12 @@ def _simultaneous(samples: Sequence[_Sample], confidence: float) -> float:
         return confidence
     if not samples[0].paired:
         return 1 - (1 - confidence) / len(samples)
-    runs = np.unique(np.concatenate([sample.a.runs for sample in samples]))
+    runs = np.unique(np.concatenate([sample.trials.runs for sample in samples]))
     columns = np.full((len(runs), len(samples)), np.nan)
     for number, sample in enumerate(samples):
         if sample.values:
             first, second = next(iter(sample.values.values()))
-            finished = sample.a.runs[sample.a.both & sample.b.both]
-            columns[np.searchsorted(runs, finished), number] = first - second
+            columns[np.searchsorted(runs, first.runs), number] = first.values - second.values
     return held_level(columns, confidence, samples[0].trials.seed)
 
 
@@ -149,8 +153,12 @@ def _sample(a: Trials, b: Trials, method: str, info: MetricInfo, *, paired: bool
         alone = _alone(one), _alone(other)
         counted_one = _behind(counted_one, counted_other, *alone)
         counted_other = _behind(counted_other, counted_one, *alone[::-1])
-    sample = _Sample(a, one, other, paired, (counted_one, counted_other))
-    return replace(sample, values=_values(a, one, other, paired=paired))
+    return _filled(_Sample(a, b, one, other, paired, (counted_one, counted_other)))
+
+
+def _filled(sample: _Sample) -> _Sample:
+    sample = replace(sample, plain=_plain(sample.trials, sample.a, sample.b, paired=sample.paired))
+    return replace(sample, values=_values(sample))
 
 
 def _pairs(table: Trials, method: str, info: MetricInfo, settings: Trials, *, signed: bool) -> tuple[Pairs, Pairs]:
@@ -177,7 +185,7 @@ def _of_runs(pairs: Pairs, runs: Array) -> Pairs:
     return replace(pairs, a=pairs.a[places], b=pairs.b[places], runs=pairs.runs[places])
 
 
-def _values(settings: Trials, a: Pairs, b: Pairs, *, paired: bool) -> dict[str, _Both]:
+def _plain(settings: Trials, a: Pairs, b: Pairs, *, paired: bool) -> dict[str, _Both]:
     """Return average -> numbers whose means are the improvements, of the runs that all finished where paired."""
     if paired:
         finished = a.runs[a.both & b.both]
@@ -187,6 +195,37 @@ def _values(settings: Trials, a: Pairs, b: Pairs, *, paired: bool) -> dict[str, 
     if settings.average != "both":
         found = {name: each for name, each in found.items() if name in (settings.average, "difference")} or found
     return dict(sorted(found.items(), key=lambda item: item[0] != settings.headline))
+
+
+def _values(sample: _Sample) -> dict[str, tuple[Values, Values]]:
+    """Adjust the improvements; in pairs both over all common runs, with the terms that each experiment has."""
+    names, tables = sample.plain, (sample.trials, sample.other)
+    runs = [each.runs[each.both] for each in (sample.a, sample.b)]
+    runs = [np.intersect1d(runs[0], runs[1])] * 2 if sample.paired else runs
+    found = {name: (Values(a, runs[0], len(a) - 1), Values(b, runs[1], len(b) - 1)) for name, (a, b) in names.items()}
+    if sample.trials.adjust == "none" or (sample.paired and any(_rarely(*each) for each in names.values())):
+        return found
+    one, other = (table.adjustment for table in tables)
+    of_one, of_other = None, None
+    if sample.paired:
+        common = np.intersect1d(tables[0].runs, tables[1].runs)
+        one, other = one.of_runs(common), other.of_runs(common)
+        of_one, of_other, none = one.basis(len(runs[0])), other.basis(len(runs[0])), without_terms(len(common))
+        if of_one is None and of_other is None:
+            return found
+        of_one, of_other = of_one or none, of_other or none
+    in_a = one.adjusted(_of_runs(sample.a, runs[0]), names, of_one)
+    in_b = other.adjusted(_of_runs(sample.b, runs[1]), names, of_other)
+    if sample.paired:
+        # Both have all common runs, or both the finished ones.
+        return found | {name: (in_a[name], in_b[name]) for name in names if name in in_a and name in in_b}
+    return {name: (in_a.get(name, a), in_b.get(name, b)) for name, (a, b) in found.items()}
+
+
+def _rarely(a: Array, b: Array) -> bool:
+    """Whether most runs are equal and few differ."""
+    n_equal = int(np.count_nonzero(a == b))
+    return n_equal > len(a) / 2 and len(a) - n_equal < FEW
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -230,16 +269,17 @@ def _n_finished(sample: _Sample) -> tuple[int, int]:
 
 
 def _average(sample: _Sample, name: str, level: float) -> AverageDifference:
-    a, b = sample.values[name]
-    gap = Estimate(float(a.mean() - b.mean()), *_interval((a, b), sample, name, level))
-    in_a, in_b = _mean(a, name, sample), _mean(b, name, sample)
+    both = sample.values[name]
+    (a, b), df = (each.values for each in both), (both[0].df, both[1].df)
+    gap = Estimate(float(a.mean() - b.mean()), *_interval((a, b), sample, name, level, df))
+    in_a, in_b = (_mean(each, name, sample) for each in both)
     if name == "difference":
         return AverageDifference(name, in_a, in_b, _gain(gap, sample))
     # The derivative of exp(mean L) with respect to the mean.
     slope_a, slope_b = math.exp(in_a.value), math.exp(in_b.value)
     points = slope_a - slope_b
     linear = slope_a * (a - a.mean()), slope_b * (b - b.mean())
-    low, high = _interval(linear, sample, name, level)
+    low, high = _interval(linear, sample, name, level, df)
     # The linearised numbers have mean 0.
     difference = Estimate(100 * points, 100 * (points + low), 100 * (points + high))
     ratio = Estimate(*map(math.exp, gap))
@@ -251,25 +291,26 @@ def _gain(change: Estimate, sample: _Sample) -> Estimate:
     return change if sample.a.higher else Estimate(-change.value, -change.high, -change.low)
 
 
-def _mean(values: Array, average: str, sample: _Sample) -> Estimate:
+def _mean(each: Values, average: str, sample: _Sample) -> Estimate:
     """Return an improvement with its interval, which is the same as in the comparison of this experiment alone."""
-    return Estimate(float(values.mean()), *_of_mean(values, average, sample.trials.confidence, sample.trials.seed))
+    return Estimate(float(each.values.mean()), *each.interval(average, sample.trials.confidence, sample.trials.seed))
 
 
 def _per_cent(log_ratio: Estimate) -> Estimate:
     return Estimate(*(100 * relative_change(end) for end in log_ratio))
 
 
-def _interval(values: _Both, sample: _Sample, average: str, level: float) -> Interval:
+def _interval(
+    values: _Both, sample: _Sample, average: str, level: float, df: tuple[int, int] | None = None
+) -> Interval:
     """Interval of the difference of two means; none where most runs are equal and few differ."""
     a, b = values
+    df = df or (len(a) - 1, len(b) - 1)
     if not sample.paired:
-        return welch(a, b, level)
-    gap = a - b
-    n_equal = int(np.count_nonzero(gap == 0))
-    if n_equal > len(gap) / 2 and len(gap) - n_equal < FEW:
+        return welch(a, b, level, df)
+    if _rarely(a, b):
         return NONE
-    return _of_mean(gap, average, level, sample.trials.seed)
+    return Values(a - b, sample.a.runs, min(df)).interval(average, level, sample.trials.seed)
 
 
 def _of_scores(scores: _Both, sample: _Sample, level: float) -> Interval:
@@ -278,18 +319,12 @@ def _of_scores(scores: _Both, sample: _Sample, level: float) -> Interval:
     return (low, high) if low < high else NONE
 
 
-def _of_mean(values: Array, average: str, level: float, seed: int) -> Interval:
-    """Interval of one mean; bootstrap-t makes that of the ratio of the means worse."""
-    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
-
-
 def _verdict(sample: _Sample, level: float) -> Verdict:
     # A run in which both fail says nothing about the gain: its plant may be too hard for any method.
     failed = _alone(sample.a), _alone(sample.b)
     failures = None
     if failed[0].any() or failed[1].any():
-        counted = replace(sample, a=sample.counted[0], b=sample.counted[1])
-        counted = replace(counted, values=_values(sample.trials, counted.a, counted.b, paired=sample.paired))
+        counted = _filled(replace(sample, a=sample.counted[0], b=sample.counted[1]))
         alone, interval = _failed(failed, sample, level)
         failures = Failures(*alone, interval, _evidence(counted, level))
     return verdict(_evidence(sample, level), failures)
@@ -322,12 +357,12 @@ def _evidence(sample: _Sample, level: float) -> Evidence:
     higher = sample.a.higher
     ends = []
     for name, (a, b) in sample.values.items():
-        low, high = _interval((a, b), sample, name, level)
+        low, high = _interval((a.values, b.values), sample, name, level, (a.df, b.df))
         ends.append((-high, -low) if higher else (low, high))
     scores = sample.a.scores / 2, sample.b.scores / 2
     low, high = _interval(scores, sample, "mean", level)
     n = min(_n_finished(sample))
-    first = next(iter(sample.values.values()), None)
+    first = next(iter(sample.plain.values()), None)
     with_pairs = sample.paired and first is not None
     n_untied = int(np.count_nonzero(np.abs(first[0] - first[1]) > sample.a.margin)) if with_pairs and first else n
     return Evidence(
@@ -343,9 +378,9 @@ def _evidence(sample: _Sample, level: float) -> Evidence:
 def _planning(sample: _Sample, word: Verdict, level: float) -> dict[str, float]:
     """Return about how many runs would decide an inconclusive difference; only where the runs are paired."""
     first = next(iter(sample.values.values()), None)
-    if word != Verdict.INCONCLUSIVE or first is None or not sample.paired or len(first[0]) < 2:
+    if word != Verdict.INCONCLUSIVE or first is None or not sample.paired or len(first[0].values) < 2:
         return {}
-    gap = first[0] - first[1]
+    gap = first[0].values - first[1].values
     sd = float(np.std(gap, ddof=1))
     found = {
         "runs_for_direction": runs_for_direction(float(gap.mean()), sd, level),

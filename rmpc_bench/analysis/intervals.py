@@ -41,8 +41,8 @@ def student(values: Array, confidence: float) -> Interval:
     return mean - reach, mean + reach
 
 
-def welch(a: Array, b: Array, confidence: float) -> Interval:
-    """Welch interval of the difference of the means of two independent samples.
+def welch(a: Array, b: Array, confidence: float, df: tuple[int, int]) -> Interval:
+    """Welch interval of the difference of the means of two independent samples, with these degrees of freedom.
 
     NaN below two values of either or where one is infinite; the difference itself where neither has spread.
     """
@@ -54,7 +54,7 @@ def welch(a: Array, b: Array, confidence: float) -> Interval:
     gap = float(np.mean(a) - np.mean(b))
     if not sum(squares):
         return gap, gap
-    degrees = sum(squares) ** 2 / (squares[0] ** 2 / (len(a) - 1) + squares[1] ** 2 / (len(b) - 1))
+    degrees = sum(squares) ** 2 / (squares[0] ** 2 / df[0] + squares[1] ** 2 / df[1])
     reach = float(special.stdtrit(degrees, (1 + confidence) / 2)) * math.sqrt(sum(squares))
     return gap - reach, gap + reach
 

@@ -258,3 +258,36 @@ def test_intervals_cover(paired, n, skew):
     shares = {name: np.mean(each, axis=0) for name, each in inside.items()}
     assert set(shares) == {"geometric", "mean"}
     assert all((each >= 0.93).all() for each in shares.values()), shares
+
+
+def of_draws(rng, shift, slope, width, draws, random_besides=("noise",)):
+    """Return the table of an experiment in which the gain depends on a uniform quantity within +-width."""
+    u = width * draws
+    base = np.exp(0.1 * u)
+    keys = {"quantities": {"run": np.arange(len(u)), "eps": u}, "random_besides": random_besides}
+    laws = {"eps": {"dist": "uniform", "low": -width, "high": width}}
+    noise = np.exp(shift + slope * u + 0.01 * rng.standard_normal(len(u)))
+    return table({"S": base, "M": base * noise}, laws=laws, **keys)
+
+
+def test_each_experiment_is_adjusted_for_its_own_laws(rng):
+    """Oracle: the difference of the two intercepts with HC3 of the difference of the residuals, df n - 3."""
+    draws = rng.uniform(-1, 1, N)
+    a, b = of_draws(rng, -0.2, 0.5, 0.4, draws), of_draws(rng, -0.1, 0.5, 0.8, draws)
+    [found] = improvement_differences([(a, b)], "M", a.metrics[0], paired=True, is_primary=True)
+    X = np.stack([np.ones(N), draws, 1.5 * draws**2 - 0.5], axis=1)
+    inverse = np.linalg.inv(X.T @ X)
+    logs = np.stack([np.log(t.column("m", "M") / t.column("m", "S")) for t in (a, b)], axis=1)
+    beta, h = inverse @ X.T @ logs, np.einsum("ij,jk,ik->i", X, inverse, X)
+    r = (logs - X @ beta) @ [1, -1] / (1 - h)
+    moved = (X @ inverse)[:, 0] * r
+    reach = stats.t.ppf(0.975, N - 3) * np.sqrt((N - 1) / N * np.sum((moved - moved.mean()) ** 2))
+    gap = beta[0, 0] - beta[0, 1]
+    np.testing.assert_allclose(found.averages[0].ratio, np.exp([gap, gap - reach, gap + reach]), rtol=1e-9)
+    # In an experiment without uncertain quantities nothing is adjusted for.
+    plain = table({name: b.column("m", name) for name in b.methods})
+    [mixed] = improvement_differences([(a, plain)], "M", a.metrics[0], paired=True, is_primary=True)
+    assert mixed.averages[0].in_b.value == pytest.approx(100 * np.expm1(logs[:, 1].mean()), rel=1e-9)
+    assert mixed.averages[0].in_a.value == pytest.approx(100 * np.expm1(beta[0, 0]), rel=1e-9)
+    [apart] = improvement_differences([(a, b)], "M", a.metrics[0], paired=False, is_primary=True)
+    assert apart.averages[0].ratio.value == pytest.approx(np.exp(gap), rel=1e-9)
