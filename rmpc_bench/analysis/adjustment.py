@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -319,6 +319,7 @@ class Adjustment:
     forms : forms that may be chosen, the largest first
     reason : why there is no basis; empty where there may be one
     left_out : quantity -> why `auto` takes it for noise
+    wide : quantities that are asked for although their normal law is too wide
     """
 
     runs: Array
@@ -327,6 +328,7 @@ class Adjustment:
     forms: tuple[str, ...] = ()
     reason: str = ""
     left_out: Mapping[str, str] = field(default_factory=dict)
+    wide: tuple[str, ...] = ()
 
     @cached_property
     def _bases(self) -> dict[str, Basis]:
@@ -358,7 +360,7 @@ class Adjustment:
     def of_runs(self, runs: Array) -> Adjustment:
         """Return the same for some of the runs."""
         values = self.values[np.searchsorted(self.runs, runs)] if len(self.values) else self.values
-        return Adjustment(runs, self.quantities, values, self.forms, self.reason, self.left_out)
+        return replace(self, runs=runs, values=values)
 
     def adjusted(self, pairs: Pairs, averages: Mapping[str, Any], basis: Basis | None = None) -> dict[str, Values]:
         """Adjust averages of pairs, all that can be; by the rule, or with a given basis."""
@@ -406,4 +408,5 @@ def adjustment_of(trials: Trials) -> Adjustment:
     degree = {"degree 4": 4, "linear": 1}
     forms = [form for form in FORMS if degree.get(form, 2) <= keys.degree and (form != FORMS[0] or nothing_else)]
     quantities = tuple(quantity_of(name, law) for name, law in chosen.items())
-    return Adjustment(runs, quantities, values, () if reason else tuple(forms), reason, left_out)
+    wide = tuple(name for name in chosen if left_out_by_auto(trials.laws[name]))
+    return Adjustment(runs, quantities, values, () if reason else tuple(forms), reason, left_out, wide)

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.columns import Rows
-from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, change_of, margin_of
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, change_of, margin_of, plain_change_of
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.shown_numbers import (
@@ -90,6 +90,16 @@ class ResultRow(NamedTuple):
     def is_sized(self) -> bool:
         """Whether the interval of the change excludes 0, or there is none; a verdict by counts does not rest on it."""
         return not _contains_0(self.change)
+
+    @property
+    def plain(self) -> Estimate:
+        """The change without an adjustment; NaN where there is none."""
+        return plain_change_of(self.compared)
+
+    @property
+    def is_adjusted(self) -> bool:
+        """Whether the change is adjusted for draws of known law."""
+        return not math.isnan(self.plain.value)
 
     @property
     def counts(self) -> str:

@@ -279,7 +279,7 @@ class Trials(ComparisonKeys):
         """Return the same trials with other metrics, or other values of them; methods, runs and statuses stay."""
         made = replace(self, **changes)
         # Which row belongs to which run is found once: millions of texts are compared for it.
-        for name in {"runs", "_rows", "_complete", "_finished"} & set(self.__dict__):
+        for name in {"runs", "_rows", "_complete", "_finished", "adjustment"} & set(self.__dict__):
             made.__dict__[name] = self.__dict__[name]
         return made
 

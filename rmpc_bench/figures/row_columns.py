@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.ranks import ranking
-from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, ResultRow, ResultTable
+from rmpc_bench.analysis.result_rows import BETTER, FAILS_MORE, WORSE, Form, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, difference_texts
 from rmpc_bench.figures.axes import Axis, Log, Tick, change_axis, draw_no_change, scaled_axis, set_axis, spaced
 from rmpc_bench.figures.labels import LINEAR, metric_label, name_of, typeset, width, with_unit, wrapped
@@ -62,6 +62,8 @@ def draw_box(axes: Axes, row: ResultRow, place: float, axis: Axis, *, upright: b
         axes.plot(*point, ls="", marker=marker, ms=4, color=INK, clip_on=False, gid=gid, zorder=2.4)
 
 
+PALE = 0.6
+"""Opacity of an interval without the adjustment, which is thin."""
 LINE, DOT = 2.0, 4.5
 """Width of an interval and size of its middle [pt]."""
 APART = 4.0
@@ -160,6 +162,7 @@ def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]])
     shown = [(table, row) for table, there in zip(tables, rows, strict=True) for row in there]
     shown = [(table, row) for table, row in shown if row.compared and row.quantiles]
     found = [shown_change(row, form) for _, row in shown]
+    found += [_unadjusted(row, form) for _, row in shown if row.is_adjusted and form != "share"]
     axis = change_axis(form, found, margin)
     unit = first.info.unit if form == "difference" else ""
     label = with_unit(typeset(COMPARED[form].format(name_of(first.trials, first.baseline))), unit)
@@ -168,9 +171,17 @@ def _changes(tables: Sequence[ResultTable], rows: Sequence[Sequence[ResultRow]])
         if row.compared and row.quantiles:
             value = shown_change(row, form)
             colour = VERDICT_COLOURS.get(row.word, INK)
+            if row.is_adjusted and form != "share":
+                wide = _unadjusted(row, form)
+                look: dict[str, Any] = {"lw": THIN, "alpha": PALE, "gid": f"method-{row.method}"}
+                axes.plot([wide.low, wide.high], [place, place], color=colour, zorder=2.2, **look)
             _change(axes, axis, value, _text(form, value, unit), place, colour, row.method)
 
     return Column(axis, label, draw, lambda axes: draw_no_change(axes, form, margin))
+
+
+def _unadjusted(row: ResultRow, form: Form) -> Estimate:
+    return shown_change(row._replace(change=row.plain), form)
 
 
 def _text(form: str, value: Estimate, unit: str) -> str:

@@ -108,6 +108,8 @@ class Rows(SweepFigure):
         tables, words = first_tables(self, self.metric, results)
         level = f"{100 * results.confidence:g} %"
         shown = [CAPTIONS[name].format(baseline=results.baseline, level=level) for name in self._columns(tables)]
+        if "change" in self._columns(tables) and any(row.is_adjusted for table in tables for row in table.rows):
+            shown.append("thin: intervals without the adjustment for the draws")
         runs = runs_sentence([table.trials for table in tables], self.order or results.methods)
         return sentence(f"{quantity(tables[0].info)}{words}: {', '.join(shown)}", runs)
 

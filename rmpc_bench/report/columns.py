@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
-from rmpc_bench.analysis.comparison_text import about
+from rmpc_bench.analysis.comparison_text import about, change_of
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import INCONCLUSIVE, ResultRow, ResultTable
 from rmpc_bench.analysis.shown_numbers import Estimate, change_texts, interval_text, number, places, short
@@ -84,9 +84,17 @@ def _median(row: ResultRow) -> str:
 
 def _other_change(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
     average = other_average(table)
-    ends = [f"{average}_{end}" for end in ("pct", "low", "high") if average]
-    changes = [Estimate(*(float(row.compared[end]) for end in ends if row.compared)) for row in rows]
-    return [" ".join(filter(None, change_texts(change))) for change in changes if average]
+    changes = [change_of(row.compared, average) if row.compared else Estimate() for row in rows if average]
+    return [" ".join(filter(None, change_texts(change))) for change in changes]
+
+
+def _unit(table: ResultTable) -> str:
+    return table.info.unit if table.average_key == "difference" else "%"
+
+
+def _plain_change(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
+    """Write the change of adjusted rows without the adjustment."""
+    return [table.change_text(row._replace(change=row.plain)) if row.is_adjusted else "" for row in rows]
 
 
 def _superiority(row: ResultRow) -> str:
@@ -146,9 +154,9 @@ COLUMNS: dict[str, TableColumn] = {
         lambda table, rows: [table.change_text(row) if row.n and table.form != "share" else "" for row in rows],
         head=lambda table: "better in" if table.form == "share" else "change",
         latex=lambda table: (
-            "Change\n[\\%]" if table.average_key != "difference" else "Difference\n" + bracketed(table.info.unit)
+            ("Difference\n" if table.average_key == "difference" else "Change\n") + bracketed(_unit(table))
         ),
-        unit=lambda table: f" {table.info.unit if table.average_key == 'difference' else '%'}",
+        unit=lambda table: f" {_unit(table)}",
         definition="Change: relative to {baseline}, {average}, with {kind}{level} intervals in brackets.",
         compares=True,
     ),
@@ -205,6 +213,14 @@ COLUMNS: dict[str, TableColumn] = {
         latex=lambda table: "Geometric\nmean [\\%]" if table.average_key == "mean" else "Ratio of\nmeans [\\%]",
         unit=" %",
         definition="The other change is the {other}.",
+        compares=True,
+    ),
+    "plain": TableColumn(
+        _plain_change,
+        head="change, not adjusted",
+        latex=lambda table: "Not adjusted\n" + bracketed(_unit(table)),
+        unit=lambda table: f" {_unit(table)}",
+        definition="Not adjusted: the same change from the paired values alone.",
         compares=True,
     ),
     "worst": TableColumn(_by_row(lambda row: short(row.worst, 4)), "worst run"),

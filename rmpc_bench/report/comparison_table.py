@@ -40,6 +40,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
         simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
         level = f"{simultaneous}{100 * trials.confidence:g} % interval"
         average = comparison_text.AVERAGE_WORDS[str(row["average"])]
+        average = ", ".join(filter(None, [average, comparison_text.adjusted_for(row)]))
         text = f"{method} {changed} against {baseline} ({average}, {pairs}, {level}; {counts})"
     if word and comparison_text.contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from rmpc_bench.analysis.comparison_text import per_cent
+from rmpc_bench.analysis.comparison_text import adjusted_for, adjustment_text, per_cent
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -55,7 +55,8 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     sentences = [f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{draws}."]
     oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
     change = f"{'Difference' if first.form == 'difference' else 'Change'}: {first.average}." if first.average else ""
-    sentences += [_intervals(tables), change, _marks(tables, lowest) if several else _drawn(first, rows)]
+    adjusted = f"{capitalised(adjustment_text(tables))}." * bool(adjustment_text(tables))
+    sentences += [_intervals(tables), change, adjusted, _marks(tables, lowest) if several else _drawn(first, rows)]
     look = max((int(row.compared["look"]) for row in first.rows if row.compared), default=1)
     looks = f"Look {look} at a growing number of runs, with wider intervals." if look > 1 else ""
     planned = first.trials.planned
@@ -173,6 +174,8 @@ def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
     sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}."]
     defined = [name for name in shown if name != "mean" or not first.may_not_occur]
     sentences += [COLUMNS[name].definition.format(**words) for name in defined]
+    adjusted = next(filter(None, (adjusted_for(row.compared) for row in first.rows if row.compared)), "")
+    sentences += [f"Changes: {_plain(adjusted)}."] if adjusted and "change" in shown else []
     sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
     # The sentence on pairs says it itself.
     if any(COLUMNS[name].compares for name in shown if name != "pairs"):

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rmpc_bench.analysis.comparison_text import adjustment_text
 from rmpc_bench.analysis.drivers import LITTLE, gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
@@ -32,7 +33,9 @@ WIDTH = 80  # columns of the screen; fewer where a terminal has fewer
 MOST_NOTES = 7  # lines below the table
 MOST_LINES = 25  # lines of the screen of few methods and points; notes below a long matrix are fewer
 # Notes in the order of their importance.
-_FIRST = "page differs failed note stop claims two-way tuned requirements calibration lost remarks worst driven".split()
+_FIRST = (
+    "page differs failed note adjusted stop claims two-way tuned requirements calibration lost remarks worst driven"
+).split()
 _AVERAGES = {"geometric": "geometric mean", "mean": "ratio of the means"}
 _PARAMETERS = {"default, not tuned": "default parameters", "as published, not tuned": "parameters of the paper"}
 _WHOLE = ("failed", "worst", "page", "calibration")  # notes whose lines are not broken, such as a command or a path
@@ -136,6 +139,7 @@ class Screen:
         """Yield the notes in the order in which they are shown, each as its name and texts that begin a line."""
         if self.trials.with_verdicts and self.extent.planned:
             yield "note", [self._note(tables, table)]
+            yield "adjusted", [*filter(None, [adjustment_text(tables)])]
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
             yield "two-way", [text for table in self._crossed() for text in table.sentences][:2]
