@@ -18,7 +18,7 @@ Source  MacKinnon and White, Journal of Econometrics 29 (1985) 305 (HC3, the jac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -46,7 +46,7 @@ WIDEST = 2.0
 """Standard deviations from the mean beyond which a normal law is too wide: a rare draw then has a large residual."""
 BEYOND = 10.0
 """Standard deviations from the mean beyond which a normal law has no draw."""
-ROWS = 50_000
+ROWS = 20_000
 """Runs whose terms are in memory together."""
 NO_LAW = "no uncertain quantity with a known law"
 
@@ -212,11 +212,14 @@ class Basis:
         for first in range(0, len(self.values), ROWS):
             rows = self.values[first : first + ROWS]
             powers = [[np.ones(len(rows)), *q.polynomials(rows[:, i])] for i, q in enumerate(self.quantities)]
-            X = np.ones((len(rows), self.p))
+            # Columns that are contiguous are made and multiplied several times faster.
+            X = np.ones((self.p, len(rows)))
             for column, term in enumerate(self._terms, 1):
-                for place in np.flatnonzero(term):
-                    X[:, column] *= powers[place][term[place]]
-            yield X
+                factor, *others = (powers[place][n] for place, n in enumerate(term) if n)
+                X[column] = factor
+                for each in others:
+                    X[column] *= each
+            yield X.T
 
     @cached_property
     def _square(self) -> Array:
@@ -227,8 +230,8 @@ class Basis:
         """First row of (X'X)^-1 X' and leverages, (n,) each."""
         inverse, g, h = np.linalg.inv(self._square), np.empty(len(self.values)), np.empty(len(self.values))
         for rows, X in self.blocks():
-            product = X @ inverse
-            g[rows], h[rows] = product[:, 0], np.einsum("ij,ij->i", product, X)
+            product = inverse @ X.T
+            g[rows], h[rows] = product[0], (product * X.T).sum(axis=0)
         return g, h
 
     @cached_property
@@ -237,13 +240,14 @@ class Basis:
         smallest = float(np.linalg.eigvalsh(self._square / len(self.values))[0])
         return smallest >= SMALLEST_EIGENVALUE and float(self._leverages[1].max()) <= LARGEST_LEVERAGE
 
-    def intercepts(self, z: Array) -> tuple[Array, Array]:
-        """Return the intercepts of the columns z, (columns,), and those without one run after the other, as z."""
-        (g, h), found = self._leverages, np.empty_like(z)
+    def intercepts(self, z: Array) -> Array:
+        """Return the intercepts of the columns z (n, columns) without each run, and in row n those of all runs."""
+        (g, h), found = self._leverages, np.empty((len(z) + 1, z.shape[1]))
         beta = np.linalg.solve(self._square, sum(X.T @ z[rows] for rows, X in self.blocks()))
         for rows, X in self.blocks():
-            found[rows] = beta[0] - (g[rows] / (1 - h[rows]))[:, None] * (z[rows] - X @ beta)
-        return beta[0], found
+            found[:-1][rows] = beta[0] - (g[rows] / (1 - h[rows]))[:, None] * (z[rows] - X @ beta)
+        found[-1] = beta[0]
+        return found
 
 
 def without_terms(n: int) -> Basis:
@@ -275,36 +279,37 @@ class Values(NamedTuple):
         return middle + factor * (low - middle), middle + factor * (high - middle)
 
 
-def leave_one_out(basis: Basis, average: str, a: Array, b: Array) -> Array | None:
-    """Return the values V of an average over all drawn runs; None where an adjusted mean is not positive.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def leave_one_out(basis: Basis, averages: Collection[str], a: Array, b: Array) -> dict[str, Array]:
+    """Return average -> values V over all drawn runs; one whose adjusted means are not positive is left out.
 
     Parameters
     ----------
     basis : of the n drawn runs
-    average : ``geometric``, ``mean`` or ``difference``
+    averages : ``geometric``, ``mean``, ``difference``
     a, b : (n,) values of the two methods; NaN where one of the two failed or has none
     """
     n, both = len(a), ~(np.isnan(a) | np.isnan(b))
     a, b = np.where(both, a, 1.0), np.where(both, b, 1.0)
-    columns = [a, b] if average == "mean" else [np.where(a == b, 0.0, np.log(a) - np.log(b))]
-    columns = [a - b] if average == "difference" else columns
-    z = np.column_stack([both.astype(float), *columns])
+    columns = {"s": both.astype(float), "difference": a - b}
+    columns["geometric"] = np.where(a == b, 0.0, np.log(a) - np.log(b))
+    columns |= {"a": a, "b": b}
+    names = ["s", *(name for name in averages if name != "mean"), *(("a", "b") if "mean" in averages else ())]
+    z = np.column_stack([columns[name] for name in names])
     z[~both] = 0.0
-    whole, each = basis.intercepts(z)
-    if both.all():
-        # Exact, where the regression leaves a rounding error.
-        whole[0], each[:, 0] = 1.0, 1.0
-    least = np.minimum(whole, each.min(axis=0))
-    if not np.isfinite(each).all() or least[0] <= 0 or (average == "mean" and (least <= 0).any()):
-        return None
-    if average == "mean":
-        theta, without = math.log(whole[1] / whole[2]), np.log(each[:, 1] / each[:, 2])
-    else:
-        theta, without = float(whole[1] / whole[0]), each[:, 1] / each[:, 0]
-    gaps = (n - 1) * (without.mean() - without)
-    # Rounding is no spread: the draws then explain every difference.
-    size = 1.0 if average == "mean" and (a != b).any() else float(np.abs(z[:, 1:]).max())
-    return np.full(n, theta) if np.abs(gaps).max() <= NEGLIGIBLE * size else np.asarray(theta + gaps)
+    # With the estimate of all runs in the last row.
+    alpha = dict(zip(names, basis.intercepts(z).T, strict=True))
+    alpha["s"] = np.ones(n + 1) if both.all() else alpha["s"]
+    found = {}
+    for name in averages:
+        parts = [alpha[each] for each in (("s", "a", "b") if name == "mean" else ("s",))]
+        theta = np.log(alpha["a"] / alpha["b"]) if name == "mean" else alpha[name] / alpha["s"]
+        if min(each.min() for each in parts) > 0 and np.isfinite(theta).all():
+            gaps = (n - 1) * (theta[:n].mean() - theta[:n])
+            # Rounding is no spread: the draws then explain every difference.
+            size = 1.0 if name == "mean" else float(np.abs(columns[name]).max())
+            found[name] = theta[n] + (gaps if np.abs(gaps).max() > NEGLIGIBLE * size else 0.0 * gaps)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,16 +373,11 @@ class Adjustment:
         basis = basis or self.basis(n_pairs)
         if basis is None or not averages:
             return {}
-        a, b, places = np.full(len(self.runs), np.nan), np.full(len(self.runs), np.nan), None
+        a, b = np.full(len(self.runs), np.nan), np.full(len(self.runs), np.nan)
         places = np.searchsorted(self.runs, pairs.runs)
         a[places], b[places] = pairs.a, pairs.b
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            made = {name: leave_one_out(basis, name, a, b) for name in averages}
-        return {
-            name: Values(V, self.runs, n_pairs - basis.p, basis)
-            for name, V in made.items()
-            if V is not None and np.isfinite(V).all()
-        }
+        made = leave_one_out(basis, [*averages], a, b)
+        return {name: Values(V, self.runs, n_pairs - basis.p, basis) for name, V in made.items()}
 
 
 def adjustment_of(trials: Trials) -> Adjustment:
