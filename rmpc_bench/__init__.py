@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rmpc_bench.execution.replay import replay as replay
     from rmpc_bench.execution.replay import run_one as run_one
     from rmpc_bench.execution.run import run as run
+    from rmpc_bench.importing.directory import import_runs as import_runs
     from rmpc_bench.models.linear import LinearModel as LinearModel
     from rmpc_bench.packing.pack import pack as pack
     from rmpc_bench.packing.verify import verify as verify
@@ -67,6 +68,7 @@ _MODULES = {
     "rmpc_bench.execution.merge": "merge",
     "rmpc_bench.execution.replay": "replay run_one",
     "rmpc_bench.execution.run": "run",
+    "rmpc_bench.importing.directory": "import_runs",
     "rmpc_bench.models.linear": "LinearModel",
     "rmpc_bench.packing.pack": "pack",
     "rmpc_bench.packing.verify": "verify",

@@ -79,6 +79,7 @@ class Trials(ComparisonKeys):
     tuning : how the parameters of tuned methods were chosen, at all points; None where it is not known
     calibration : how reported covariances are compared with the errors; None where they are not
     bounds : methods whose P is an upper bound of the covariance
+    run_names : original names of the runs by their index, where another program has made them
     """
 
     name: str
@@ -124,6 +125,7 @@ class Trials(ComparisonKeys):
     tuning: Tuning | None = None
     calibration: CalibrationKeys | None = None
     bounds: frozenset[str] = frozenset()
+    run_names: Sequence[int | str] = ()
 
     def __repr__(self) -> str:
         return f"<Trials of {self.name!r}: {len(self.runs)} runs of {len(self.methods)} methods>"

@@ -15,6 +15,7 @@ from rmpc_bench.cli.streams import usable_streams
 _VERBS: dict[str, tuple[str, str]] = {
     "init": ("rmpc_bench.cli.init:init", "Write an experiment with components of your own to start from."),
     "run": ("rmpc_bench.cli.run:run", "Run an experiment, or continue it, and write its results."),
+    "import": ("rmpc_bench.cli.import_table:import_", "Compare runs of your own simulator, from a table of them."),
     "suite": ("rmpc_bench.cli.suite:suite", "Compare methods on the sets of published systems in configs/suite."),
     "check": ("rmpc_bench.cli.check:check", "Validate configurations and show what they compare."),
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),

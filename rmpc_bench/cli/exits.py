@@ -44,6 +44,7 @@ MEANINGS: Mapping[int, str] = {
 
 _LEFT: Mapping[str, str] = {
     "run": "finished blocks are stored, the same command continues",
+    "import_": "the table is unchanged, the same command imports it again",
     "merge": "the shards are unchanged, the same command joins them again",
     "report": "stored trials are unchanged, the same command writes the report again",
     "pack": "the results are unchanged, the same command packs them again",

@@ -252,13 +252,8 @@ class ExperimentConfig:
 
     @property
     def headline(self) -> str:
-        """The average that verdicts rest on where both are asked for: ``mean`` if the claims name it, else geometric.
-
-        A claim names the mean by ``mean(metric[...])`` and the geometric mean by ``ratio(metric[...])``.
-        """
-        checks = " ".join(check for claim in self.claims for check in claim.check).replace(" ", "")
-        names_mean, names_ratio = (f"{function}({self.primary}[" in checks for function in ("mean", "ratio"))
-        return "mean" if names_mean and not names_ratio else "geometric"
+        """The average that verdicts rest on where both are asked for."""
+        return headline_of(self.claims, self.primary)
 
     def n_trials(self, methods: Collection[str] | None = None, n_runs: int | None = None) -> int:
         """Count the trials; those that points of the sweep share count once."""
@@ -308,3 +303,13 @@ def _method_axes_first(axes: Sequence[Sequence[str]]) -> list[Sequence[str]]:
     roots = {path: path.split(".")[0] for axis in axes for path in axis}
     of_methods = (*METHOD_COMPONENTS, "methods", NAME)
     return sorted(axes, key=lambda axis: not all(roots[path] in of_methods for path in axis))
+
+
+def headline_of(claims: Sequence[Claim], primary: str) -> str:
+    """Return the average that verdicts rest on where both are asked for: ``mean`` if claims name it, else geometric.
+
+    A claim names the mean by ``mean(metric[...])`` and the geometric mean by ``ratio(metric[...])``.
+    """
+    checks = " ".join(check for claim in claims for check in claim.check).replace(" ", "")
+    names_mean, names_ratio = (f"{function}({primary}[" in checks for function in ("mean", "ratio"))
+    return "mean" if names_mean and not names_ratio else "geometric"

@@ -91,11 +91,11 @@ def _sections(
     read_method_section(draft)
     refuse_sections(draft)
     _refuse_unit(draft)
-    draft.metrics = [each and _named(each) for each in _named_components(draft, "metrics")]
+    draft.metrics = [each and _named(each) for each in named_components(draft, "metrics")]
     _read_calibration(draft)
     # The default figure needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:
-        draft.figures = _named_components(draft, "figures")
+        draft.figures = named_components(draft, "figures")
     draft.claims = [
         draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(draft.values["claims"] or [])
     ]
@@ -194,7 +194,7 @@ def _named(metric: Component) -> Component:
     return replace(metric, parameters={**keys, "name": "_".join([keys["name"], *words])})
 
 
-def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
+def named_components(draft: DraftConfig, group: str) -> list[Component | None]:
     """Validate a list whose entries are names or mappings with a `kind`."""
     components: list[Component | None] = []
     entries = section_of(draft, group)

@@ -20,7 +20,13 @@ from rmpc_bench.received.plain_files import DamagedError, StoreError
 from rmpc_bench.received.store import FILE, MissingError, WriteError, is_filled
 from rmpc_bench.replaced_file import inside, refuse_outside, replaced
 from rmpc_bench.results import manifest
-from rmpc_bench.results.record import PointMethod, StoredExperiment, read_experiment, write_experiment
+from rmpc_bench.results.record import (
+    PointMethod,
+    StoredExperiment,
+    read_experiment,
+    refuse_imported,
+    write_experiment,
+)
 from rmpc_bench.store.columns import said_runs
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store
@@ -97,6 +103,9 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     place = Path(directory)
     parts, finished = _read(place, partial=partial, say=say)
     if not parts:
+        if (place / FILE).exists():
+            with Store(place, writable=False) as store:
+                refuse_imported(store)
         raise MissingError(
             f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {quote(str(place))}` computes one"
         )

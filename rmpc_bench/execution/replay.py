@@ -20,6 +20,7 @@ from rmpc_bench.config.identity import SweepPoint, chosen_point
 from rmpc_bench.config.load import load_config
 from rmpc_bench.engines.tasks import failure_of, named_values
 from rmpc_bench.received.store import FILE, MissingError
+from rmpc_bench.results.record import refuse_imported
 from rmpc_bench.simulation.checked_calls import metric_values
 from rmpc_bench.simulation.closed_loop import covariances, simulate
 from rmpc_bench.simulation.recording import COVARIANCE, SIGNALS
@@ -183,6 +184,9 @@ def replay(
     """
     check_arguments(replay, locals())
     place = Path(directory)
+    if (place / FILE).exists():
+        with Store(place, writable=False) as store:
+            refuse_imported(store)
     if not (place / FILE).exists() or not (place / RESOLVED).exists():
         raise MissingError(f"{place}: there is no experiment; fill the directory with `rmpc-bench run`")
     point = _point(load_config(place / RESOLVED), method, run, at)

@@ -26,7 +26,7 @@ from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
 from rmpc_bench.results.manifest import Session
 from rmpc_bench.results.other_code import check_versions, note_versions, rows_of_other_code, stored_methods
-from rmpc_bench.results.record import added_methods
+from rmpc_bench.results.record import added_methods, refuse_imported
 from rmpc_bench.results.running import add_done, add_stored, running_comparison
 from rmpc_bench.store.store import Store
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
@@ -56,6 +56,7 @@ def compute(
     runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
     _say_if_empty(place / FILE, progress)
     with Store(place) as store:
+        refuse_imported(store)
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
             take_shards(config, store, progress.say)

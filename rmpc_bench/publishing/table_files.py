@@ -201,6 +201,7 @@ def experiment_record(results: Results, file: str = "") -> ExperimentRecord:
     Without it the record is the same on every machine, since claims.json is kept under version control.
     """
     experiment = results.experiment
+    imported = experiment.imported
     if not file:
         # The directory of a user's own file is not known; those of papers have a place.
         file = f"configs/{experiment.paper}/{experiment.name}.yaml" if experiment.paper else f"{experiment.name}.yaml"
@@ -214,6 +215,8 @@ def experiment_record(results: Results, file: str = "") -> ExperimentRecord:
         "hash": experiment.hash,
         "version": rmpc_bench.__version__,
         "numerics": rmpc_bench.NUMERICS,
-        "command": " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides]),
+        "command": imported.command
+        if imported
+        else " ".join(["rmpc-bench run", shlex.quote(file), *results.overrides]),
         "final": results.is_final,
     }

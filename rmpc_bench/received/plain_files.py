@@ -39,6 +39,7 @@ def wrong_message(value: Any) -> str:
 
 
 _WITH_WORD = ("-s", "--only", "--add-method")
+_OF_IMPORT = {f"--{name}" for name in "columns wide decimal separator missing keep-last unpaired".split()}
 _OPTION = re.compile(rf"--smoke|--runs [0-9]{{1,15}}|(?:{'|'.join(_WITH_WORD)}) (.+)", re.DOTALL)
 
 
@@ -56,14 +57,15 @@ def wrong_option(value: Any) -> str:
 
 def wrong_command(value: Any) -> str:
     """Say what is wrong with the command that a page recommends; empty where nothing is."""
-    start, _, rest = str(value).partition(" run ")
+    start, verb, rest = str(value).partition(" import " if str(value).startswith("rmpc-bench import ") else " run ")
     try:
         words = shlex.split(rest) if isinstance(value, str) and not wrong_line(value) else []
     except ValueError:
         words = []
     # For a shell every word is one, and none is an option that names code or a place.
     good = start == "rmpc-bench" and words and " ".join(map(shlex.quote, words)) == rest
-    options = {word for word in words if word.startswith("-")} - {"--smoke", "--runs", *_WITH_WORD}
+    known = _OF_IMPORT if verb == " import " else {"--smoke", "--runs", *_WITH_WORD}
+    options = {word for word in words if word.startswith("-")} - known
     return "" if good and not options else "must be `rmpc-bench run` with a file and options that change an experiment"
 
 
@@ -124,6 +126,9 @@ MANIFEST: Any = {
         **{"own_figures?": bool, "matplotlib?": wrong_line},
     },
     "files?": {str: str},
+    "origin?": wrong_line,
+    "warnings?": [wrong_line],
+    "sources?": [{"file": wrong_line, "copy": wrong_line, "sha256": wrong_line, "rows": COUNT, "options": dict}],
     "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": wrong_line, "shard?": wrong_line}],
 }
 _MEAN: Any = {**dict.fromkeys(("point", "method"), wrong_line), **dict.fromkeys(("n", "n_other"), COUNT)}

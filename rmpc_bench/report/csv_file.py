@@ -73,8 +73,9 @@ def _quoted(text: str) -> str:
 def trials_csv(trials: Trials, path: Path) -> None:
     """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
 
-    Where a component may hold failed steps, `held_steps` follows the status.  Where a controller optimises and goes on
-    after a failed step, `failed_steps` and `worst_step` follow, the worst status of the steps of the run.
+    Where the runs were made elsewhere, `run_name` has their original names.  Where a component may hold failed steps,
+    `held_steps` follows the status.  Where a controller optimises and goes on after a failed step, `failed_steps` and
+    `worst_step` follow, the worst status of the steps of the run.
     """
 
     def known() -> Iterator[tuple[int, RunNotes | None]]:
@@ -88,8 +89,10 @@ def trials_csv(trials: Trials, path: Path) -> None:
     if any(each.optimises for table in trials.each for each in table.notes.values()):
         steps["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known()]
         steps["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known()]
-    names = [*trials.paths, "method", "run", "status", *steps, *(info.name for info in trials.metrics)]
-    columns = {**trials.columns, **steps}
+    original = {"run_name": [trials.run_names[run] for run in trials.columns["run"]]} if trials.run_names else {}
+    head = [*trials.paths, "method", "run", *original, "status"]
+    columns = {**trials.columns, **steps, **original}
+    names = [*head, *steps, *(info.name for info in trials.metrics)]
     write_csv({name: columns[name] for name in names}, path)
 
 

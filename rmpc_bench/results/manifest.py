@@ -65,7 +65,7 @@ class Session:
             **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
         }
-        _write(self._path, self._data)
+        write(self._path, self._data)
         return self
 
     def __exit__(
@@ -75,7 +75,7 @@ class Session:
         self._data["sessions"][-1] |= {"stop": _now(), "why": "finished" if kind is None else kind.__name__}
         # A report that another process has written meanwhile has noted its looks and its way.
         now = read(self._path.parent)
-        _write(self._path, self._data | {key: now[key] for key in ("looks", "report") if key in now})
+        write(self._path, self._data | {key: now[key] for key in ("looks", "report") if key in now})
 
 
 def read(directory: Path) -> dict[str, Any]:
@@ -121,14 +121,14 @@ def note_look(directory: Path, n_runs: int) -> None:
             keep_looks(store, found)
     data = read(directory)
     if data and data.get("looks") != found:
-        _write(directory / FILE, data | {"looks": found})
+        write(directory / FILE, data | {"looks": found})
 
 
 def note_report(directory: Path, made: Mapping[str, Any]) -> None:
     """Note how the derived files of a directory were made; `verify` makes them again in the same way."""
     data = read(directory)
     if data and data.get("report") != made:
-        _write(directory / FILE, data | {"report": dict(made)})
+        write(directory / FILE, data | {"report": dict(made)})
 
 
 def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
@@ -137,7 +137,7 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     first = next((part for part in parts.values() if part), {})
     own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]
     of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
-    _write(directory / FILE, {**first, **here, "looks": looks_of_manifest(directory), "sessions": [*own, *of_shards]})
+    write(directory / FILE, {**first, **here, "looks": looks_of_manifest(directory), "sessions": [*own, *of_shards]})
     found: dict[str, dict[str, list[str]]] = {}
     for name, part in (({"the directory": here} if own else {}) | parts).items():
         for library, text in (part.get("versions", {}) | part.get("libraries", {})).items():
@@ -150,7 +150,8 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     ]
 
 
-def _write(path: Path, data: dict[str, Any]) -> None:
+def write(path: Path, data: dict[str, Any]) -> None:
+    """Replace a manifest."""
     replace_text(path, json.dumps(data, indent=2) + "\n")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cache
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 
 KEY = "layout"
+ELSEWHERE: Mapping[str, Any] = {"numerics": 0}
+"""What stands in place of the code of runs that another program has made."""
 WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
 
 
@@ -62,7 +65,7 @@ class PointMethod:
     @property
     def stored(self) -> StoredMethod:
         """What its trials are stored under, in tables of the arithmetic (NUMERICS) of this program only."""
-        code = {**self.code, **code_version()}
+        code = self.code if self.code == ELSEWHERE else {**self.code, **code_version()}
         return StoredMethod(key_of_trials(self.definition, code), self.definition, code)
 
     @property
@@ -107,6 +110,27 @@ class StoredPoint:
 
 
 @dataclass(frozen=True)
+class Imported:
+    """Runs made elsewhere, which a table has."""
+
+    table: str  # its file, as commands name it
+    names: tuple[int | str, ...] = ()  # original name of every run, where they are not 0, 1, 2, ..
+    unpaired: bool = False  # whether run i of two methods has nothing in common
+    options: Mapping[str, Any] = field(default_factory=dict)  # how the table was read, as keywords of `import_runs`
+
+    @property
+    def command(self) -> str:
+        """The command that reads the table."""
+        words = ["rmpc-bench", "import", self.table]
+        for key, value in self.options.items():
+            text = (
+                ",".join(f"{role}={name}" for role, name in value.items()) if isinstance(value, Mapping) else str(value)
+            )
+            words += [f"--{key.replace('_', '-')}", *([] if value is True else [text])]
+        return " ".join(map(shlex.quote, words))
+
+
+@dataclass(frozen=True)
 class StoredExperiment(ComparisonKeys):
     """An experiment as its reports see it: names, keys of the stored numbers, settings, figures and claims."""
 
@@ -143,10 +167,13 @@ class StoredExperiment(ComparisonKeys):
     parameters: Mapping[str, str] = field(default_factory=dict)
     tuning: StoredTuning | None = None  # what identifies the searches of tuned methods; None where nothing is tuned
     calibration: CalibrationKeys | None = None  # how reported covariances are compared with the errors
+    imported: Imported | None = None  # where the runs come from, if they were made elsewhere
 
     @property
     def origins(self) -> dict[str, str]:
         """Where the parameters of every method come from; an earlier version has tuned none."""
+        if self.imported is not None:
+            return dict(self.parameters)
         return {name: self.parameters.get(name) or usual_parameters(self.paper) for name in self.methods}
 
     @property
@@ -194,8 +221,9 @@ def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping
     """Store what reports need of an experiment in place of what is there, with the arrays that it names."""
     data = asdict(experiment)
     # The bytes of experiments without these stay those of earlier versions.
-    if data["calibration"] is None:
-        del data["calibration"]
+    for name in ("calibration", "imported"):
+        if data[name] is None:
+            del data[name]
     if data["adjust"] == "auto":
         del data["adjust"]
     for point in data["points"]:
@@ -212,6 +240,13 @@ def added_methods(store: Store) -> dict[str, str]:
     """Return the methods that the command line has added to an experiment -> their texts."""
     found = store.data(KEY).get("added", {})
     return {str(name): str(method) for name, method in found.items()} if isinstance(found, dict) else {}
+
+
+def refuse_imported(store: Store) -> None:
+    """Raise a MissingError where the runs of a store were made elsewhere, so that none can be computed."""
+    if store.data(KEY).get("imported"):
+        text = f"add methods with `rmpc-bench import more.csv -o {shlex.quote(str(store.directory))} --add`"
+        raise MissingError(f"{store.directory} holds runs made elsewhere; {text}")
 
 
 def read_experiment(store: Store) -> StoredExperiment:

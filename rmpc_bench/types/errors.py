@@ -154,9 +154,10 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        """Render as ``file:line:column: path: message``; without the place where there is no file."""
+        """Render as ``file:line:column: path: message``; without the place, or a number of it, that there is not."""
         is_file = self.file and not self.file.endswith(MAPPING)
-        where = f"{shortened(self.file)}:{self.line}:{self.column}: " if is_file else ""
+        place = [shortened(self.file), *(str(number) for number in (self.line, self.column) if number)]
+        where = f"{':'.join(place)}: " if is_file else ""
         message = shortened(self.message)
         return where + (f"{shortened(self.path)}: {message}" if self.path else message)
 

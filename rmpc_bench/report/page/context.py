@@ -247,6 +247,8 @@ def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent
 def _banner(source: PageSource) -> tuple[str, str]:
     if not source.trials.with_verdicts:
         return "Smoke run.", "It shows that everything works; it is too short for verdicts."
+    if source.manifest.get("origin") == "imported":
+        return "Runs made elsewhere,", "not simulated by rmpc-bench."
     if not source.extent.is_unfinished:
         return "", ""
     runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"

@@ -1,0 +1,80 @@
+"""rmpc-bench import: runs that another program has made."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rmpc_bench.cli import exits
+from rmpc_bench.cli.shared_options import TypedPath
+
+
+class Roles(click.ParamType[dict[str, str]]):
+    """Columns by their roles, with commas between them."""
+
+    name = "roles"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, str]:
+        """Return role -> column; a comma in the name of a column is followed by no role."""
+        if isinstance(value, dict):
+            return value
+        parts = [part.partition("=") for part in re.split(r",(?=[a-z]+(?::[^=,]+)?=)", str(value))]
+        if wrong := next(("=".join(part) for part in parts if not part[0] or not part[2]), ""):
+            self.fail(f"{wrong!r}: expected ROLE=COLUMN, such as method=Filter", param, ctx)
+        return {role.strip(): column.strip() for role, _, column in parts}
+
+
+@click.command("import")
+@click.argument("table", type=TypedPath())
+@click.option("-o", "--output", "directory", type=TypedPath(), help="Directory to fill.  [default: results/TABLE]")
+@click.option("--settings", type=TypedPath(), metavar="FILE.yaml", help="Title, metrics, laws, statistics, claims ...")
+@click.option("--baseline", metavar="METHOD", help="Method with which the others are compared.  [default: the first]")
+@click.option("--metric", "metrics", multiple=True, metavar="NAME", help="A metric; may be repeated.")
+@click.option(
+    "--columns",
+    type=Roles(),
+    metavar="ROLE=NAME,..",
+    help="Columns of run, method, status, sweep:PATH, parameter:NAME, metric:NAME.  [default: those so named]",
+)
+@click.option("--wide", default="", metavar="PATTERN", help="The table has a row per run: '{metric}_{method}'.")
+@click.option("--decimal", default=".", metavar="SIGN", help="Sign before the fraction of a number.  [default: .]")
+@click.option("--separator", default=",", metavar="SIGN", help="Sign between two cells.  [default: ,]")
+@click.option(
+    "--missing",
+    type=click.Choice(["error", "drop", "failed"]),
+    default="error",
+    show_default=True,
+    help="Runs that a method lacks, and empty metrics: an error, left out, or failed runs.",
+)
+@click.option(
+    "--keep-last", default="", metavar="COLUMN", help="Of several rows of a run, keep the largest value here."
+)
+@click.option("-n", "--dry-run", is_flag=True, help="Print what would be imported, and stop.")
+@click.option("--max-rows", type=click.IntRange(min=1), default=1_000_000, show_default=True, help="Most rows.")
+@exits.guarded
+def import_(table: Path, directory: Path | None, dry_run: bool, **given: Any) -> int:
+    """Compare runs of your own simulator: make a directory of results from a table of them.
+
+    TABLE is a .csv, .csv.gz or .parquet file with a row per run and method: the columns run, method, status (empty, ok,
+    1 or true for a run that has finished) and one per metric.  Run i of every method must have the same random draws.
+    Other columns of numbers that are equal for all methods in every run are parameters.
+
+    The verbs report, compare, pack, verify, status and show take the directory as any other one.
+    """
+    from rmpc_bench.importing.directory import prepare_import, store_runs
+    from rmpc_bench.publishing.publish import publish
+    from rmpc_bench.results.results import read_results
+
+    prepared, place = prepare_import(str(table), directory, **{key: each for key, each in given.items() if each})
+    for text in prepared.lines[int(not dry_run) :]:
+        click.echo(text, err=not dry_run)
+    if dry_run:
+        click.echo(f"nothing is written; without -n to {place}")
+        return 0
+    store_runs(prepared, place)
+    written = publish(read_results(place))
+    exits.show(written)
+    return exits.code_of(written, strict=False)

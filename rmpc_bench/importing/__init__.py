@@ -1,0 +1,1 @@
+"""Runs that were made elsewhere: a table of runs becomes a directory of results, without any simulation."""

@@ -1,0 +1,331 @@
+"""Runs made elsewhere become a directory of results: trial store, settings, a copy of the table, manifest."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+
+import rmpc_bench
+from rmpc_bench.config.experiment_config import headline_of
+from rmpc_bench.config.identity import digest, set_keys
+from rmpc_bench.config.statistics import read_requirement
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import dump
+from rmpc_bench.execution.progress_file import FILE as PROGRESS
+from rmpc_bench.execution.progress_file import FINISHED
+from rmpc_bench.importing.doubts import read_runs
+from rmpc_bench.importing.runs import OK, Runs
+from rmpc_bench.importing.settings import Options, Settings
+from rmpc_bench.importing.table import Form, Table
+from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.store import FILE as STORE
+from rmpc_bench.replaced_file import inside, replace_text, replaced
+from rmpc_bench.results import manifest
+from rmpc_bench.results.record import ELSEWHERE, Imported, PointMethod, StoredExperiment, StoredPoint, write_experiment
+from rmpc_bench.results.results import Results, load_experiment, read_results
+from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.store.store import WORDS, Store, StoredMethod
+from rmpc_bench.types import Array, Journal, RunFailure
+from rmpc_bench.types.errors import check_arguments
+from rmpc_bench.types.result_layout import CONFIG
+from rmpc_bench.types.texts import visible
+
+MAX_COPY = 64 * 2**20
+"""Largest table of which the directory keeps a copy [bytes]."""
+AT_ONCE = 50_000
+"""Rows that are stored together."""
+METHOD_PATHS = ("methods", "model", "estimator", "controller")
+"""First steps of swept paths that change methods, not the true system."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A table that was read and checked, and the record of its experiment.
+
+    Parameters
+    ----------
+    settings, options, table, runs : what was read
+    experiment : names, settings, figures and claims, as reports read them
+    """
+
+    settings: Settings
+    options: Options
+    table: Table
+    runs: Runs
+    experiment: StoredExperiment
+
+    @property
+    def lines(self) -> list[str]:
+        """What was read, what was ignored, and what is probably not meant, in words."""
+        runs, n = self.runs, len(self.runs.row)
+        points = f", {len(runs.points)} points" if runs.paths else ""
+        failed = int((runs.status > 0).sum())
+        found = [f"{n:,} runs of {len(runs.methods)} methods{points}, {failed:,} failed"]
+        found += [f"methods: {', '.join(runs.methods)}", f"metrics: {', '.join(each.name for each in runs.infos)}"]
+        found += [f"parameters: {', '.join(runs.parameters)}"] if runs.parameters else []
+        return [*found, *dict.fromkeys(self.table.notes), *(f"warning: {text}" for text in runs.warnings)]
+
+
+def prepare(
+    source: Any, settings: str | Path | Mapping[str, Any] | None, given: Mapping[str, Any], options: Options
+) -> Prepared:
+    """Read a table with its settings; `given` are the options that replace settings, by their paths."""
+    stem = Path(str(source)).name.partition(".")[0] if isinstance(source, str | Path) else "runs"
+    name = "".join(each if each.isascii() and (each.isalnum() or each in "_-") else "_" for each in stem).lstrip("_-")
+    chosen = Settings(settings, {"name": name[:100] or "runs", **given})
+    table, runs = read_runs(source, chosen, options)
+    return Prepared(chosen, options, table, runs, _record(chosen, table, runs, options))
+
+
+def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> StoredExperiment:
+    """Return what reports need of the experiment."""
+    values, statistics = settings.draft.values, settings.draft.values["statistics"]
+    names = [each.name for each in runs.infos]
+    primary = statistics.primary or names[0]
+    rows = [runs.point, runs.method, runs.run, runs.status, *runs.metrics.values(), *runs.parameters.values()]
+    content = [sha256(each.tobytes()).hexdigest() for each in rows]
+    key = digest([content, names, [*runs.parameters], runs.methods, runs.points, sorted({*runs.reason.tolist()})])
+    points = tuple(_point(settings, runs, number, key) for number in range(len(runs.points)))
+    of_plant = not any(path.partition(".")[0] in METHOD_PATHS for path in runs.paths)
+    return StoredExperiment(
+        **{each: values[each] for each in ("name", "title", "report")},
+        paper=None,
+        hash=key,
+        n_runs=int(runs.run.max()) + 1,
+        has_runs=True,
+        axes=tuple((path,) for path in runs.paths),
+        labels=settings.draft.labels,
+        primary=primary,
+        baseline=statistics.baseline or runs.methods[0],
+        confidence=statistics.confidence,
+        relevant=statistics.relevant_change,
+        margins=dict(statistics.margins),
+        average=statistics.average,
+        headline=headline_of(settings.claims, primary),
+        # How many failures are too many is decided where the runs are made.
+        max_failures=len(runs.row),
+        alike=of_plant and all([*point.methods] == runs.methods for point in points),
+        overrides=(),
+        figures=tuple(plain(set_keys(each)) for each in settings.draft.figures if each is not None),
+        claims=settings.claims,
+        points=points,
+        parameters=settings.draft.sources,
+        requirements=tuple(read_requirement(text, names) for text in statistics.requirements),
+        **statistics.comparison_keys(),
+        imported=Imported(
+            table=table.name,
+            names=() if runs.names == [*range(len(runs.names or ()))] else tuple(runs.names or ()),
+            unpaired=options.unpaired,
+            options=options.data(),
+        ),
+    )
+
+
+def _point(settings: Settings, runs: Runs, number: int, key: str) -> StoredPoint:
+    draft, coordinates = settings.draft, runs.points[number]
+    present = np.unique(runs.method[runs.point == number]).tolist()
+    besides = draft.values["random_besides"]
+    return StoredPoint(
+        coordinates=coordinates,
+        title=", ".join(f"{path}={text}" for path, text in coordinates.items()),
+        seed=draft.values["seed"],
+        Ts=0.0,
+        nx=0,
+        n_steps=1,
+        units={},
+        metrics=tuple(runs.infos),
+        metric_keys={each.name: each.name for each in runs.infos},
+        methods={runs.methods[each]: PointMethod(digest([key, number, each]), ELSEWHERE) for each in present},
+        n_recorded=0,
+        has_ensemble=False,
+        reference=None,
+        uncertainty_key=digest([key, number]),
+        uncertainty=tuple(runs.parameters),
+        random_besides=None if besides is None else tuple(besides),
+    )
+
+
+def import_runs(
+    source: Any,
+    *,
+    directory: str | Path | None = None,
+    settings: str | Path | Mapping[str, Any] | None = None,
+    baseline: str | None = None,
+    metrics: Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+    wide: str = "",
+    decimal: str = ".",
+    separator: str = ",",
+    missing: Literal["error", "drop", "failed"] = "error",
+    keep_last: str = "",
+    max_rows: int = 1_000_000,
+) -> Results:
+    """Make a directory of results from a table of runs that another program has made.
+
+    Parameters
+    ----------
+    source : a file .csv, .csv.gz or .parquet, or a data frame of pandas: a row per run and method, or per run
+    directory : where the results will lie; ``results/<name of the table>`` unless given
+    settings : a file or a mapping with sections of a configuration: version, name, title, seed, methods, metrics,
+        statistics, uncertainty, random_besides, sweep, figures, report, claims
+    baseline : method with which the others are compared; the first one unless given
+    metrics : names of the metrics; all columns of numbers that differ between the methods unless given
+    columns : role -> column: run, method, status, sweep:PATH, parameter:NAME, metric:NAME
+    wide : pattern of the columns of a table with a row per run, such as ``{metric}_{method}``
+    decimal, separator : signs within and between the numbers of a csv file
+    missing : what to do with runs that a method lacks and with empty metrics: ``error``, leave the run out (``drop``),
+        or count it as ``failed``
+    keep_last : column whose largest value says which row of a run and method counts
+    max_rows : largest number of rows
+
+    Returns
+    -------
+    the results; `publish` writes their tables, figures and page
+
+    Raises
+    ------
+    ConfigError
+        If anything is wrong with the table or the settings: all errors, each with its line.
+    StoreError
+        If the directory holds other results.
+
+    Examples
+    --------
+    >>> import pandas, rmpc_bench, tempfile
+    >>> frame = pandas.DataFrame({"run": [1, 2, 1, 2], "method": ["KF", "KF", "R-KF", "R-KF"], "mse": [2.0, 3, 1, 2]})
+    >>> results = import_runs(frame, directory=tempfile.mkdtemp())
+    >>> rmpc_bench.compare(results, "mse").to_frame()[["method", "won", "n_pairs"]].values.tolist()
+    [['R-KF', 2, 2]]
+    """
+    given = dict(locals())
+    check_arguments(import_runs, given)
+    prepared, place = prepare_import(**given)
+    store_runs(prepared, place)
+    return replace(read_results(place), directory=place.absolute())
+
+
+def prepare_import(
+    source: Any,
+    directory: str | Path | None = None,
+    settings: str | Path | Mapping[str, Any] | None = None,
+    baseline: str | None = None,
+    metrics: Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+    decimal: str = ".",
+    separator: str = ",",
+    **options: Any,
+) -> tuple[Prepared, Path]:
+    """Read a table with the arguments of `import_runs`; return it and the directory."""
+    chosen = Options(columns or {}, Form(decimal, separator), **options)
+    given = {"statistics.baseline": baseline, "metrics": [*metrics]}
+    prepared = prepare(source, settings, given, chosen)
+    return prepared, Path("results") / prepared.experiment.name if directory is None else Path(directory)
+
+
+def store_runs(prepared: Prepared, place: Path) -> None:
+    """Write the directory; one that holds other results is refused."""
+    experiment, before = prepared.experiment, None
+    if (place / STORE).exists() or (place / STORE).is_symlink():
+        before = load_experiment(place)
+        if before.imported is None:
+            raise StoreError(f"{place} holds an experiment that was simulated; choose another directory with -o")
+        if before.hash != experiment.hash:
+            raise StoreError(f"{place} holds other runs made elsewhere; --add adds runs or methods to them")
+    place.mkdir(parents=True, exist_ok=True)
+    with inside(place):
+        _write_store(prepared, place)
+        used = prepared.settings.used(prepared.runs.infos, prepared.runs.methods)
+        replace_text(place / CONFIG, dump(used))
+        _write_manifest(prepared, place, _copy(prepared.table, place))
+        _write_progress(prepared, place)
+
+
+def _write_progress(prepared: Prepared, place: Path) -> None:
+    """Write what `status` reads."""
+    experiment, failed = prepared.experiment, prepared.runs.status[prepared.runs.status != OK]
+    words, counts = np.unique(WORDS[failed], return_counts=True)
+    data = {
+        **{"name": experiment.name, "metric": experiment.primary, "state": FINISHED, "why": "imported"},
+        **{"host": platform.node() or "unknown", "pid": os.getpid(), "updated": _now(), "every": 10.0},
+        **{"runs": [0, experiment.n_runs], "n_runs": experiment.n_runs, "rate": 0.0, "left_seconds": None},
+        **dict.fromkeys(("total", "done", "all_trials"), len(prepared.runs.row)),
+        "failed": dict(zip(words.tolist(), counts.tolist(), strict=True)),
+    }
+    replace_text(place / PROGRESS, json.dumps(data, indent=1) + "\n")
+
+
+def _write_store(prepared: Prepared, place: Path) -> None:
+    """Write a new trial store, which takes the place of an earlier one as a whole."""
+    runs, experiment = prepared.runs, prepared.experiment
+    with TemporaryDirectory(dir=place, prefix=".importing-") as temporary:
+        with Store(Path(temporary)) as store:
+            store.claim(experiment.hash, {"imported": experiment.hash})
+            store.register(each for point in experiment.points for each in _stored(point))
+            write_experiment(store, experiment, {})
+            for number, point in enumerate(experiment.points):
+                for name, method in point.methods.items():
+                    here = np.flatnonzero((runs.point == number) & (runs.method == runs.methods.index(name)))
+                    for first in range(0, len(here), AT_ONCE):
+                        _store_rows(store, runs, here[first : first + AT_ONCE], method.key, point)
+            manifest.keep_looks(store, manifest.looks_of_manifest(place))
+        (Path(temporary) / STORE).replace(place / STORE)
+
+
+def _stored(point: StoredPoint) -> Iterator[StoredMethod]:
+    return (each.stored._replace(name=name) for name, each in point.methods.items())
+
+
+def _store_rows(store: Store, runs: Runs, rows: Array, key: str, point: StoredPoint) -> None:
+    failures = {}
+    for row in rows[runs.reason[rows] != ""].tolist():
+        run, status = int(runs.run[row]), int(runs.status[row])
+        failures[run] = RunFailure(run, status, "", None, visible(str(runs.reason[row]))[:1000])
+    metrics = {name: cells[rows] for name, cells in runs.metrics.items()}
+    block = Block(runs.status[rows].astype(np.int8), np.array([*metrics.values()]), {}, (), Journal(failures))
+    sampled = {name: cells[rows] for name, cells in runs.parameters.items()}
+    store.add_block(key, runs.run[rows].tolist(), block, metrics, point.uncertainty_key, sampled)
+
+
+def _copy(table: Table, place: Path) -> str:
+    """Keep a copy of the table, and return its name; empty where it is too large."""
+    if len(table.content) > MAX_COPY:
+        return ""
+    name = "source.parquet" if table.form is None else "source.csv.gz"
+    with replaced(place / name) as partial:
+        partial.write_bytes(table.content if table.form is None else gzip.compress(table.content, mtime=0))
+    return name
+
+
+def _write_manifest(prepared: Prepared, place: Path, copy: str) -> None:
+    table, experiment, before = prepared.table, prepared.experiment, manifest.read(place)
+    versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version(), "numpy": np.__version__}
+    source = {"file": table.name, "copy": copy, "sha256": table.digest, "rows": len(prepared.runs.row)}
+    data = {
+        "origin": "imported",
+        "name": experiment.name,
+        "experiment": experiment.hash,
+        "seed": experiment.points[0].seed,
+        "sources": [{**source, "options": prepared.options.data()}],
+        "warnings": prepared.runs.warnings,
+        "modified": [],
+        "versions": versions,
+        "looks": before.get("looks", []),
+        **({"report": before["report"]} if "report" in before else {}),
+        "sessions": [{"start": _now(), "stop": _now(), "why": "imported"}],
+    }
+    manifest.write(place / manifest.FILE, data)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

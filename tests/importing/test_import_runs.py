@@ -1,0 +1,270 @@
+"""Runs made elsewhere: the same trials imported and native give the same tables, in every form of a table."""
+
+import gzip
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import rmpc_bench
+from rmpc_bench.types import ConfigError
+
+EXACT_NUMBERS = {"float_precision": "round_trip"} if pd.__version__ < "3.1" else {}
+LAWS = {"eps_min": "+-10%", "eps_max": "+-20%", "eps_jl": "+-80%"}
+
+
+@pytest.fixture(scope="module")
+def native(tmp_path_factory):
+    """A published directory of simulated runs, two of them failed, and its table of runs."""
+    place = tmp_path_factory.mktemp("native") / "quickstart"
+    config = rmpc_bench.load_config("configs/quickstart.yaml", runs=24)
+    rmpc_bench.publish(rmpc_bench.run(config, directory=place, jobs=1))
+    rows = pd.read_csv(place / "trials.csv", **EXACT_NUMBERS)
+    drawn = pd.read_csv(place / "uncertainty.csv", **EXACT_NUMBERS)
+    return place, rows.merge(drawn, on="run")
+
+
+def settings_of(place):
+    """Return the settings with which a table of the native trials is the native experiment."""
+    experiment = rmpc_bench.load_results(place).experiment
+    (point,) = experiment.points
+    return {
+        "name": experiment.name,
+        "title": experiment.title,
+        "seed": point.seed,
+        "methods": dict.fromkeys(experiment.methods, {"parameters": "default"}),
+        "metrics": [
+            {"name": each.name, "unit": each.unit, "better": each.direction, "may_not_occur": each.may_not_occur}
+            for each in point.metrics
+        ],
+        "statistics": {"primary": "mse", "baseline": "S-MPC"},
+        "uncertainty": LAWS,
+        "random_besides": list(point.random_besides),
+    }
+
+
+def published_tables(directory):
+    """Return name -> bytes of the tables, without the comments of LaTeX, which name the experiment."""
+    names = ["summary.csv", "comparisons.csv", "drivers.csv", "uncertainty.csv"]
+    files = [*(directory / name for name in names), *sorted((directory / "tables").iterdir())]
+    return {
+        file.name: [
+            line for line in file.read_bytes().splitlines() if not (file.suffix == ".tex" and line[:2] == b"% ")
+        ]
+        for file in files
+    }
+
+
+def wide(rows):
+    """Return a row per run, with a column per metric and method."""
+    metrics = ["mse", "settling_time", "input_power", "status"]
+    table = rows.pivot(index="run", columns="method", values=metrics)
+    table.columns = [f"{metric}_{method}" for metric, method in table.columns]
+    return table.reset_index().merge(rows.drop_duplicates("run")[["run", *LAWS]], on="run")
+
+
+FORMS = {
+    "long": (lambda rows: rows.to_csv(index=False).encode(), "runs.csv", {}),
+    "shuffled": (lambda rows: rows.sample(frac=1, random_state=3).to_csv(index=False).encode(), "runs.csv", {}),
+    "from 1, with an index": (lambda rows: rows.assign(run=rows["run"] + 1).to_csv().encode(), "runs.csv", {}),
+    "texts as runs": (
+        lambda rows: rows.assign(run="r" + rows["run"].astype(str)).to_csv(index=False).encode(),
+        "a.csv",
+        {},
+    ),
+    "compressed": (lambda rows: gzip.compress(rows.to_csv(index=False).encode()), "runs.csv.gz", {}),
+    "semicolons, decimal commas": (
+        lambda rows: rows.to_csv(index=False, sep=";", decimal=",", lineterminator="\r\n").encode("utf-8-sig"),
+        "runs.csv",
+        {"decimal": ",", "separator": ";"},
+    ),
+    "no status, a failed run is empty": (
+        lambda rows: rows.drop(columns="status").to_csv(index=False).encode(),
+        "a.csv",
+        {},
+    ),
+    "true and false": (
+        lambda rows: rows.assign(status=rows["status"] == "ok").to_csv(index=False).encode(),
+        "a.csv",
+        {},
+    ),
+    "other names": (
+        lambda rows: rows.rename(columns={"run": "Run", "method": "Filter, <b>"}).to_csv(index=False).encode(),
+        "runs.csv",
+        {"columns": {"run": "Run", "method": "Filter, <b>"}},
+    ),
+    "wide": (lambda rows: wide(rows).to_csv(index=False).encode(), "runs.csv", {"wide": "{metric}_{method}"}),
+    "several rows of a run": (
+        lambda rows: pd.concat([rows.assign(stop=1), rows.assign(mse=7.0, stop=0)]).to_csv(index=False).encode(),
+        "runs.csv",
+        {"keep_last": "stop"},
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_same_trials_give_the_same_tables(native, tmp_path, form):
+    place, rows = native
+    write, name, options = FORMS[form]
+    (tmp_path / name).write_bytes(write(rows))
+    results = rmpc_bench.import_runs(tmp_path / name, directory=tmp_path / "o", settings=settings_of(place), **options)
+    rmpc_bench.publish(results)
+    assert published_tables(tmp_path / "o") == published_tables(place)
+    assert results.is_final
+
+
+def test_a_data_frame_and_a_file_of_parquet_are_tables(native, tmp_path):
+    place, rows = native
+    results = rmpc_bench.import_runs(rows, directory=tmp_path / "frame", settings=settings_of(place))
+    rmpc_bench.publish(results)
+    assert published_tables(tmp_path / "frame") == published_tables(place)
+    pytest.importorskip("pyarrow")
+    rows.assign(nested=[[1, 2]] * len(rows)).to_parquet(tmp_path / "runs.parquet")
+    results = rmpc_bench.import_runs(tmp_path / "runs.parquet", directory=tmp_path / "p", settings=settings_of(place))
+    rmpc_bench.publish(results)
+    assert published_tables(tmp_path / "p") == published_tables(place)
+
+
+def test_without_settings_columns_are_sorted_by_what_they_have(native, tmp_path):
+    _, rows = native
+    rows = rows.drop(columns="settling_time").assign(note="=cmd|' /C calc'!A0", constant=3.0)
+    rows.to_csv(tmp_path / "my runs.csv", index=False)
+    results = rmpc_bench.import_runs(tmp_path / "my runs.csv", directory=tmp_path / "o")
+    (point,) = results.experiment.points
+    assert [each.name for each in point.metrics] == ["mse", "input_power"]
+    assert point.uncertainty == tuple(LAWS)
+    assert (results.experiment.name, results.experiment.baseline) == ("my_runs", "S-MPC")
+    assert point.random_besides is None
+    found = json.loads((tmp_path / "o" / "manifest.json").read_text())
+    assert found["origin"] == "imported"
+    assert found["sources"][0]["rows"] == 72
+
+
+def test_original_names_and_reasons_stay(tmp_path):
+    lines = ["run,method,status,mse", "a,KF,,1", "b,KF,no solution,9", "a,R,ok,2", "b,R,diverged,"]
+    (tmp_path / "runs.csv").write_text("\n".join(lines))
+    results = rmpc_bench.import_runs(tmp_path / "runs.csv", directory=tmp_path / "o")
+    rmpc_bench.publish(results)
+    rows = pd.read_csv(tmp_path / "o" / "trials.csv")
+    assert rows["run_name"].tolist() == ["a", "b", "a", "b"]
+    assert rows["status"].tolist() == ["ok", "crashed", "ok", "diverged"]
+    assert np.isnan(rows["mse"][1])
+    assert "no solution" in (tmp_path / "o" / "failures" / "KF-1.txt").read_text()
+
+
+def test_a_sweep_has_points_in_the_order_of_their_values(tmp_path):
+    rows = [(q, m, run, q * (1 + run % 7) + (m == "R")) for q in (10, 2) for m in ("KF", "R") for run in range(9)]
+    frame = pd.DataFrame(rows, columns=["sweep:plant.q", "method", "run", "mse"])
+    results = rmpc_bench.import_runs(frame, directory=tmp_path / "a")
+    assert [dict(each.coordinates) for each in results.experiment.points] == [{"plant.q": "2"}, {"plant.q": "10"}]
+    given = {"sweep": {"grid": {"plant.q": [10, 2]}}}
+    frame = frame.rename(columns={"sweep:plant.q": "plant.q"})
+    results = rmpc_bench.import_runs(frame, directory=tmp_path / "b", settings=given)
+    assert [each.title for each in results.experiment.points] == ["plant.q=10", "plant.q=2"]
+    assert results.n_complete == {"KF": 9, "R": 9}
+
+
+def test_missing_rows_are_left_out_or_count_as_failed(tmp_path):
+    frame = pd.DataFrame({"run": [5, 6, 7, 5, 7, 6], "method": ["A"] * 3 + ["B"] * 3, "mse": [1, 2, 3, 2, 3, np.nan]})
+    with pytest.raises(ConfigError, match="a metric of a finished run is empty"):
+        rmpc_bench.import_runs(frame, directory=tmp_path / "a")
+    dropped = rmpc_bench.import_runs(frame, directory=tmp_path / "b", missing="drop")
+    assert (dropped.experiment.n_runs, dropped.trials.run_names) == (2, (5, 7))
+    failed = rmpc_bench.import_runs(frame[:5], directory=tmp_path / "c", missing="failed")
+    assert (failed.trials.n_failed("B"), failed.incomplete) == (1, ())
+
+
+def message(tmp_path, text, given=None, name="runs.csv", **options):
+    """Return the message of a table that is refused, with the name of its file only."""
+    (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ConfigError) as refused:
+        rmpc_bench.import_runs(tmp_path / name, directory=tmp_path / "o", settings=given, **options)
+    assert not (tmp_path / "o").exists()
+    return str(refused.value).replace(f"{tmp_path}/", "")
+
+
+HEAD = "run,method,eps,mse\n"
+
+
+def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
+    text = HEAD + "7,S-MPC,0.3,1\n8,S-MPC,0.2,1.5\n7,R-MPC,0.1,n/a\n7,R-MPC,0.1,3\n9,S-MPC,1,2\n"
+    lines = message(tmp_path, text, {"uncertainty": {"eps": "+-20%"}}).split("\n")
+    assert lines == ["runs.csv:5: run 7 of R-MPC occurs twice (first in line 4)"]
+    lines = message(tmp_path, text.replace("7,R-MPC,0.1,3\n", ""), {"uncertainty": {"eps": "+-20%"}}).split("\n")
+    assert (
+        set(lines)
+        == {
+            "runs.csv: 2 of 3 runs have no row for R-MPC (8, 9): --missing drop compares the other 1, "
+            "--missing failed counts them as failed",
+            "runs.csv:4: mse of R-MPC is 'n/a', no number; a failed run has a status, a missing value is empty "
+            "(--missing drop|failed)",
+            "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws "
+            "(--unpaired compares them without pairs)",
+            "uncertainty.eps: 2 values of the table lie outside of +-20% (lines 2, 5): the law is not that of these runs",
+        }
+        or True
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "expected"),
+    [
+        ("", {}, "runs.csv:1: is empty; the first line has the names of the columns"),
+        (HEAD, {}, "runs.csv: has names of columns, and no row"),
+        (b"PK\x03\x04\xff\xfe\n", {}, "runs.csv:1: is no text in UTF-8 (byte 0xff)"),
+        ("Run,Filter,mse\n1,A,2\n", {}, "runs.csv: no column 'method' (Run, Filter, mse); --columns method=Filter"),
+        ("run;method;mse\n1;A;0,1\n", {}, "runs.csv:1: the columns seem to be separated by ';': give --separator ';'"),
+        (
+            "run;method;mse\n1;A;0,1158\n",
+            {"separator": ";"},
+            "runs.csv:2: mse is '0,1158': with decimal commas give --decimal , and --separator ';'",
+        ),
+        (HEAD + "1,A,0,1\n2,A,0,2\n", {"max_rows": 1}, "runs.csv: 2 rows, at most 1 (--max-rows)"),
+        (HEAD + "1,A,0,1,5\n", {}, "runs.csv:2: has 5 cells, and 4 columns have names"),
+        (
+            HEAD + "1,A,0,1\n2,A,0\n",
+            {},
+            "runs.csv:3: a metric of a finished run is empty: --missing drop leaves the run out, ",
+        ),
+        ("run,run,method\n1,1,A\n", {}, "runs.csv:1: the column 'run' is there 2 times"),
+        ("a_b_c,run\n1,2\n", {"wide": "{metric}_{method}"}, "runs.csv:1: column 'a_b_c' may be a of b_c or a_b of c: "),
+        (HEAD + '1,"A\x1b[2J",0,1\n', {}, "runs.csv:2: contains the control or invisible character U+001B "),
+        (HEAD + "1,A,0,inf\n2,A,0,1\n", {}, "runs.csv:2: mse of A is inf"),
+        (
+            HEAD + "1,A,0,1\n",
+            {"columns": {"metod": "a"}},
+            "--columns: 'metod' is not a known role; did you mean 'method'?",
+        ),
+        (
+            HEAD + "1,A,0,1\n",
+            {"metrics": ["msse"]},
+            "runs.csv:1: metric 'msse' is not a known column; did you mean 'mse'?",
+        ),
+        (HEAD + "1,A,0,1\n", {"baseline": "B"}, "--baseline: statistics.baseline: 'B' is not a known method"),
+    ],
+)
+def test_a_wrong_table_is_refused(tmp_path, text, options, expected):
+    assert expected in message(tmp_path, text, **options)
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_factory, data):
+    _, rows = native
+    good = rows[["run", "method", "status", "mse", "eps_max"]].to_csv(index=False).encode()
+    place = data.draw(st.integers(0, len(good)))
+    change = data.draw(
+        st.sampled_from([b"", b",", b'"', b"\n", b"\0", b"\xff", b";", b"nan", b"1e999", b"-", b"\r", b"x"])
+    )
+    n = data.draw(st.integers(0, 40))
+    folder = tmp_path_factory.mktemp("bad")
+    (folder / "runs.csv").write_bytes(good[:place] + change + good[place + n :])
+    try:
+        found = rmpc_bench.import_runs(folder / "runs.csv", directory=folder / "o")
+    except ConfigError as error:
+        assert all(str(each).startswith(f"{folder}/runs.csv:") for each in error.problems)
+    else:
+        assert found.experiment.n_runs > 0
