@@ -69,10 +69,10 @@ def import_(table: Path, directory: Path | None, dry_run: bool, **given: Any) ->
     from rmpc_bench.results.results import read_results
 
     prepared, place = prepare_import(str(table), directory, **{key: each for key, each in given.items() if each})
-    for text in prepared.lines[int(not dry_run) :]:
-        click.echo(text, err=not dry_run)
+    for text in prepared.remarks:
+        click.echo(text, err=True)
     if dry_run:
-        click.echo(f"nothing is written; without -n to {place}")
+        click.echo("\n".join([*prepared.facts, f"nothing is written; without -n to {place}"]))
         return 0
     store_runs(prepared, place)
     written = publish(read_results(place))

@@ -66,15 +66,22 @@ class Prepared:
     experiment: StoredExperiment
 
     @property
-    def lines(self) -> list[str]:
-        """What was read, what was ignored, and what is probably not meant, in words."""
-        runs, n = self.runs, len(self.runs.row)
-        points = f", {len(runs.points)} points" if runs.paths else ""
-        failed = int((runs.status > 0).sum())
-        found = [f"{n:,} runs of {len(runs.methods)} methods{points}, {failed:,} failed"]
-        found += [f"methods: {', '.join(runs.methods)}", f"metrics: {', '.join(each.name for each in runs.infos)}"]
-        found += [f"parameters: {', '.join(runs.parameters)}"] if runs.parameters else []
-        return [*found, *dict.fromkeys(self.table.notes), *(f"warning: {text}" for text in runs.warnings)]
+    def facts(self) -> list[str]:
+        """What was read, in words."""
+        runs = self.runs
+        points = f" at {len(runs.points)} points" if runs.paths else ""
+        names = {
+            "methods": runs.methods,
+            "metrics": [each.name for each in runs.infos],
+            "parameters": [*runs.parameters],
+        }
+        head = f"{len(runs.row):,} runs{points}, {np.count_nonzero(runs.status != OK):,} failed"
+        return [head, *(f"{kind}: {', '.join(each)}" for kind, each in names.items() if each)]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was ignored, and what is probably not meant, in words."""
+        return [*dict.fromkeys(self.table.notes), *(f"warning: {text}" for text in self.runs.warnings)]
 
 
 def prepare(

@@ -91,7 +91,7 @@ def _sorted(table: Table, values: dict[str, tuple[Array, Array]], metric: str) -
 
 def _unpaired(values: dict[str, tuple[Array, Array]], baseline: str) -> Iterator[str]:
     """Yield methods whose runs have nothing in common with those of the baseline (Spearman's rho)."""
-    from scipy.stats import rankdata
+    import pandas as pd
 
     for name in values:
         _, i, j = np.intersect1d(values[name][0], values[baseline][0], return_indices=True)
@@ -100,7 +100,7 @@ def _unpaired(values: dict[str, tuple[Array, Array]], baseline: str) -> Iterator
         n = pair.shape[1]
         if name == baseline or n < FEW_PAIRED or (pair == pair[:, :1]).all(axis=1).any():
             continue
-        rho = float(np.corrcoef(rankdata(pair, axis=1))[0, 1])
+        rho = float(np.corrcoef(pd.DataFrame(pair.T).rank().to_numpy().T)[0, 1])
         if rho < 1.645 / np.sqrt(n - 1):
             text = f"run i of {name} has nothing in common with run i of {baseline} (rank correlation {rho:.2f})"
             yield f"{text}: did both have the same draws?"

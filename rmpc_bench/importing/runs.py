@@ -108,7 +108,6 @@ class Reader:
         self._once(found)
         self._stop()
         values = self._sort_columns(found)
-        self._stop()
         self._check_values(found, values)
         self._complete(found, [*values])
         found.parameters = self._parameters(found)
@@ -272,9 +271,10 @@ class Reader:
             elif not self.problems or kind:
                 self.table.notes.append(f"column {name!r} is ignored{kind and ': ' + kind}")
         chosen = {name: chosen[name] for name in (named or chosen) if name in chosen}
-        if not chosen and not self.problems:
+        if not chosen:
             text = "no metric: no column has numbers that differ between the methods; --metric names one"
-            self.problems.append(self.table.problem(text))
+            self.problems += [] if self.problems else [self.table.problem(text)]
+            self._stop()
         if len(chosen) > MOST_METRICS:
             self.problems.append(
                 self.table.problem(f"{len(chosen):,} metrics, at most {MOST_METRICS}; --metric names some")
@@ -323,6 +323,8 @@ class Reader:
             return f"{name} of {of} is {text[:60]!r}, no number; {way}"
 
         self._note(np.sort(bad), message)
+        # They have been reported, and are not empty.
+        values[wrong] = 0.0
         return values[found.row]
 
     def _check_values(self, found: Runs, values: dict[str, Array]) -> None:

@@ -18,9 +18,9 @@ LAWS = {"eps_min": "+-10%", "eps_max": "+-20%", "eps_jl": "+-80%"}
 
 @pytest.fixture(scope="module")
 def native(tmp_path_factory):
-    """A published directory of simulated runs, two of them failed, and its table of runs."""
+    """A published directory of simulated runs, some of them failed, and its table of runs."""
     place = tmp_path_factory.mktemp("native") / "quickstart"
-    config = rmpc_bench.load_config("configs/quickstart.yaml", runs=24)
+    config = rmpc_bench.load_config("configs/quickstart.yaml", runs=24, overrides=["plant.diverged=38"])
     rmpc_bench.publish(rmpc_bench.run(config, directory=place, jobs=1))
     rows = pd.read_csv(place / "trials.csv", **EXACT_NUMBERS)
     drawn = pd.read_csv(place / "uncertainty.csv", **EXACT_NUMBERS)
@@ -81,16 +81,6 @@ FORMS = {
         "runs.csv",
         {"decimal": ",", "separator": ";"},
     ),
-    "no status, a failed run is empty": (
-        lambda rows: rows.drop(columns="status").to_csv(index=False).encode(),
-        "a.csv",
-        {},
-    ),
-    "true and false": (
-        lambda rows: rows.assign(status=rows["status"] == "ok").to_csv(index=False).encode(),
-        "a.csv",
-        {},
-    ),
     "other names": (
         lambda rows: rows.rename(columns={"run": "Run", "method": "Filter, <b>"}).to_csv(index=False).encode(),
         "runs.csv",
@@ -126,6 +116,16 @@ def test_a_data_frame_and_a_file_of_parquet_are_tables(native, tmp_path):
     results = rmpc_bench.import_runs(tmp_path / "runs.parquet", directory=tmp_path / "p", settings=settings_of(place))
     rmpc_bench.publish(results)
     assert published_tables(tmp_path / "p") == published_tables(place)
+
+
+def test_words_of_other_programs_for_runs_that_finished(native, tmp_path):
+    _, rows = native
+    rows = rows[["run", "method", "mse"]].assign(status=np.where(rows["status"] == "ok", 1, 0))
+    for name, words in (("numbers", {}), ("words", {1: True, 0: False}), ("texts", {1: "", 0: "no step found"})):
+        frame = rows.assign(status=rows["status"].map(words)) if words else rows
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+        found = rmpc_bench.import_runs(tmp_path / f"{name}.csv", directory=tmp_path / name)
+        assert [found.trials.n_failed(each) for each in found.trials.methods] == [2, 2, 2]
 
 
 def test_without_settings_columns_are_sorted_by_what_they_have(native, tmp_path):
@@ -190,23 +190,20 @@ HEAD = "run,method,eps,mse\n"
 
 
 def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
-    text = HEAD + "7,S-MPC,0.3,1\n8,S-MPC,0.2,1.5\n7,R-MPC,0.1,n/a\n7,R-MPC,0.1,3\n9,S-MPC,1,2\n"
-    lines = message(tmp_path, text, {"uncertainty": {"eps": "+-20%"}}).split("\n")
-    assert lines == ["runs.csv:5: run 7 of R-MPC occurs twice (first in line 4)"]
-    lines = message(tmp_path, text.replace("7,R-MPC,0.1,3\n", ""), {"uncertainty": {"eps": "+-20%"}}).split("\n")
-    assert (
-        set(lines)
-        == {
-            "runs.csv: 2 of 3 runs have no row for R-MPC (8, 9): --missing drop compares the other 1, "
-            "--missing failed counts them as failed",
-            "runs.csv:4: mse of R-MPC is 'n/a', no number; a failed run has a status, a missing value is empty "
-            "(--missing drop|failed)",
-            "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws "
-            "(--unpaired compares them without pairs)",
-            "uncertainty.eps: 2 values of the table lie outside of +-20% (lines 2, 5): the law is not that of these runs",
-        }
-        or True
-    )
+    text = HEAD + "7,S-MPC,0.3,1\n8,S-MPC,0.25,1.5\n7,R-MPC,0.1,n/a\n7,R-MPC,0.1,3\n9,S-MPC,1,2\n"
+    found = message(tmp_path, text)
+    assert found == "runs.csv:5: run 7 of R-MPC occurs twice (first in line 4)"
+    text = text.replace("7,R-MPC,0.1,3\n", "")
+    assert {*message(tmp_path, text, {"uncertainty": {"eps": "+-20%"}, "title": 3}).split("\n")} == {
+        "runs.csv: 2 of 3 runs have no row for R-MPC (8, 9): --missing drop compares the other 1, "
+        "--missing failed counts them as failed",
+        "runs.csv:4: mse of R-MPC is 'n/a', no number; a failed run has a status, a missing value is empty "
+        "(--missing drop|failed)",
+        "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws "
+        "(--unpaired compares them without pairs)",
+        "uncertainty.eps: 2 values of the table lie outside of +-20% (lines 3, 5): the law is not that of these runs",
+        "title: must be text (got 3)",
+    }
 
 
 @pytest.mark.parametrize(
@@ -233,16 +230,8 @@ def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
         ("a_b_c,run\n1,2\n", {"wide": "{metric}_{method}"}, "runs.csv:1: column 'a_b_c' may be a of b_c or a_b of c: "),
         (HEAD + '1,"A\x1b[2J",0,1\n', {}, "runs.csv:2: contains the control or invisible character U+001B "),
         (HEAD + "1,A,0,inf\n2,A,0,1\n", {}, "runs.csv:2: mse of A is inf"),
-        (
-            HEAD + "1,A,0,1\n",
-            {"columns": {"metod": "a"}},
-            "--columns: 'metod' is not a known role; did you mean 'method'?",
-        ),
-        (
-            HEAD + "1,A,0,1\n",
-            {"metrics": ["msse"]},
-            "runs.csv:1: metric 'msse' is not a known column; did you mean 'mse'?",
-        ),
+        (HEAD + "1,A,0,1\n", {"columns": {"metod": "a"}}, "--columns: 'metod' is not a known role; did you mean "),
+        (HEAD + "1,A,0,1\n", {"metrics": ["msse"]}, "runs.csv:1: metric 'msse' is not a known column; did you mean "),
         (HEAD + "1,A,0,1\n", {"baseline": "B"}, "--baseline: statistics.baseline: 'B' is not a known method"),
     ],
 )
