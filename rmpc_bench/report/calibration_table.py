@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.calibration import COLUMNS, CONSERVATIVE, OVERCONFIDENT, calibrations
 from rmpc_bench.analysis.columns import Columns, Rows
-from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, number, plain, short
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, number
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report import latex
@@ -73,9 +73,9 @@ class CalibrationTable(FrameTable):
             return "; ".join(words[:MOST_NAMED]) + f"; {len(words) - MOST_NAMED} more" * (len(words) > MOST_NAMED)
         wrong = [row["method"] for rows in self.decisive for row in rows if row["verdict"].startswith(OVERCONFIDENT)]
         ranked = sorted(dict.fromkeys(wrong), key=wrong.count, reverse=True)[:MOST_NAMED]
-        at = f"of {len(self.points)} points" * bool(self.points)
-        said = [f"{name} {OVERCONFIDENT} at {wrong.count(name)} {at}" for name in ranked]
-        return "; ".join(said) or f"no method {OVERCONFIDENT} at one {at}" * bool(at)
+        n = len(self.points)
+        said = [f"{name} {OVERCONFIDENT} at {wrong.count(name)} of {n} points" for name in ranked]
+        return "; ".join(said) or f"no method {OVERCONFIDENT} at any of {n} points" * bool(n)
 
     @property
     def note(self) -> str:
@@ -136,13 +136,13 @@ def _decides(trials: Trials, row: Mapping[str, Any]) -> bool:
 def _short(row: Mapping[str, Any]) -> str:
     """Return the first word of a verdict and, where it is wrong, the factor."""
     first = str(row["verdict"]).partition(",")[0].partition(" (")[0]
-    return first + f" {_size(row, 2)}x" * (first in (OVERCONFIDENT, CONSERVATIVE))
+    return first + f" {_size(row, 1)}x" * (first in (OVERCONFIDENT, CONSERVATIVE))
 
 
-def _size(row: Mapping[str, Any], digits: int = 3) -> str:
+def _size(row: Mapping[str, Any], decimals: int = 2) -> str:
     """Write the factor of the errors; its bound where all of them are covered, or none."""
     sign, key = {0.0: ("< ", "factor_high"), np.inf: ("> ", "factor_low")}.get(row["factor"], ("", "factor"))
-    return sign + plain(short(row[key], digits))
+    return sign + number(row[key], decimals)
 
 
 def _line(row: Mapping[str, Any], width: int) -> str:
@@ -168,5 +168,5 @@ def coverage_cells(trials: Trials, methods: Sequence[str]) -> dict[str, list[str
     cells = []
     for name in methods:
         c, f = ([row[key] for row in rows if row["method"] == name] for key in ("covered", "factor"))
-        cells.append(f"{100 * np.mean(c):.0f} % ({plain(short(float(np.median(f))))})" if c else "-")
+        cells.append(f"{100 * np.mean(c):.0f} % ({number(float(np.median(f)), 2)})" if c else "-")
     return {f"covers {100 * rows[0]['level']:g} %": cells} if rows else {}

@@ -57,7 +57,21 @@ and verdicts are computed, [experiments.md](experiments.md) how claims are writt
 and SciPy bring OpenBLAS, and another version of it rounds differently: NumPy 2.5 in place of 2.4, or SciPy 1.18 in
 place of 1.17, changes values of quickstart and zenere2018/fig7 by at most 1.3e-14 (relative), and none of ma2025.
 `make dist-check` prints hashes of the trials for each Python and compares those with the same versions. Python 3.11,
-for which there is no NumPy 2.5, was compared once by hand. `rmpc-bench compare` prints differences of two results."""
+for which there is no NumPy 2.5, was compared once by hand. `rmpc-bench compare` prints differences of two results.
+
+**Reported covariances.** `rmpc-bench run configs/souto2011/comparison.yaml --runs 100 -s calibration=true`, and the
+same with wkf2018/fig5, ma2025/fig1-3 and zenere2018/sim1, give each filter a word, explained in
+[statistics.md](statistics.md#calibration-of-reported-covariances). A number is the size of the errors over the reported
+standard deviations. On souto2011 with delta on [-1, 1] the enhanced robust predictor is conservative, as a bound has to
+be: 0.64, and 0.70 when tuned. Designed for half of the uncertainty (ERP-state) it is conservative there, too, 0.90, but
+overconfident with delta at its extremes, 1.15: that uncertainty is outside of its design. The classic predictor is
+overconfident, 8.3, and with R = 100 V 100' 1.3. Sayed's filter, whose P is no bound, is overconfident, 1.6. LMMSE and
+oracle are calibrated. On wkf2018 the Kalman filter is calibrated at the small white uncertainty, 1.00, and
+overconfident at the large one, white 1.3 and frozen 2.5. The Wasserstein filter is conservative at the small white one,
+0.89, calibrated at the large white one, and overconfident, size uncertain, at the large frozen one, 1.12. On ma2025 the
+P of the mixed filter is that of the stochastic part of the error only, so that P alone is overconfident, 2.5; that of
+the Kalman filter, 3.5. On the nominal servomechanism of zenere2018 the noise is at most 0.03 of that of the design, and
+every filter is conservative. In Fig. 7 and 8 the plant has five states and the filters four: there is no x_hat - x."""
 TITLES = {
     "statement of the paper": "What the paper says",
     "additional result": "Additional results",
