@@ -1,5 +1,7 @@
 """Tables of trials made of arrays, for comparisons of two experiments."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 from data_frames import arrays
@@ -42,3 +44,18 @@ def table(values, *, name="a", seed=7, first=0, metric="m", unit="", direction="
         seed=seed,
         **others,
     )
+
+
+def drawn(make_trials, n=60, *, laws=None, seed=0, values=None, fails=None, **changes):
+    """Return trials in which A differs from B by a function of two uniform quantities and some noise."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1, 1, (n, 2))
+    b = np.exp(0.3 * u[:, 0] + rng.normal(0, 0.05, n))
+    a = b * np.exp(-0.1 + 0.2 * u[:, 0] + 0.1 * u[:, 1] ** 2 + 0.02 * rng.standard_normal(n))
+    if fails is not None:
+        a = np.where(fails(u), np.nan, a)
+    trials = make_trials({"mse": {"A": a, "B": b}} if values is None else values(u))
+    quantities = {"run": np.arange(n), "eps": u[:, 0], "eta": u[:, 1]}
+    unit = {"dist": "uniform", "low": -1, "high": 1}
+    known = {"eps": unit, "eta": unit} if laws is None else laws
+    return replace(trials, quantities=quantities, laws=known, random_besides=("noise",), **changes)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from comparison_tables import drawn
 from conftest import ROUND
 from scipy import stats
 
@@ -33,21 +34,6 @@ LAWS = {
         None,
     ),
 }
-
-
-def drawn(make_trials, n=60, *, laws=None, seed=0, values=None, fails=None, **changes):
-    """Return trials in which A differs from B by a function of two uniform quantities and some noise."""
-    rng = np.random.default_rng(seed)
-    u = rng.uniform(-1, 1, (n, 2))
-    b = np.exp(0.3 * u[:, 0] + rng.normal(0, 0.05, n))
-    a = b * np.exp(-0.1 + 0.2 * u[:, 0] + 0.1 * u[:, 1] ** 2 + 0.02 * rng.standard_normal(n))
-    if fails is not None:
-        a = np.where(fails(u), np.nan, a)
-    trials = make_trials({"mse": {"A": a, "B": b}} if values is None else values(u))
-    quantities = {"run": np.arange(n), "eps": u[:, 0], "eta": u[:, 1]}
-    unit = {"dist": "uniform", "low": -1, "high": 1}
-    known = {"eps": unit, "eta": unit} if laws is None else laws
-    return replace(trials, quantities=quantities, laws=known, random_besides=("noise",), **changes)
 
 
 @pytest.mark.parametrize("name", LAWS)
