@@ -200,6 +200,7 @@ MAY_IMPORT = {
         "config_file",
         "store",
         "execution",
+        "importing",
         "results",
         "publishing",
         "analysis",

@@ -52,12 +52,21 @@ def show(
     """Replay one run bit for bit, alone and with its full trace, from what lies in DIRECTORY.
 
     It uses the configuration and the copies of your Python files that lie beside the results.  The exit code is 1 if
-    the replay differs from what is stored.
+    the replay differs from what is stored.  Of runs made elsewhere the row of the table is shown.
     """
     from rmpc_bench.execution.replay import replay
     from rmpc_bench.types import DesignError
 
     point = dict(_pair(text) for text in at)
+    if (
+        plot is None
+        and export is None
+        and until is None
+        and not debug
+        and (lines := _row(directory, method, run, point))
+    ):
+        click.echo("\n".join(lines))
+        return 0
     try:
         found = replay(directory, run, method, until=until, at=point, call=_debugger(until) if debug else None)
     except DesignError as error:
@@ -70,6 +79,39 @@ def show(
     if plot is not None:
         _plot(found, plot)
     return exits.FINDING_DIFFERS if _differs(found, until) else 0
+
+
+def _row(directory: Path, method: str, run: int, point: dict[str, str]) -> list[str]:
+    """Return what a table has of a run that was made elsewhere; nothing where it was simulated."""
+    from rmpc_bench.results.record import is_imported
+    from rmpc_bench.results.results import read_results
+    from rmpc_bench.types.errors import unknown
+    from rmpc_bench.types.sweep_points import lies_at
+
+    if not is_imported(directory):
+        return []
+    trials = read_results(directory).stored
+    if method not in trials.methods:
+        raise click.BadParameter(unknown(method, trials.methods, "method"), param_hint="--method")
+    table = next((each for each in trials.each if lies_at(each.point, point)), None)
+    status = {} if table is None else table.statuses(method)
+    if table is None or run not in status:
+        raise click.BadParameter(f"there is no run {run} of {method} there", param_hint="--run")
+    place = table.runs.tolist().index(run)
+    name = f" ({table.run_names[run]})" if table.run_names else ""
+    drawn = {key: cells[table.quantities["run"] == run] for key, cells in table.quantities.items() if key != "run"}
+    values = {info.name: table.column(info.name, method)[place] for info in table.metrics}
+    failures = table.notes[method].failures
+    return [
+        f"run {run}{name} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
+        *(each.message for each in failures if each.run == run),
+        *(
+            ["parameters  " + ", ".join(f"{key} = {cell[0]:.6g}" for key, cell in drawn.items() if len(cell))]
+            if drawn
+            else []
+        ),
+        ", ".join(f"{key} = {value:.6g}" for key, value in values.items()),
+    ]
 
 
 def _pair(text: str) -> tuple[str, str]:

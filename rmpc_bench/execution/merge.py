@@ -103,9 +103,7 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     place = Path(directory)
     parts, finished = _read(place, partial=partial, say=say)
     if not parts:
-        if (place / FILE).exists():
-            with Store(place, writable=False) as store:
-                refuse_imported(store)
+        refuse_imported(place)
         raise MissingError(
             f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {quote(str(place))}` computes one"
         )

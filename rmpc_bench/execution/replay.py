@@ -184,9 +184,7 @@ def replay(
     """
     check_arguments(replay, locals())
     place = Path(directory)
-    if (place / FILE).exists():
-        with Store(place, writable=False) as store:
-            refuse_imported(store)
+    refuse_imported(place)
     if not (place / FILE).exists() or not (place / RESOLVED).exists():
         raise MissingError(f"{place}: there is no experiment; fill the directory with `rmpc-bench run`")
     point = _point(load_config(place / RESOLVED), method, run, at)

@@ -55,8 +55,8 @@ def compute(
     also = {} if shard is None else stored_in(directory, config, methods, progress.say)
     runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
     _say_if_empty(place / FILE, progress)
+    refuse_imported(directory)
     with Store(place) as store:
-        refuse_imported(store)
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
             take_shards(config, store, progress.say)

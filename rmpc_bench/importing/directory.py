@@ -18,7 +18,7 @@ import numpy as np
 
 import rmpc_bench
 from rmpc_bench.config.experiment_config import headline_of
-from rmpc_bench.config.identity import digest, set_keys
+from rmpc_bench.config.identity import code_version, digest, set_keys
 from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
@@ -28,10 +28,12 @@ from rmpc_bench.importing.doubts import read_runs
 from rmpc_bench.importing.runs import OK, Runs
 from rmpc_bench.importing.settings import Options, Settings
 from rmpc_bench.importing.table import Form, Table
+from rmpc_bench.installed import version_of
 from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import inside, replace_text, replaced
 from rmpc_bench.results import manifest
+from rmpc_bench.results.other_code import OF_THE_BENCH
 from rmpc_bench.results.record import ELSEWHERE, Imported, PointMethod, StoredExperiment, StoredPoint, write_experiment
 from rmpc_bench.results.results import Results, load_experiment, read_results
 from rmpc_bench.simulation.closed_loop import Block
@@ -316,7 +318,7 @@ def _copy(table: Table, place: Path) -> str:
 
 def _write_manifest(prepared: Prepared, place: Path, copy: str) -> None:
     table, experiment, before = prepared.table, prepared.experiment, manifest.read(place)
-    versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version(), "numpy": np.__version__}
+    versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
     source = {"file": table.name, "copy": copy, "sha256": table.digest, "rows": len(prepared.runs.row)}
     data = {
         "origin": "imported",
@@ -326,7 +328,10 @@ def _write_manifest(prepared: Prepared, place: Path, copy: str) -> None:
         "sources": [{**source, "options": prepared.options.data()}],
         "warnings": prepared.runs.warnings,
         "modified": [],
-        "versions": versions,
+        "versions": versions | {name: version_of(name) for name in OF_THE_BENCH},
+        **code_version(),
+        "blas": manifest.blas(),
+        "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
         "looks": before.get("looks", []),
         **({"report": before["report"]} if "report" in before else {}),
         "sessions": [{"start": _now(), "stop": _now(), "why": "imported"}],

@@ -19,6 +19,8 @@ NO_LICENCE = "No licence is stated; ask the authors before you use these results
 UNKNOWN_AUTHORS = "The authors of the experiment"
 DESCRIPTIONS: Mapping[str, str] = {
     "config.yaml": "The configuration as given",
+    "source.csv.gz": "The table of runs, which another program has made",
+    "source.parquet": "The table of runs, which another program has made",
     "config.resolved.yaml": "The configuration with every default filled in; it loads from this archive",
     "manifest.json": "Experiment hash, seed, versions of libraries, platform, times of the sessions",
     "trials.csv": "One row per method and run: status and metrics",
@@ -58,7 +60,8 @@ _TYPES = {
     **{".svg": "image/svg+xml", ".pdf": "application/pdf", ".png": "image/png", ".json": "application/json"},
     ".txt": "text/plain",
 }
-_NO_RESULTS = ("config.yaml", "config.resolved.yaml", CITATION)
+_INPUTS = ("config.resolved.yaml", "source.csv.gz", "source.parquet")
+_NO_RESULTS = ("config.yaml", *_INPUTS, CITATION)
 """Files at the top that no computation has made."""
 
 
@@ -164,7 +167,7 @@ def _add_computation(made: Any, entity: Any, contents: Contents, people: list[An
         description=f"arithmetic (NUMERICS) {contents.manifest.get('numerics', rmpc_bench.NUMERICS)}",
         softwareRequirements=libraries,
     )
-    inputs = [name for name in contents.hashes if name == "config.resolved.yaml" or _folder(name) in ("code", "data")]
+    inputs = [name for name in contents.hashes if name in _INPUTS or _folder(name) in ("code", "data")]
     results = [name for name in contents.hashes if _folder(name) not in ("code", "data") and name not in _NO_RESULTS]
     platform = contents.manifest.get("platform", {})
     action = {

@@ -54,6 +54,8 @@ FILES = (
     *("lost.csv", "two-way.csv", "tuning.csv", "tuning.json", SECONDS, "claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""
+SOURCES = ("source.csv.gz", "source.parquet")
+"""The table of runs that were made elsewhere."""
 FOLDERS = ("tables", "figures", "failures", COPIES)
 """Directories of which all files are packed."""
 
@@ -134,14 +136,8 @@ def _packed(
     stated_by: tuple[Sequence[str], str],
 ) -> Pack:
     """Write an archive with the files of a directory, its data files, citation and metadata."""
-    config = load_config(place / RESOLVED, lenient=True)
-    if config.hash != results.experiment.hash:
-        raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
-    if config.own.of_program:
-        names = ", ".join(sorted(config.own.of_program))
-        why = "stands in a program or a notebook, so nobody could compute the trials again"
-        raise ArchiveError(f"{place}: {names} {why}; write it to a file, and name it as `file: FILE.py:NAME`")
-    contents |= _data_files(config, contents)
+    if results.experiment.imported is None:
+        contents |= _loaded_files(results, place, contents)
     facts = facts_of(results, manifest.read(place), contents, *stated_by)
     contents[CITATION] = citation(facts).encode()
     hashes = {**facts.hashes, CITATION: _hash_and_size(contents[CITATION])}
@@ -151,6 +147,18 @@ def _packed(
     remarks = [f"incomplete: {text}" for text in results.incomplete]
     remarks += [results.other_code] if results.other_code else []
     return Pack(target, tuple(facts.hashes), target.stat().st_size, tuple(remarks))
+
+
+def _loaded_files(results: Results, place: Path, contents: Mapping[str, Path | bytes]) -> dict[str, Path | bytes]:
+    """Return what the configuration, which must load, needs besides the files of the directory."""
+    config = load_config(place / RESOLVED, lenient=True)
+    if config.hash != results.experiment.hash:
+        raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
+    if config.own.of_program:
+        names = ", ".join(sorted(config.own.of_program))
+        why = "stands in a program or a notebook, so nobody could compute the trials again"
+        raise ArchiveError(f"{place}: {names} {why}; write it to a file, and name it as `file: FILE.py:NAME`")
+    return _data_files(config, contents)
 
 
 def facts_of(
@@ -179,6 +187,8 @@ def _checked_rows(results: Results, directory: Path, temporary: Path) -> Path:
     report = chosen(results, manifest.read(directory).get("report", {}), directory).experiment.report
     has_rows = report.writes_trials(n_rows(results.stored.columns))
     for name in NEEDED:
+        if name == RESOLVED and results.experiment.imported:
+            continue
         if (has_rows or name != ROWS) and not (directory / name).exists():
             raise ArchiveError(f"{directory}: there is no {name}; {way_out}")
     trials_csv(results.stored, temporary / ROWS)
@@ -204,7 +214,7 @@ def chosen(results: Results, way: Mapping[str, Any], path: Path) -> Results:
 
 def _files(directory: Path) -> Iterator[tuple[str, Path]]:
     """Yield the files to pack with their names; content that is no regular file would come from elsewhere."""
-    named = [directory / name for name in FILES if (directory / name).exists()]
+    named = [directory / name for name in (*FILES, *SOURCES) if (directory / name).exists()]
     for folder in FOLDERS:
         top = directory / folder
         if top.is_symlink():

@@ -20,6 +20,7 @@ from rmpc_bench.config.own_code import in_directory, renamed
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump, load
 from rmpc_bench.execution.runner import added_in
+from rmpc_bench.importing.directory import import_runs
 from rmpc_bench.packing.comparison import (
     DIFFERENT,
     HASHED,
@@ -31,7 +32,7 @@ from rmpc_bench.packing.comparison import (
     same_but_fonts,
 )
 from rmpc_bench.packing.metadata import CITATION, citation, crate, stated_by
-from rmpc_bench.packing.pack import DATA, FILES, NEEDED, ROWS, SECONDS, chosen, facts_of, split_pattern
+from rmpc_bench.packing.pack import DATA, FILES, NEEDED, ROWS, SECONDS, SOURCES, chosen, facts_of, split_pattern
 from rmpc_bench.publishing.publish import publish
 from rmpc_bench.publishing.table_files import write_tables_of_rows
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
@@ -42,9 +43,11 @@ from rmpc_bench.results import manifest
 from rmpc_bench.results.results import Results
 from rmpc_bench.results.tables import with_timings
 from rmpc_bench.results.tuning import FILE as TUNING
-from rmpc_bench.types import ConfigError
+from rmpc_bench.types import ConfigError, DesignError
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
+MOST_ROWS = 20_000_000
+"""Rows of a packed table that are read where no configuration says how many there are."""
 TIMINGS = "timings.csv"
 DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
 """Columns of timings.csv that differ from computation to computation."""
@@ -110,6 +113,42 @@ class PackedFiles:
                 found[name] = self._compared(name, made) if seen else FileOutcome(name, UNSEEN, "needs all runs")
         here = {path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file()}
         found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in {*here, *NEEDED} - {*self._names}}
+        return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
+
+    def imported(self, place: Path) -> Results:
+        """Import the packed table again, as the manifest states."""
+        source = (self._stated.get("sources") or [{"copy": "", "file": "", "options": {}}])[-1]
+        if source["copy"] not in {*SOURCES} & {*self._names}:
+            raise ArchiveError(f"{self._path}: the table of runs is not in it; --no-run checks the files")
+        place.mkdir()
+        (place / manifest.FILE).write_bytes(json_bytes({"looks": self._stated.get("looks", [])}))
+        given = {"directory": place, "settings": self._directory / CONFIG, "max_rows": MOST_ROWS}
+        try:
+            found = import_runs(self._directory / source["copy"], **{**source["options"], **given})
+        except (ConfigError, DesignError, TypeError) as error:
+            raise ArchiveError(f"{self._path}: the packed table cannot be imported as it was: {error}") from None
+        made = found.experiment.imported
+        assert made is not None
+        return replace(found, experiment=replace(found.experiment, imported=replace(made, table=source["file"])))
+
+    def imported_outcomes(self, results: Results, temporary: Path) -> list[FileOutcome]:
+        """Make all files of an imported table again and compare them."""
+        made, computed = temporary / "made", manifest.read(results.directory)
+        made.mkdir()
+        found = {name: FileOutcome(name, HASHED, "input") for name in (CONFIG, *SOURCES)}
+        found |= {VERIFIED: FileOutcome(VERIFIED, UNSEEN, "records of other verifications")}
+        known = {name: self._stated[name] for name in STATED if name in self._stated}
+        (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
+        results = chosen(results, self._way, self._path)
+        publish(results, to=made, place=self._way.get("place", ""))
+        if not (made / ROWS).is_file():
+            trials_csv(results.stored, made / ROWS)
+        same = all(self._stated.get(name) == computed.get(name) for name in (*COMPARED, "origin", "warnings"))
+        found[manifest.FILE] = FileOutcome(manifest.FILE, *((HASHED, "") if same else (DIFFERENT, "other runs")))
+        found[METADATA], found[CITATION] = self._metadata(results)
+        found |= {name: self._compared(name, made) for name in self._names if name not in found}
+        here = {path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file()}
+        found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in here - {*self._names}}
         return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
 
     def _publish(self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], made: Path) -> None:

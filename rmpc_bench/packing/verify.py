@@ -34,7 +34,7 @@ from rmpc_bench.packing.comparison import (
     with_rows,
     wrong_row,
 )
-from rmpc_bench.packing.recreate import PackedFiles
+from rmpc_bench.packing.recreate import MOST_ROWS, PackedFiles
 from rmpc_bench.packing.verification import Verification, environment, other_versions
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
@@ -45,14 +45,11 @@ from rmpc_bench.results.record import stop_of
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.errors import check_arguments, unknown
-from rmpc_bench.types.result_layout import RESOLVED
+from rmpc_bench.types.result_layout import CONFIG, RESOLVED
 from rmpc_bench.types.sweep_points import lies_at
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-
-MOST_ROWS = 20_000_000
-"""Rows of trials.csv that are read where nothing is computed; otherwise the configuration says how many there are."""
 
 
 def verify(
@@ -132,7 +129,8 @@ class _Packed:
         self._directory, self._path, self._names = directory, archive.path, archive.names
         self._manifest = manifest.read(directory)
         self.versions = tuple(other_versions(self._manifest))
-        for name in (RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
+        self._is_imported = self._manifest.get("origin") == "imported"
+        for name in (CONFIG if self._is_imported else RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
             if not (directory / name).is_file():
                 raise ArchiveError(f"{archive.path}: there is no {name}; make archives with `rmpc-bench pack`")
 
@@ -153,6 +151,10 @@ class _Packed:
         self, runs: int | None, claim: str, temporary: Path, jobs: int | None, progress: Progress | None
     ) -> Verification:
         """Compute the packed runs again and compare them and what is made from them; see `verify`."""
+        if self._is_imported:
+            if runs or claim:
+                raise ArchiveError(f"{self._path}: runs made elsewhere are verified as a whole: no --runs, no --claim")
+            return self._read_again(temporary)
         stated = load_config(self._directory / RESOLVED, lenient=True)
         rows = self._rows(stated)
         extent = _extent(stated, rows, runs, claim)
@@ -180,6 +182,19 @@ class _Packed:
             outcomes = files.outcomes(here, stated, temporary, extent.n_runs)
         scope = f"{extent}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
         return replace(found, scope=scope, remarks=extent.remarks(claim), files=tuple(outcomes))
+
+    def _read_again(self, temporary: Path) -> Verification:
+        """Import the packed table again, and compare rows and files; the runs themselves cannot be repeated."""
+        files = PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
+        here = files.imported(temporary / "again")
+        try:
+            rows = read_rows(self._directory / "trials.csv", len(here.stored.columns["run"]))
+            found, _ = self._compared(here.stored, rows, complete=True)
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArchiveError(f"{self._path}: trials.csv cannot be read ({error})") from None
+        text = "the runs were made elsewhere and were not repeated: their table was read again"
+        outcomes = files.imported_outcomes(here, temporary)
+        return replace(found, scope="table, claims and files again", remarks=(text,), files=tuple(outcomes))
 
     def _config(self, stated: ExperimentConfig, extent: _Extent, files: PackedFiles) -> ExperimentConfig:
         """Return the experiment to compute: a stopping rule is applied again where all runs are computed."""

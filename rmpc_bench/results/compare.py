@@ -8,6 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from rmpc_bench.analysis.columns import rows_at
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.improvement_difference import improvement_differences
 from rmpc_bench.analysis.result_rows import result_table
@@ -207,7 +210,7 @@ def _beside(a: Results, b: Results) -> Iterator[Beside]:
         for row in made[0].rows:
             other = next((each for each in made[1].rows if each.method == row.method), None)
             if row.compared and other is not None and other.compared:
-                paired = pair[0].seed == pair[1].seed
+                paired = _paired((a, b), pair)
                 found = improvement_differences([pair], row.method, info, paired=paired, is_primary=False)
                 yield Beside((made[0], made[1]), (row, other), found[0])
 
@@ -219,6 +222,7 @@ def compare_improvements(
 
     Runs are paired by their index where both experiments have the same seed, since random inputs of a run depend on
     the seed, the run and the name of the quantity only: with +-40 % and +-80 % a run has the same quantile of each law.
+    Runs that were made elsewhere are paired where their names and all parameters agree.
 
     Parameters
     ----------
@@ -259,7 +263,7 @@ def compare_improvements(
     points = [pair for pair in points if all({method, table.baseline} <= {*table.methods} for table in pair)]
     if not points:
         raise DesignError(f"no trial of {method} and its baseline is stored at a common point", "method")
-    paired = all(one.seed == other.seed for one, other in points)
+    paired = all(_paired((a, b), pair) for pair in points)
     has_verdict = all(each.experiment.primary == name and each.trials.with_verdicts for each in (a, b))
     return ImprovementComparison(
         rows=tuple(improvement_differences(points, method, info, paired=paired, is_primary=has_verdict)),
@@ -269,6 +273,20 @@ def compare_improvements(
         tables=tuple(points),
         redefined=_key_of(a, name) != _key_of(b, name),
     )
+
+
+def _paired(results: tuple[Results, Results], tables: tuple[Trials, Trials]) -> bool:
+    """Whether run i of both has the same draws."""
+    made_elsewhere = [each.experiment.imported is not None for each in results]
+    if not any(made_elsewhere):
+        return tables[0].seed == tables[1].seed
+    common = np.intersect1d(tables[0].runs, tables[1].runs)
+    drawn = [rows_at(each.quantities, np.isin(each.quantities["run"], common)) for each in tables]
+    names = [[each.run_names[run] if each.run_names else run for run in common.tolist()] for each in tables]
+    same = names[0] == names[1] and {*drawn[0]} == {*drawn[1]}
+    same = same and all(np.array_equal(cells, drawn[1][name], equal_nan=True) for name, cells in drawn[0].items())
+    # A simulated run without named quantities may have had any draws.
+    return same and (all(made_elsewhere) or len(drawn[0]) > 1)
 
 
 def _of_the_system(settings: Sequence[Setting], method: str, table: Trials) -> list[Setting]:

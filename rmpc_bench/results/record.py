@@ -12,6 +12,7 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import TypeAdapter, ValidationError
@@ -242,11 +243,19 @@ def added_methods(store: Store) -> dict[str, str]:
     return {str(name): str(method) for name, method in found.items()} if isinstance(found, dict) else {}
 
 
-def refuse_imported(store: Store) -> None:
-    """Raise a MissingError where the runs of a store were made elsewhere, so that none can be computed."""
-    if store.data(KEY).get("imported"):
-        text = f"add methods with `rmpc-bench import more.csv -o {shlex.quote(str(store.directory))} --add`"
-        raise MissingError(f"{store.directory} holds runs made elsewhere; {text}")
+def is_imported(directory: Path) -> bool:
+    """Whether the runs of a directory were made elsewhere."""
+    if not (directory / FILE).exists():
+        return False
+    with Store(directory, writable=False) as store:
+        return bool(store.data(KEY).get("imported"))
+
+
+def refuse_imported(directory: Path) -> None:
+    """Raise a MissingError where the runs of a directory were made elsewhere, so that none can be computed."""
+    if is_imported(directory):
+        text = f"add methods with `rmpc-bench import more.csv -o {shlex.quote(str(directory))} --add`"
+        raise MissingError(f"{directory} holds runs made elsewhere; {text}")
 
 
 def read_experiment(store: Store) -> StoredExperiment:
