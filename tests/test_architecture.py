@@ -193,6 +193,25 @@ MAY_IMPORT = {
         "types",
         "rmpc_bench",  # for the version
     },
+    # Runs made elsewhere become a directory as `run` makes one; parameters must be values that their laws can have.
+    "importing": {
+        "analysis",  # the stored runs to which others are added
+        "claims",
+        "config",
+        "config_file",
+        "execution",  # progress.json
+        "extras",
+        "installed",  # versions of libraries
+        "noise",
+        "received",
+        "registry",
+        "replaced_file",
+        "results",
+        "simulation",
+        "store",
+        "types",
+        "rmpc_bench",  # for the version
+    },
     # Packed results are computed and published again, and compared with the packed ones.
     "packing": {
         "installed",  # versions of libraries

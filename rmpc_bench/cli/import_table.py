@@ -52,6 +52,7 @@ class Roles(click.ParamType[dict[str, str]]):
 @click.option(
     "--keep-last", default="", metavar="COLUMN", help="Of several rows of a run, keep the largest value here."
 )
+@click.option("--add", is_flag=True, help="Add methods or runs to those of the directory (-o).")
 @click.option("-n", "--dry-run", is_flag=True, help="Print what would be imported, and stop.")
 @click.option("--max-rows", type=click.IntRange(min=1), default=1_000_000, show_default=True, help="Most rows.")
 @exits.guarded
@@ -67,8 +68,12 @@ def import_(table: Path, directory: Path | None, dry_run: bool, **given: Any) ->
     from rmpc_bench.importing.directory import prepare_import, store_runs
     from rmpc_bench.publishing.publish import publish
     from rmpc_bench.results.results import read_results
+    from rmpc_bench.types import DesignError
 
-    prepared, place = prepare_import(str(table), directory, **{key: each for key, each in given.items() if each})
+    try:
+        prepared, place = prepare_import(str(table), directory, **{key: each for key, each in given.items() if each})
+    except DesignError as error:
+        raise click.UsageError(f"--{error.parameter}: {error}") from None
     for text in prepared.remarks:
         click.echo(text, err=True)
     if dry_run:

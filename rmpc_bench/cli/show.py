@@ -83,7 +83,7 @@ def show(
 
 def _row(directory: Path, method: str, run: int, point: dict[str, str]) -> list[str]:
     """Return what a table has of a run that was made elsewhere; nothing where it was simulated."""
-    from rmpc_bench.results.record import is_imported
+    from rmpc_bench.results.imported import is_imported
     from rmpc_bench.results.results import read_results
     from rmpc_bench.types.errors import unknown
     from rmpc_bench.types.sweep_points import lies_at

@@ -20,13 +20,8 @@ from rmpc_bench.received.plain_files import DamagedError, StoreError
 from rmpc_bench.received.store import FILE, MissingError, WriteError, is_filled
 from rmpc_bench.replaced_file import inside, refuse_outside, replaced
 from rmpc_bench.results import manifest
-from rmpc_bench.results.record import (
-    PointMethod,
-    StoredExperiment,
-    read_experiment,
-    refuse_imported,
-    write_experiment,
-)
+from rmpc_bench.results.imported import refuse_imported
+from rmpc_bench.results.record import PointMethod, StoredExperiment, read_experiment, write_experiment
 from rmpc_bench.store.columns import said_runs
 from rmpc_bench.store.differences import Names, changes
 from rmpc_bench.store.store import Store

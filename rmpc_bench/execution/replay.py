@@ -20,7 +20,7 @@ from rmpc_bench.config.identity import SweepPoint, chosen_point
 from rmpc_bench.config.load import load_config
 from rmpc_bench.engines.tasks import failure_of, named_values
 from rmpc_bench.received.store import FILE, MissingError
-from rmpc_bench.results.record import refuse_imported
+from rmpc_bench.results.imported import refuse_imported
 from rmpc_bench.simulation.checked_calls import metric_values
 from rmpc_bench.simulation.closed_loop import covariances, simulate
 from rmpc_bench.simulation.recording import COVARIANCE, SIGNALS

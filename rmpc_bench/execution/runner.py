@@ -24,9 +24,10 @@ from rmpc_bench.execution.shards import Shard, stored_in, take_shards
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
+from rmpc_bench.results.imported import refuse_imported
 from rmpc_bench.results.manifest import Session
 from rmpc_bench.results.other_code import check_versions, note_versions, rows_of_other_code, stored_methods
-from rmpc_bench.results.record import added_methods, refuse_imported
+from rmpc_bench.results.record import added_methods
 from rmpc_bench.results.running import add_done, add_stored, running_comparison
 from rmpc_bench.store.store import Store
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED

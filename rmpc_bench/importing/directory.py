@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 import rmpc_bench
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.experiment_config import headline_of
 from rmpc_bench.config.identity import code_version, digest, set_keys
 from rmpc_bench.config.statistics import read_requirement
@@ -33,12 +34,13 @@ from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import inside, replace_text, replaced
 from rmpc_bench.results import manifest
+from rmpc_bench.results.imported import ELSEWHERE, Imported
 from rmpc_bench.results.other_code import OF_THE_BENCH
-from rmpc_bench.results.record import ELSEWHERE, Imported, PointMethod, StoredExperiment, StoredPoint, write_experiment
+from rmpc_bench.results.record import PointMethod, StoredExperiment, StoredPoint, write_experiment
 from rmpc_bench.results.results import Results, load_experiment, read_results
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.store.store import WORDS, Store, StoredMethod
-from rmpc_bench.types import Array, Journal, RunFailure
+from rmpc_bench.types import Array, DesignError, Journal, RunFailure
 from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import CONFIG
 from rmpc_bench.types.texts import visible
@@ -59,6 +61,7 @@ class Prepared:
     ----------
     settings, options, table, runs : what was read
     experiment : names, settings, figures and claims, as reports read them
+    adds_to : hash of the experiment to which the table adds runs
     """
 
     settings: Settings
@@ -66,6 +69,7 @@ class Prepared:
     table: Table
     runs: Runs
     experiment: StoredExperiment
+    adds_to: str = ""
 
     @property
     def facts(self) -> list[str]:
@@ -135,7 +139,6 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
         imported=Imported(
             table=table.name,
             names=() if runs.names == [*range(len(runs.names or ()))] else tuple(runs.names or ()),
-            unpaired=options.unpaired,
             options=options.data(),
         ),
     )
@@ -178,6 +181,7 @@ def import_runs(
     separator: str = ",",
     missing: Literal["error", "drop", "failed"] = "error",
     keep_last: str = "",
+    add: bool = False,
     max_rows: int = 1_000_000,
 ) -> Results:
     """Make a directory of results from a table of runs that another program has made.
@@ -196,6 +200,7 @@ def import_runs(
     missing : what to do with runs that a method lacks and with empty metrics: ``error``, leave the run out (``drop``),
         or count it as ``failed``
     keep_last : column whose largest value says which row of a run and method counts
+    add : whether methods or runs are added to those of the directory, whose settings stay
     max_rows : largest number of rows
 
     Returns
@@ -233,13 +238,76 @@ def prepare_import(
     columns: Mapping[str, str] | None = None,
     decimal: str = ".",
     separator: str = ",",
+    add: bool = False,
     **options: Any,
 ) -> tuple[Prepared, Path]:
     """Read a table with the arguments of `import_runs`; return it and the directory."""
     chosen = Options(columns or {}, Form(decimal, separator), **options)
+    if add:
+        if directory is None or settings is not None or baseline is not None:
+            raise DesignError("give the directory; its settings and its baseline stay as they are", "add")
+        return added(source, Path(directory), metrics, chosen), Path(directory)
     given = {"statistics.baseline": baseline, "metrics": [*metrics]}
     prepared = prepare(source, settings, given, chosen)
     return prepared, Path("results") / prepared.experiment.name if directory is None else Path(directory)
+
+
+def added(source: Any, place: Path, metrics: Sequence[str], options: Options) -> Prepared:
+    """Read a table together with the runs of a directory; a row that both have with other values is a StoreError."""
+    import pandas as pd
+
+    results = read_results(place)
+    before, point = results.experiment.imported, results.experiment.points[0]
+    if before is None:
+        raise StoreError(f"{place} holds an experiment that was simulated; `rmpc-bench run --add-method` adds to it")
+    wanted = {"metrics": [*metrics] or [each.name for each in point.metrics]}
+    more = prepare(source, None, wanted, replace(options, parameters=point.uncertainty))
+    stored = [_stored_frame(each) for each in results.stored.each]
+    both = pd.concat([*stored, _frame(more.runs)], ignore_index=True).drop_duplicates()
+    key = [name for name in both if name in ("run", "method") or name.startswith("sweep:")]
+    if (again := both.duplicated(key)).any():
+        row = both[again].iloc[0]
+        raise StoreError(f"run {row['run']} of {row['method']} is in {place} with other values")
+    with TemporaryDirectory() as temporary:
+        file = Path(temporary) / "runs.csv"
+        both.to_csv(file, index=False)
+        joined = prepare(file, place / CONFIG, {}, Options(missing=options.missing, max_rows=options.max_rows))
+    joined.table.name, joined.runs.warnings[:0] = before.table, more.runs.warnings
+    record = replace(joined.experiment.imported or before, table=before.table, options={})
+    return replace(joined, experiment=replace(joined.experiment, imported=record), adds_to=results.experiment.hash)
+
+
+def _frame(runs: Runs) -> Any:
+    """Return runs as a table whose columns are named by their roles."""
+    import pandas as pd
+
+    points = {f"sweep:{path}": [runs.points[each][path] for each in runs.point.tolist()] for path in runs.paths}
+    status = np.where(runs.reason != "", runs.reason, WORDS[runs.status])
+    names = runs.run if runs.names is None else [runs.names[each] for each in runs.run.tolist()]
+    drawn = {f"parameter:{name}": cells for name, cells in runs.parameters.items()}
+    methods = np.array(runs.methods, dtype=object)[runs.method]
+    return pd.DataFrame({**points, "run": names, "method": methods, "status": status, **runs.metrics, **drawn})
+
+
+def _stored_frame(trials: Trials) -> Any:
+    """Return the stored runs of a point in the same way."""
+    import pandas as pd
+
+    columns, drawn = trials.columns, trials.quantities
+    place = np.searchsorted(drawn["run"], columns["run"])
+    reasons = {(name, each.run): each.message for name, notes in trials.notes.items() for each in notes.failures}
+    rows = zip(columns["method"], columns["run"].tolist(), columns["status"], strict=True)
+    names = trials.run_names or range(int(trials.runs[-1]) + 1)
+    return pd.DataFrame(
+        {
+            **{f"sweep:{path}": text for path, text in trials.point.items()},
+            "run": [names[run] for run in columns["run"].tolist()],
+            "method": columns["method"],
+            "status": [reasons.get((method, run), status) for method, run, status in rows],
+            **{each.name: columns[each.name] for each in trials.metrics},
+            **{f"parameter:{name}": cells[place] for name, cells in drawn.items() if name != "run"},
+        }
+    )
 
 
 def store_runs(prepared: Prepared, place: Path) -> None:
@@ -249,7 +317,7 @@ def store_runs(prepared: Prepared, place: Path) -> None:
         before = load_experiment(place)
         if before.imported is None:
             raise StoreError(f"{place} holds an experiment that was simulated; choose another directory with -o")
-        if before.hash != experiment.hash:
+        if before.hash not in (experiment.hash, prepared.adds_to):
             raise StoreError(f"{place} holds other runs made elsewhere; --add adds runs or methods to them")
     place.mkdir(parents=True, exist_ok=True)
     with inside(place):

@@ -27,7 +27,7 @@ def read_runs(source: object, settings: Settings, options: Options) -> tuple[Tab
     _check_laws(reader.table, runs, settings)
     settings.finish(runs.methods, runs.infos, runs.points)
     problems = [*reader.problems, *settings.draft.problems]
-    if not problems and not options.unpaired:
+    if not problems:
         statistics = settings.draft.values["statistics"]
         metric, baseline = statistics.primary or runs.infos[0].name, statistics.baseline or runs.methods[0]
         values = _of_first_point(runs, metric)
@@ -84,9 +84,7 @@ def _sorted(table: Table, values: dict[str, tuple[Array, Array]], metric: str) -
         alike = [name for name, each in steps.items() if (each >= 0).all() and each.any()]
         if len(alike) > 1:
             text = f"{metric} {word} from row to row for {alike[0]} and {alike[1]}: the rows look sorted, so that"
-            yield table.problem(
-                f"{text} intervals would be far too narrow; give a column 'run' (--columns), or --unpaired"
-            )
+            yield table.problem(f"{text} intervals would be far too narrow; give a column 'run' (--columns)")
 
 
 def _unpaired(values: dict[str, tuple[Array, Array]], baseline: str) -> Iterator[str]:

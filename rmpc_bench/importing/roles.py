@@ -54,7 +54,7 @@ def roles_of(table: Table, settings: Settings, options: Options, problems: list[
     if options.keep_last and options.keep_last not in header:
         problems.append(table.problem(f"--keep-last: {unknown(options.keep_last, header, 'column')}", 1))
     found.keep_last = options.keep_last if options.keep_last in header else None
-    for kind, names in (("sweep", settings.grid), ("parameter", settings.quantities)):
+    for kind, names in (("sweep", settings.grid), ("parameter", [*settings.quantities, *options.parameters])):
         for name in names:
             if name not in found.named[kind] and name in header:
                 found.named[kind][name] = name

@@ -370,7 +370,7 @@ class Reader:
             runs, methods = np.unique(found.run[here]), np.unique(found.method[here])
             for method in methods.tolist():
                 missing = np.setdiff1d(runs, found.run[here][found.method[here] == method])
-                if not len(missing) or self.options.unpaired:
+                if not len(missing):
                     continue
                 left[here] |= np.isin(found.run[here], missing)
                 parts.append(np.array([[number, method, run] for run in missing.tolist()]))
@@ -413,8 +413,6 @@ class Reader:
             self._note(wrong, f"{name} is no number")
             cells = np.where(found.row >= 0, values[found.row], np.nan)
             low, high = ends_of(found.group, cells)
-            if self.options.unpaired:
-                continue
             if (low < high).any():
                 self._differing(found, name, cells)
             parameters[name] = low[np.unique(found.group, return_inverse=True)[1]]
@@ -430,7 +428,7 @@ class Reader:
             a, b = sorted((int(a), int(b)), key=lambda place: found.row[place])
             said = " and ".join(f"{cells[each]:.10g} for {found.methods[found.method[each]]}" for each in (a, b))
             text = f"{name} is {said} in run {found.named(int(found.run[b]))}: the methods did not have the same draws"
-            texts.append(f"{text} (--unpaired compares them without pairs{way})")
+            texts.append(f"{text}{way}")
             places.append(found.row[b])
         self.problems += self.table.problems(np.array(places), texts)
 

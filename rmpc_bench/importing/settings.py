@@ -118,7 +118,7 @@ class Options:
     wide: str = ""
     missing: Literal["error", "drop", "failed"] = "error"
     keep_last: str = ""
-    unpaired: bool = False
+    parameters: tuple[str, ...] = ()
     max_rows: int = 1_000_000
 
     def __post_init__(self) -> None:
@@ -144,7 +144,11 @@ class Options:
         """Return the options that are not the usual ones, as keywords of `import_runs`."""
         given = {**vars(self), **vars(self.form)}
         usual = {**vars(Options()), **vars(Form())}
-        return {key: each for key, each in given.items() if key not in ("form", "max_rows") and each != usual[key]}
+        return {
+            key: each
+            for key, each in given.items()
+            if key not in ("form", "max_rows", "parameters") and each != usual[key]
+        }
 
 
 class Settings:

@@ -39,7 +39,7 @@ def wrong_message(value: Any) -> str:
 
 
 _WITH_WORD = ("-s", "--only", "--add-method")
-_OF_IMPORT = {f"--{name}" for name in "columns wide decimal separator missing keep-last unpaired".split()}
+_OF_IMPORT = {f"--{name}" for name in "columns wide decimal separator missing keep-last".split()}
 _OPTION = re.compile(rf"--smoke|--runs [0-9]{{1,15}}|(?:{'|'.join(_WITH_WORD)}) (.+)", re.DOTALL)
 
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import TypeAdapter, ValidationError
@@ -25,6 +23,7 @@ from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.received.names import wrong_experiment, wrong_label, wrong_method, wrong_metric
 from rmpc_bench.received.plain_files import wrong_option
 from rmpc_bench.received.store import FILE, MOST_RUNS, MissingError, damaged
+from rmpc_bench.results.imported import ELSEWHERE, Imported
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.store.store import Store, StoredMethod, each_once
 from rmpc_bench.types import MetricInfo
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
 
 
 KEY = "layout"
-ELSEWHERE: Mapping[str, Any] = {"numerics": 0}
-"""What stands in place of the code of runs that another program has made."""
 WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
 
 
@@ -108,27 +105,6 @@ class StoredPoint:
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""
         return Recording(self.methods[method].signals, self.n_recorded, self.has_ensemble)
-
-
-@dataclass(frozen=True)
-class Imported:
-    """Runs made elsewhere, which a table has."""
-
-    table: str  # its file, as commands name it
-    names: tuple[int | str, ...] = ()  # original name of every run, where they are not 0, 1, 2, ..
-    unpaired: bool = False  # whether run i of two methods has nothing in common
-    options: Mapping[str, Any] = field(default_factory=dict)  # how the table was read, as keywords of `import_runs`
-
-    @property
-    def command(self) -> str:
-        """The command that reads the table."""
-        words = ["rmpc-bench", "import", self.table]
-        for key, value in self.options.items():
-            text = (
-                ",".join(f"{role}={name}" for role, name in value.items()) if isinstance(value, Mapping) else str(value)
-            )
-            words += [f"--{key.replace('_', '-')}", *([] if value is True else [text])]
-        return " ".join(map(shlex.quote, words))
 
 
 @dataclass(frozen=True)
@@ -241,21 +217,6 @@ def added_methods(store: Store) -> dict[str, str]:
     """Return the methods that the command line has added to an experiment -> their texts."""
     found = store.data(KEY).get("added", {})
     return {str(name): str(method) for name, method in found.items()} if isinstance(found, dict) else {}
-
-
-def is_imported(directory: Path) -> bool:
-    """Whether the runs of a directory were made elsewhere."""
-    if not (directory / FILE).exists():
-        return False
-    with Store(directory, writable=False) as store:
-        return bool(store.data(KEY).get("imported"))
-
-
-def refuse_imported(directory: Path) -> None:
-    """Raise a MissingError where the runs of a directory were made elsewhere, so that none can be computed."""
-    if is_imported(directory):
-        text = f"add methods with `rmpc-bench import more.csv -o {shlex.quote(str(directory))} --add`"
-        raise MissingError(f"{directory} holds runs made elsewhere; {text}")
 
 
 def read_experiment(store: Store) -> StoredExperiment:

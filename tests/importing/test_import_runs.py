@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rmpc_bench
+from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.types import ConfigError
 
 EXACT_NUMBERS = {"float_precision": "round_trip"} if pd.__version__ < "3.1" else {}
@@ -199,8 +200,7 @@ def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
         "--missing failed counts them as failed",
         "runs.csv:4: mse of R-MPC is 'n/a', no number; a failed run has a status, a missing value is empty "
         "(--missing drop|failed)",
-        "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws "
-        "(--unpaired compares them without pairs)",
+        "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws",
         "uncertainty.eps: 2 values of the table lie outside of +-20% (lines 3, 5): the law is not that of these runs",
         "title: must be text (got 3)",
     }
@@ -257,3 +257,49 @@ def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_fact
         assert all(str(each).startswith(f"{folder}/runs.csv:") for each in error.problems)
     else:
         assert found.experiment.n_runs > 0
+
+
+def paired(n, methods=("KF", "R"), seed=1):
+    """Return runs of methods on the same draws: u explains most of the metric."""
+    u = np.random.default_rng(seed).uniform(-1, 1, n)
+    noise = np.random.default_rng(seed + 1).uniform(0.9, 1.1, (len(methods), n))
+    parts = [{"run": range(n), "method": name, "u": u, "mse": np.exp(u) * noise[i]} for i, name in enumerate(methods)]
+    return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+
+
+def test_runs_of_other_draws_and_sorted_rows_are_noticed(tmp_path):
+    frame = paired(60)
+    found = rmpc_bench.import_runs(frame, directory=tmp_path / "a")
+    assert json.loads((tmp_path / "a" / "manifest.json").read_text())["warnings"] == []
+    shuffled = frame.assign(mse=frame["mse"].where(frame["method"] == "KF", np.roll(frame["mse"], 17))).drop(
+        columns="u"
+    )
+    found = rmpc_bench.import_runs(shuffled, directory=tmp_path / "b")
+    rmpc_bench.publish(found)
+    (text,) = json.loads((tmp_path / "b" / "manifest.json").read_text())["warnings"]
+    assert text.startswith("run i of R has nothing in common with run i of KF (rank correlation ")
+    page = (tmp_path / "b" / "report.md").read_text()
+    assert "un i of R has nothing in common" in page
+    assert "**Runs made elsewhere,** not simulated by rmpc-bench." in page
+    rows = frame.sort_values(["method", "mse"]).drop(columns=["run", "u"])
+    expected = "table: mse rises from row to row for KF and R: the rows look sorted, so that intervals would be far too"
+    with pytest.raises(ConfigError, match=expected):
+        rmpc_bench.import_runs(rows, directory=tmp_path / "c")
+
+
+def test_methods_and_runs_are_added(tmp_path):
+    frame = paired(40, ("KF", "R", "S"))
+    whole = rmpc_bench.import_runs(frame, directory=tmp_path / "whole", settings={"name": "x"})
+    first = frame[(frame["method"] != "S") & (frame["run"] < 30)]
+    rmpc_bench.publish(rmpc_bench.import_runs(first, directory=tmp_path / "o", settings={"name": "x"}))
+    with pytest.raises(StoreError, match="--add adds"):
+        rmpc_bench.import_runs(frame, directory=tmp_path / "o")
+    rmpc_bench.import_runs(frame[(frame["method"] == "S") & (frame["run"] < 30)], directory=tmp_path / "o", add=True)
+    found = rmpc_bench.import_runs(frame[frame["run"] >= 20], directory=tmp_path / "o", add=True)
+    assert found.experiment.hash == whole.experiment.hash
+    pd.testing.assert_frame_equal(found.trials.frame, whole.trials.frame, check_exact=True)
+    pd.testing.assert_frame_equal(found.uncertainty, whole.uncertainty, check_exact=True)
+    assert found.trials.look == 2
+    for change, error in (({"mse": 1.0}, StoreError), ({"u": 0.5, "run": 99}, ConfigError)):
+        with pytest.raises(error):
+            rmpc_bench.import_runs(frame[:1].assign(**change), directory=tmp_path / "o", add=True)

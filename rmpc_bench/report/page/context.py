@@ -248,7 +248,8 @@ def _banner(source: PageSource) -> tuple[str, str]:
     if not source.trials.with_verdicts:
         return "Smoke run.", "It shows that everything works; it is too short for verdicts."
     if source.manifest.get("origin") == "imported":
-        return "Runs made elsewhere,", "not simulated by rmpc-bench."
+        doubts = (f" {text[:1].upper()}{text[1:]}" for text in source.manifest.get("warnings", ()))
+        return "Runs made elsewhere,", f"not simulated by rmpc-bench.{''.join(doubts)}"
     if not source.extent.is_unfinished:
         return "", ""
     runs = "the runs" if len(source.extent.points) > 1 else f"the {source.extent.n} runs"

@@ -67,7 +67,6 @@ def _limits(source: PageSource) -> Iterator[str]:
     if source.overrides:
         yield f"The configuration was overridden ({', '.join(source.overrides)}); findings do not count."
     if source.manifest.get("origin") == "imported":
-        yield from (f"{text[:1].upper()}{text[1:]}" for text in source.manifest.get("warnings", ()))
         yield "The runs were made elsewhere: their draws, their code and its versions are not known here."
     if source.incomplete:
         yield f"Not all runs are computed ({', '.join(source.incomplete)}); findings do not count."
