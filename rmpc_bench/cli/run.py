@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
-from functools import partial
 from itertools import count
 from pathlib import Path
 from types import ModuleType
@@ -81,7 +80,7 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
-    _collect_no_garbage(click.get_current_context())
+    gc.disable()  # it would visit all objects of imports, although these stay
     if options.pop("if_installed") and _is_skipped(options["config"]):
         return 0
     request = Request(**options)
@@ -113,13 +112,6 @@ def run(**options: Any) -> int:
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
         return exits.code_of_store(error)
-
-
-def _collect_no_garbage(context: click.Context) -> None:
-    """Switch the garbage collection off, which would visit all objects of imports, although these stay."""
-    context.call_on_close(gc.enable)
-    context.call_on_close(partial(gc.set_threshold, *gc.get_threshold()))
-    gc.disable()
 
 
 def load_scipy() -> None:

@@ -231,8 +231,11 @@ def save_as(figure: MplFigure, file: Path) -> None:
             figure.savefig(partial, format=ending[1:], **options)
 
 
-LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
-"""Tables of a font for the composition of texts, which take fontTools most of its time."""
+UNUSED_TABLES = ("GDEF", "GPOS", "GSUB", "OS/2", "cmap", "post")
+"""Tables of a font for the composition of texts, its characters and names of glyphs; a PDF has numbers of glyphs.
+
+They take fontTools most of its time.
+"""
 
 
 @contextmanager
@@ -249,9 +252,10 @@ def small_fonts() -> Iterator[None]:
         options.hinting = False
         font = usual(file, options, **settings)
         # `drop_tables` would leave them out, too, but after fontTools has read them.  It drops kern beside GPOS only.
-        for table in (*["kern"] * ("GPOS" in font), *LAYOUT_TABLES):
+        for table in (*["kern"] * ("GPOS" in font), *UNUSED_TABLES):
             if table in font:
                 del font[table]
+        font.setGlyphOrder([f"glyph{number:05d}" for number in range(font.getGlyphCount())])
         return font
 
     log = getLogger("fontTools")

@@ -41,9 +41,17 @@ def compiled(**options: Any) -> Callable[[F], F]:
         cache = getattr(kernel, "_cache", None)
         if cache is not None:
             cache.save_overload = partial(_save, cache.save_overload, function.__name__)
+            cache.load_overload = partial(_load, cache)
         return cast(F, kernel)
 
     return decorate
+
+
+def _load(cache: Any, signature: Any, context: Any) -> Any:
+    """Load compiled code without all that numba can compile (0.15 s), which it loads anyway before it compiles."""
+    numba.core.runtime.rtsys.initialize(context)
+    with cache._guard_against_spurious_io_errors():
+        return cache._load_overload(signature, context)
 
 
 def _save(save: Callable[..., None], name: str, *arguments: Any) -> None:
