@@ -186,6 +186,7 @@ def step_function(model: NonlinearModel) -> Any:
 
 def output_function(model: NonlinearModel) -> Any:
     """Return y of a nonlinear design model as ``casadi.Function(x)``."""
+    model.refuse_feedthrough("CasADi")
     dynamics = model.dynamics
     if isinstance(dynamics, LinearDynamics):
         return traced(model, "h", lambda x: dynamics.C @ x, ("x",))

@@ -135,11 +135,11 @@ def system(config: Any) -> Any:
         return ct.nlsys(rhs, output, **named, params=dict(plant.nominal), dt=dt)
     step, Ts = NominalStep.of(plant), plant.Ts
     if step.linear is not None:
-        A, B, C, _ = step.linear
-        return ct.ss(A, B, C, np.zeros((len(C), B.shape[1])), Ts, **named)
+        A, B, C, _, D = step.linear
+        return ct.ss(A, B, C, np.broadcast_to(D, (len(C), B.shape[1])), Ts, **named)
     return ct.nlsys(
         lambda t, x, u, params: step.advance(round(t / Ts), x, u, params),
-        lambda t, x, u, params: step.output(round(t / Ts), x, params),
+        lambda t, x, u, params: step.output(round(t / Ts), x, u, params),
         **named,
         params=dict(plant.nominal),
         dt=Ts,
@@ -154,7 +154,7 @@ def _functions(ode: Ode) -> tuple[Any, Any]:
         return ode.slope(t, x, np.clip(u.T, low, high).T, Parameters(params))
 
     def output(t: float, x: Any, u: Any, params: Mapping[str, Any]) -> Any:
-        return ode.measure(x, Parameters(params))
+        return ode.measure(x, np.clip(u.T, low, high).T, Parameters(params))
 
     return rhs, output
 

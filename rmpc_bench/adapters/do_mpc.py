@@ -139,6 +139,7 @@ def functions_of(model: Any) -> tuple[Any, Any]:
         return _disturbed(model)
     if model.varies:
         raise DesignError("a do-mpc model is made of a model that is the same at all k", "kind")
+    model.refuse_feedthrough("do-mpc")
     casadi = library("casadi")
     A, B, C = (casadi.DM(each) for each in (model.A, model.B, model.C))
     return lambda x, u: A @ x + B @ u + model.f0, lambda x: C @ x + model.d0

@@ -30,7 +30,7 @@ from rmpc_bench.components.loading import is_source
 from rmpc_bench.components.single_plant import Access, EnvironmentRun
 from rmpc_bench.components.user_code import last_user_frame, one_line
 from rmpc_bench.extras import MissingLibraryError
-from rmpc_bench.models.ode_functions import Names, check_output, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, is_fed, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
 from rmpc_bench.received.consent import reason_against_module
 from rmpc_bench.types import Array, DesignError, OutOfRange, Parameters, Signals, UserFunction, UserFunctionOrText
@@ -256,7 +256,7 @@ def _signals(keys: Keys, x: Array, low: Array, high: Array) -> Signals:
             raise DesignError(f"has {len(names)} names; the environment has {n} {key}", key)
     entries = keys.output if isinstance(keys.output, list) else None
     if callable(keys.output):
-        check_output(keys.output)
+        is_fed(keys.output, allowed=False)
         if keys.outputs is None:
             raise DesignError("name the outputs, or give their number", "outputs")
     default = (

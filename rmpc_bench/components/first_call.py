@@ -139,10 +139,12 @@ class _FirstCall:
             c = _state(controller, delta, self.runs)
         for k in range(2):
             with self._role("plant"):
-                y = np.array(plant.output(k, delta, x.copy(), np.zeros((1, plant.nv))))
+                acting = [np.zeros((1, plant.nu))] if plant.feedthrough else []
+                y = np.array(plant.output(k, delta, x.copy(), np.zeros((1, plant.nv)), *acting))
                 self._expect(y, "output returned y", (1, plant.ny))
             with self._role("estimator"):
-                e, answer = estimator.correct(k, e, y.copy())
+                given = [np.zeros((1, plant.nu))] if estimator.takes_input else []
+                e, answer = estimator.correct(k, e, y.copy(), *given)
                 estimate = as_estimate(answer)
                 x_hat = np.asarray(estimate.x_hat)
                 if x_hat.ndim != 2 or len(x_hat) != 1:

@@ -14,7 +14,7 @@ from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
 from rmpc_bench.config.input import built_controller
-from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_unbridged, with_prediction
+from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_feedthrough, refuse_unbridged, with_prediction
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
@@ -295,6 +295,7 @@ class _ExperimentBuilder:
         if scenario is None:
             return None
         refuse_unbridged(draft, scenario, methods)
+        refuse_feedthrough(draft, plant, scenario, methods)
         opposed = self.opposed(plant, methods, scenario)
         if opposed is None or draft.problems or len(methods) < len(made):
             return None

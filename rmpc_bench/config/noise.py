@@ -24,7 +24,8 @@ from rmpc_bench.models.flow import prediction_flow
 from rmpc_bench.noise import distributions
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.noise.measurement import Missing
-from rmpc_bench.simulation.open_loop import Fed, Held
+from rmpc_bench.simulation.input_channel import least_delay
+from rmpc_bench.simulation.open_loop import Fed, Held, OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Array, DesignError, KnownDelay, Matrix, Method, Model, Noise, Plant, PlantInfo, Problem
 
@@ -454,3 +455,20 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
     if without and any(law.omits_measurements for law in scenario.measurement):
         message = f"omits measurements, and the estimator of {', '.join(without)} cannot predict without one"
         draft.note(["noise", "measurement"], f"{message}; some that can: {', '.join(registry.BRIDGING)}")
+
+
+def refuse_feedthrough(draft: DraftConfig, plant: Plant, scenario: Scenario, methods: Sequence[Method]) -> None:
+    """Report methods whose y(k) depends on the u(k) that they compute from it."""
+    fed = [each for each in methods if plant.feedthrough or each.estimator.fed is not None]
+    closed = [each for each in fed if not isinstance(each.controller, OpenLoop | Rest)]
+    if closed and not least_delay(scenario.input, plant.nu):
+        key = next((key for key in ("D", "output", "scipy", "control") if key in draft.tree["plant"]), "kind")
+        message = "y(k) depends on u(k), which the controller computes from y(k)"
+        draft.note(["plant", key], f"{message}: give it a sample, noise: {{input: {{delayed: 1}}}}")
+        return
+    for each in closed:
+        path: list[str | int] = ["methods", each.name]
+        if not each.delay.input:
+            draft.note(path, "y(k) depends on u(k): its design model needs `delay: same`, or {input: 1} or more")
+        elif each.period is not None and each.controller.compares_estimate:
+            draft.note(path, "its law compares angles with C x: y must not depend on u")

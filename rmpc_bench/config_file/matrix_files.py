@@ -27,7 +27,10 @@ from rmpc_bench.types.errors import unknown
 SUFFIXES = (".mat", ".npz", ".csv")
 SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
 """Sections in which the key `file` has another meaning."""
-SYSTEM = {"models": {"A": "A", "B": "B", "C": "C", "Q": "P_w", "R": "P_v"}, "plants": {"A": "A", "B": "B", "C": "C"}}
+SYSTEM = {
+    "models": {"A": "A", "B": "B", "C": "C", "D": "D", "Q": "P_w", "R": "P_v"},
+    "plants": dict(zip("ABCD", "ABCD", strict=True)),
+}
 """Group of the component ``linear`` -> name in the file -> key of the component."""
 SAME_STEP = 1e-9
 """Relative difference of two sampling times that are meant to be equal."""
@@ -109,6 +112,7 @@ class _Reader:
             content = self._content(source["from"], mark)
             self._check(content, source["from"])
             found = {key: content[name] for name, key in SYSTEM[group].items() if name in content}
+            found = {key: matrix for key, matrix in found.items() if key != "D" or matrix.any()}
             for name in ("A", "C"):
                 _named(content, name, source["from"])
         except _FileError as error:
@@ -121,9 +125,7 @@ class _Reader:
         return result
 
     def _check(self, content: Mapping[str, Array], text: str) -> None:
-        """Refuse a direct feedthrough and another sampling time."""
-        if np.any(content.get("D", 0.0)):
-            raise _FileError(f"{text}: D is not zero; an output that depends on u(k) cannot be measured before u(k)")
+        """Refuse another sampling time."""
         if "Ts" not in content:
             return
         Ts, step = float(content["Ts"].reshape(-1)[0]), self._step()

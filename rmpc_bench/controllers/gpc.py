@@ -88,6 +88,7 @@ def design(
         names no signal of the design model, or the estimator estimates the mean of the process noise of a
         state-dependent model.
     """
+    model.refuse_feedthrough("gpc")
     model = _constant(model, n_steps)
     uses_mean = estimator is not None and estimator.estimates_mean
     if uses_mean and isinstance(model, StateDependentModel):

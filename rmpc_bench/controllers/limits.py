@@ -150,6 +150,8 @@ def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, unna
     i = int(number)
     if i >= n:
         raise DesignError(no_such_component({"x": "state", "y": "output"}[letter], i, n))
+    if letter == "y":
+        model.refuse_feedthrough("a limit of an output")
     Z, constant = (np.eye(n, model.nx), np.zeros(n)) if letter == "x" else (model.C, model.d0)
     return Signal(np.array(Z[i : i + 1]), np.array(constant[i : i + 1]))
 

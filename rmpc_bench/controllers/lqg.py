@@ -3,7 +3,7 @@
 This file checks the keys and computes the gains. The law is in lqg_law.py.
 
 Model   The design model without noise is augmented by the sums q of the control errors,
-            x(k+1) = A x(k) + B u(k) + f,   q(k+1) = q(k) + y(k) - r(k),
+            x(k+1) = A x(k) + B u(k) + f,   q(k+1) = q(k) + y(k) - r(k),  y = C x + D u,
         and, with x_s and u_s the steady state of the model with y = r, the law is
             u = u_s - K_x (x_hat - x_s) - K_q (q - q_s(r)).
         [K_x, K_q] minimises the sum over all k of x' Q_x x + q' Q_i q + u' R_u u of the augmented model (the stationary
@@ -96,6 +96,8 @@ def design(
         raise DesignError("must be positive definite", "R_u")
     n = constant.nx - model.n_disturbances
     Q, sums = _weight_of_states(Q_x, Q_y, constant.C[:, :n]), _weight_of_sums(Q_i, len(rows))
+    if Q_y is not None:
+        model.refuse_feedthrough("`Q_y`")
     if Tt is not None and anti_windup != "back-calculation":
         raise DesignError("has no effect without `anti_windup: back-calculation`", "Tt")
     if Tt is not None and Tt < Ts:
@@ -104,10 +106,10 @@ def design(
         raise DesignError(
             "does not use the reference with Q_i = 0; choose Q_i > 0 or another feedforward", "feedforward"
         )
-    A, B, C = constant.A[:n, :n], constant.B[:n], rows @ constant.C[:, :n]
-    _refuse_rank(A, B, C)
-    gain = _gain(A, B, C if len(sums) else C[:0], Q, sums, R)
-    T = steady_map(A, B, C, R)
+    A, B, C, D = constant.A[:n, :n], constant.B[:n], rows @ constant.C[:, :n], rows @ constant.D
+    _refuse_rank(A, B, C, D)
+    gain = _gain(A, B, C[: len(sums)], D[: len(sums)], Q, sums, R)
+    T = steady_map(A, B, C, R, D)
     # Of [f; z]: the input that holds the state, and keeps x_hat at x_s.
     held = T[n:] + gain.K_x @ T[:n]
     # Disturbances d are the last states: f = A[:n, n:] d and z = r - C[:, n:] d.
@@ -160,21 +162,21 @@ def _weight_of_sums(Q_i: Matrix, n: int) -> Float[Array, "nq nq"]:
     return weight
 
 
-def _refuse_rank(A: Array, B: Array, C: Array) -> None:
+def _refuse_rank(A: Array, B: Array, C: Array, D: Array) -> None:
     """Raise a DesignError if not every value of the tracked outputs has a steady state."""
-    found, needed = steady_rank(A, B, C)
+    found, needed = steady_rank(A, B, C, D)
     if found < needed:
         raise DesignError(
-            f"not every reference has a steady state: rank [A - I, B; C, 0] is {found} and must be {needed} (more "
+            f"not every reference has a steady state: rank [A - I, B; C, D] is {found} and must be {needed} (more "
             "outputs than inputs, or a zero at 1); choose fewer by `outputs`",
             "outputs",
         )
 
 
-def _gain(A: Array, B: Array, C: Array, Q: Array, sums: Array, R: Array) -> IntegralGain:
+def _gain(A: Array, B: Array, C: Array, D: Array, Q: Array, sums: Array, R: Array) -> IntegralGain:
     """Return the stationary gain."""
     try:
-        return integral_gain(A, B, C, Q, sums, R)
+        return integral_gain(A, B, C, Q, sums, R, D)
     except np.linalg.LinAlgError as error:
         reason = "no stabilising gain: an unstable mode is not controllable, or a mode at 1 has no weight"
         raise DesignError(f"{reason} ({error})", "R_u") from None

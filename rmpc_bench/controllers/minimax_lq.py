@@ -188,6 +188,7 @@ def design(
     DesignError
         If a weight is not admissible, the process noise has a mean, or noise grows beyond 1e100 over the horizon.
     """
+    model.refuse_feedthrough("minimax-lq")
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     refuse_mean(model, estimator, stages)
     w_roots = noise_roots(model, estimator, stages, horizon)

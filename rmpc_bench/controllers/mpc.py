@@ -179,6 +179,8 @@ def design(
     models = _models(model, n_steps, Hp)
     model = models[0]
     require_effect(model.B)
+    if len(models) > 1 or law == "printed":
+        model.refuse_feedthrough("a model that varies with k, or `law: printed`,")
     if limits is not None or soft:
         refuse_unused(limits or Limits(), soft)
     limits = Limits() if limits is None else limits

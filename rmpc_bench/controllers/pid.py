@@ -280,6 +280,8 @@ def design(
     tracking = _tracking_time(sized, Ts) if Tt is None else as_vector(Tt, nu, "Tt")
     if (tracking < Ts).any():
         raise DesignError(f"must be at least the sampling time {Ts:g} (got {tracking.min():g})", "Tt")
+    if on == "estimate":
+        model.refuse_feedthrough("`on: estimate`")
     constant = _linear(model) if on == "estimate" else None
     C, d0 = (None, None) if constant is None else (constant.C, constant.d0)
     return Pid(

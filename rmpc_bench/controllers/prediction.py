@@ -62,7 +62,8 @@ def of_moves(
     """
     parts = [_augmented(model, uses_mean=uses_mean) for model in models]
     steps = [(*now[:3], after[3]) for now, after in pairwise(parts)]
-    return Problem(*parts[0], root_Q, root_R, Hp, Hu, over=steps or None)
+    D = models[0].D if models[0].feedthrough else None
+    return Problem(*parts[0], root_Q, root_R, Hp, Hu, over=steps or None, D=D)
 
 
 def of_inputs(
@@ -84,5 +85,5 @@ def _augmented(model: LinearModel, *, uses_mean: bool) -> tuple[Array, Array, Ar
     A[:nx, :nx], A[:nx, nx:n], A[:nx, n:] = model.A, model.B, np.eye(nx, nx * uses_mean)
     B[:nx], B[nx:n] = model.B, np.eye(nu)
     f, C = np.zeros(len(A)), np.zeros((model.ny, len(A)))
-    f[:nx], C[:, :nx] = model.f0, model.C
+    f[:nx], C[:, :nx], C[:, nx:n] = model.f0, model.C, model.D
     return A, B, f, C

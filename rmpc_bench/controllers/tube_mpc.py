@@ -193,6 +193,7 @@ def design(
         If a weight, a limit or W is not admissible, the model is not constant or has a constant part, no input reaches
         an unstable mode, or W leaves no room inside the limits.
     """
+    model.refuse_feedthrough("tube-mpc")
     at_zero = constant_model(model, estimator)
     point = OperatingPoint(model.x_op, model.u_op, model.y_op)
     rows = limit_rows(model, limits, plant_info)

@@ -165,6 +165,8 @@ def _pairs(low: Float[Array, " n"], high: Float[Array, " n"]) -> str:
 
 def _inputs(plant: Plant, method: Method, model: Any, r: Array, n_steps: int) -> Any:
     """Yield the inputs of the design model in closed loop with known states and without noise."""
+    if model.feedthrough:
+        return
     try:
         x = np.zeros((1, model.nx)) if method.estimator.x0 is None else method.estimator.x0[None]
         state, controller = method.controller.init(1), method.controller

@@ -64,8 +64,8 @@ def linear_pair(estimator: Estimator, controller: Controller) -> LinearPair | No
 
 
 def constant_model(model: Model | None) -> Any:
-    """Return the linear model of x at all k, without disturbances; None of a model that varies or follows the state."""
-    if model is None or model.varies:
+    """Return the linear model of x at all k, without disturbances; None of one that varies, follows x or has a D."""
+    if model is None or model.varies or model.feedthrough:
         return None
     try:
         return model.undisturbed.at(0)

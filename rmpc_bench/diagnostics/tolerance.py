@@ -115,7 +115,7 @@ def _side(plant: LinearPlant, Q: Array, R_v: Array, P0: Array, n_steps: int) -> 
 
 def _covariance(side: _Side, J: Array, k: int) -> Float[Array, "runs nz nz"]:
     """Covariance of z given the past, (30)."""
-    A, B, C, E = side.plant
+    A, B, C, E, _ = side.plant
     M = np.concatenate([E @ (A + B @ J @ C), C], axis=1)
     reach = E @ B @ J
     N = np.concatenate([reach, np.broadcast_to(np.eye(len(side.R_v)), (len(A), *side.R_v.shape))], axis=1)
@@ -128,7 +128,7 @@ def _covariance(side: _Side, J: Array, k: int) -> Float[Array, "runs nz nz"]:
 def _period(true: _Side, nominal: _Side, g: LoopGains, ahead: Float[Array, "nu 1"], k: int) -> tuple[Array, ...]:
     """Matrices of one period for q = [x_pred~, x_pred, x_pred of the method, u(k-1)] and the plant's innovation i."""
     # dm = D q + d and q(k+1) = T q + t + G i, with y = C~ x_pred~ + i.
-    (A, B, C, E), (A0, B0, C0, _) = true.plant, nominal.plant
+    (A, B, C, E, _), (A0, B0, C0, *_) = true.plant, nominal.plant
     n_runs, n, nx, n_hat, nu = len(A), A.shape[1], A0.shape[1], len(g.F), B.shape[2]
     X, X0, X_hat, U = np.split(np.eye(n + nx + n_hat + nu), np.cumsum([n, nx, n_hat]))
 

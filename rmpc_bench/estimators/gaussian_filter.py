@@ -87,6 +87,11 @@ class GaussianFilter(Estimator):
         return self.x_start[: self.nx]
 
     @property
+    def takes_input(self) -> bool:
+        """Whether h takes u(k)."""
+        return self.flow.fed
+
+    @property
     def reports(self) -> dict[str, tuple[int, ...]]:
         """The innovation and its covariance; all states of the flow where it has more than the design model."""
         ny, n = len(self.flow.R_v_at(0)), len(self.x_start)
@@ -106,10 +111,12 @@ class GaussianFilter(Estimator):
         root = np.tile(root_of(self.P_start), (n_runs, 1, 1))
         return GaussianState(np.tile(self.x_start, (n_runs, 1)), root, np.zeros(n_runs, dtype=int))
 
-    def correct(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> tuple[GaussianState, Estimate]:
+    def correct(
+        self, k: int, state: GaussianState, y: Float[Array, "runs ny"], *u: Float[Array, "runs nu"]
+    ) -> tuple[GaussianState, Estimate]:
         """Use what was measured of y(k)."""
         check_time(k, np.inf)
-        given, after, R_v = self._innovation(k, state, y), state, self.flow.R_v_at(k)
+        given, after, R_v = self._innovation(k, state, y, *u), state, self.flow.R_v_at(k)
         if k > 0 or self.use_y0:
             after = _corrected(state, given, R_v, np.isnan(y))
             if given.rest is not None:
@@ -139,16 +146,17 @@ class GaussianFilter(Estimator):
         both, indefinite = _without(np.concatenate([found.image, Q_root], axis=2), found.minus)
         return GaussianState(found.mean, lower_root(both), state.indefinite + indefinite)
 
-    def _innovation(self, k: int, state: GaussianState, y: Float[Array, "runs ny"]) -> Innovation:
+    def _innovation(self, k: int, state: GaussianState, y: Float[Array, "runs ny"], *u: Array) -> Innovation:
         """Compare y(k) with its prediction."""
         C = self.flow.C_at(k)
         if C is not None:
-            e = wrapped(innovation(y, self.flow.measure(k, state.x)), self.flow.y_period)
+            e = wrapped(innovation(y, self.flow.measure(k, state.x, *u)), self.flow.y_period)
             return Innovation(e, C @ state.root, state.root)
 
         def h(x: Array) -> Array:
             runs, points, n = x.shape
-            return self.flow.measure(k, x.reshape(-1, n)).reshape(runs, points, -1)
+            every = [np.repeat(each, points, axis=0) for each in u]
+            return self.flow.measure(k, x.reshape(-1, n), *every).reshape(runs, points, -1)
 
         found = self.rule.moments(h, state.x, state.root, self.limits, self.flow.y_period)
         return Innovation(wrapped(innovation(y, found.mean), self.flow.y_period), *found[1:])

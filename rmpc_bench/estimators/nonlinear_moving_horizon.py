@@ -70,6 +70,11 @@ class NonlinearMovingHorizon(Estimator):
         return self.filter.flow
 
     @property
+    def takes_input(self) -> bool:
+        """Whether h takes u(k)."""
+        return self.flow.fed
+
+    @property
     def x0(self) -> Float[Array, " nx"]:
         """Prediction of x(0)."""
         return self.filter.x0
@@ -95,19 +100,23 @@ class NonlinearMovingHorizon(Estimator):
         u, y = (np.zeros((n_runs, 0, m)) for m in (self.nu, len(self.flow.R_v_at(0))))
         return WindowState(x[:, None], x[:, None], root[:, None], u, y, root)
 
-    def correct(self, k: int, state: WindowState, y: Float[Array, "runs ny"]) -> tuple[WindowState, Estimate]:
+    def correct(
+        self, k: int, state: WindowState, y: Float[Array, "runs ny"], *u: Float[Array, "runs nu"]
+    ) -> tuple[WindowState, Estimate]:
         """Use y(k): fit the window."""
         newest = state.root[:, -1]
         count = np.zeros(len(newest), dtype=int)
-        _, predicted = self.filter.correct(k, GaussianState(state.x_bar[:, -1], newest, count), y)
+        _, predicted = self.filter.correct(k, GaussianState(state.x_bar[:, -1], newest, count), y, *u)
         used = y if k > 0 or self.filter.use_y0 else np.full_like(y, np.nan)
         state = state._replace(y=np.concatenate([state.y, used[:, None]], axis=1))
         first, defined = k + 1 - state.x.shape[1], np.asarray(np.isfinite(state.root).all(axis=(1, 2, 3)))
         root = np.where(defined[:, None, None, None], state.root, np.eye(newest.shape[1]))
-        fit = self.solver.solve(self._maps(first, k), self._data(first, k, state._replace(root=root)), state.x)
+        inputs = np.concatenate([state.u, *(each[:, None] for each in u)], axis=1)
+        data = self._data(first, k, state._replace(root=root, u=inputs))
+        fit = self.solver.solve(self._maps(first, k), data, state.x)
         x_hat = np.ascontiguousarray(fit.x[:, -1])
         # The covariance of the filter that is linearised at the estimate.
-        after, _ = self.filter.correct(k, GaussianState(x_hat, root[:, -1], count), y)
+        after, _ = self.filter.correct(k, GaussianState(x_hat, root[:, -1], count), y, *u)
         P = covariance_of(after.root[:, : self.filter.nx])
         status = np.where(defined & fit.defined, Status.OK, Status.NOT_CONVERGED).astype(np.int8)
         iterations, fallback = fit.iterations.astype(float), (~fit.converged).astype(float)
@@ -156,10 +165,11 @@ class NonlinearMovingHorizon(Estimator):
                 found[:, i] = flow.advance_points(first + j + i, x[:, i], u[:, i], leading or None)
             return found
 
-        def measure(x: Array) -> Array:
-            if not flow.varies:
+        def measure(x: Array, u: Array) -> Array:
+            if not flow.varies and not flow.fed:
                 return flow.measure(k, x.reshape(-1, n)).reshape(*x.shape[:3], -1)
-            each = [flow.measure(j, x[:, j - first].reshape(-1, n)) for j in samples]
+            given = [[np.repeat(u[:, i], x.shape[2], axis=0)] if flow.fed else [] for i in range(len(samples))]
+            each = [flow.measure(j, x[:, j - first].reshape(-1, n), *given[j - first]) for j in samples]
             return np.stack([y.reshape(len(x), x.shape[2], -1) for y in each], axis=1)
 
         Q_inv = np.array([np.linalg.inv(flow.Q_w_at(j)) for j in samples[:-1]]).reshape(-1, n, n)

@@ -13,6 +13,7 @@ from rmpc_bench.analysis.columns import data_frame
 from rmpc_bench.config_file.factories import UnsizedEstimator
 from rmpc_bench.numerics.linalg import real_numbers
 from rmpc_bench.simulation.checked_calls import CheckedEstimator, is_own
+from rmpc_bench.simulation.input_channel import FedEstimator
 from rmpc_bench.simulation.recording import Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, DesignError, Estimator, InvalidReturnValue, Status, as_estimate
@@ -147,7 +148,10 @@ def _filtered(
     journal, runs = Journal(call=None if estimator.holds else passed_on), RunState.of(n_runs)
     state = RunStart(0, tuple(range(n_runs)), journal).estimator(estimator, n_runs, None, runs)
     alive = runs.alive
-    called = CheckedEstimator(estimator, alive, journal) if is_own(estimator) else estimator
+    called: Any = CheckedEstimator(estimator, alive, journal) if is_own(estimator) else estimator
+    # What is not known of the last u tells nothing of y.
+    known = np.pad(u, ((0, 0), (0, samples - u.shape[1]), (0, 0)), constant_values=np.nan).swapaxes(0, 1)
+    called = called if estimator.fed is None else FedEstimator(called, estimator, known)
     recorder, failed = Recorder(samples, n_runs), np.zeros((n_runs, samples), dtype=bool)
     for k in range(samples):
         state, answer = called.correct(k, state, y[:, k].copy())

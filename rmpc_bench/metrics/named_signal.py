@@ -75,7 +75,8 @@ class NamedSignal:
         y, no_noise = np.empty((n_runs, n_periods, between, plant.ny)), np.zeros((n_runs, plant.nv))
         for k in range(n_periods):
             for part in range(between):
-                y[:, k, part] = plant.output(window.first + k, record.delta, states[:, k, part], no_noise)
+                u = [record.u[:, window.first + k]] if plant.feedthrough else []
+                y[:, k, part] = plant.output(window.first + k, record.delta, states[:, k, part], no_noise, *u)
         return self._chosen(y.reshape(n_runs, -1, plant.ny))
 
     def _chosen(self, values: Float[Array, "runs points n_all"]) -> Float[Array, "runs points n"]:

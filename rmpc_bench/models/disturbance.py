@@ -172,6 +172,7 @@ def augmented(now: LinearModel, entry: Entry) -> LinearModel:
         S_wv=np.vstack([now.S_wv, np.zeros((nd, now.ny))]),
         f0=np.concatenate([now.f0, np.zeros(nd)]),
         d0=now.d0,
+        D=now.D,
         extra_signals=padded_signals(now.extra_signals, nd),
     )
 

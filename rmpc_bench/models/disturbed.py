@@ -83,7 +83,7 @@ class DisturbedLinear(Augmented, LinearModel):
     def __init__(self, undisturbed: LinearModel, entry: Entry, label: str = "") -> None:
         made = augmented(undisturbed, entry)
         own = {"undisturbed": undisturbed, "entry": entry, "label": label}
-        same = {name: getattr(made, name) for name in ("A", "B", "C", "Q_w", "R_v", "S_wv", "f0", "d0")}
+        same = {name: getattr(made, name) for name in ("A", "B", "C", "Q_w", "R_v", "S_wv", "f0", "d0", "D")}
         for name, value in {**own, **same}.items():
             object.__setattr__(self, name, value)
 

@@ -30,11 +30,13 @@ OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError, SolverError)
 
 
 class Tangent(NamedTuple):
-    """Matrices at a point: rest(x, u) is about f + A dx + B du, the output about y + C dx."""
+    """Matrices at a point: rest(x, u) is about f + A dx + B du, the output about y + C dx + D du."""
 
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
+    D: Float[Array, "ny _"]
+    """Without columns where the output takes no input."""
 
 
 class Names(NamedTuple):
@@ -58,6 +60,8 @@ class Dynamics:
     """Period of every state, 0 of one that is no angle; None where none is."""
     y_period: Float[Array, " ny"] | None = None
     """The same of the outputs."""
+    fed: bool = False
+    """Whether y(k) depends on u(k)."""
 
     A_c: Float[Array, "nx nx"] | None = None
     """A of x' = A x + B u, of which a period is a sample; None of any other plant."""
@@ -72,7 +76,7 @@ class Dynamics:
         """Return x', or x(k+1) - x(k); NaN where it is not defined."""
         raise NotImplementedError("rest")
 
-    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+    def output(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " ny"]:
         """Return y without noise; NaN where it is not defined."""
         raise NotImplementedError("output")
 
@@ -107,25 +111,34 @@ class Dynamics:
         """Return the matrices at a point."""
         nx = len(x)
         J = jacobian(self.rest_near(x, u, t), np.concatenate([x, u]))
-        return Tangent(J[:, :nx], J[:, nx:], jacobian(self.output_near(x), x))
+        return Tangent(J[:, :nx], J[:, nx:], *self.seen(x, u))
 
     def rest_near(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Callable[[Array], Array]:
         """Return `rest` of [x, u] for differences around a point: angles of a map do not jump there."""
         nx, period = len(x), None if self.continuous else self.x_period
         return near(lambda z: self.rest(z[:nx], z[nx:], t), np.concatenate([x, u]), period)
 
-    def output_near(self, x: Float[Array, " nx"]) -> Callable[[Array], Array]:
-        """Return `output` for differences around a point: angles do not jump there."""
-        return near(self.output, x, self.y_period)
+    def output_near(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Callable[[Array], Array]:
+        """Return `output` of [x, u], or of x where it takes no u: angles do not jump around the point."""
+        nx = len(x)
+        return near(lambda z: self.output(z[:nx], z[nx:]), self._point(x, u), self.y_period)
+
+    def _point(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " n"]:
+        return np.concatenate([x, u]) if self.fed else x
+
+    def seen(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Array, Array]:
+        """Return C and D of a tangent."""
+        J = jacobian(self.output_near(x, u), self._point(x, u))
+        return J[:, : len(x)], J[:, len(x) :]
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
         """Return the matrices at a point, and the names of the coordinates with a kink there."""
         nx = len(x)
         moves = derivative(self.rest_near(x, u), np.concatenate([x, u]))
-        seen: Derivative = derivative(self.output_near(x), x)
+        seen: Derivative = derivative(self.output_near(x, u), self._point(x, u))
         every = (*self.names.states, *self.names.inputs)
         kinks = tuple(every[i] for i in sorted({*moves.kinks, *seen.kinks}))
-        return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J), kinks
+        return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J[:, :nx], seen.J[:, nx:]), kinks
 
 
 class OfPlant:
@@ -166,6 +179,11 @@ class OdeDynamics(Dynamics):
         return not self.ode.discrete
 
     @property
+    def fed(self) -> bool:  # type: ignore[override]
+        """Whether the output takes u."""
+        return self.ode.fed
+
+    @property
     def names(self) -> Names:  # type: ignore[override]
         """Names of the equation."""
         return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
@@ -190,11 +208,11 @@ class OdeDynamics(Dynamics):
             return np.full(len(x), np.nan)
         return slope - x if self.ode.discrete else slope
 
-    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+    def output(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " ny"]:
         """Return y."""
         try:
             with np.errstate(all="ignore"):
-                y: Array = self.ode.measure(x, self.ode.p)
+                y: Array = self.ode.measure(x, u, self.ode.p)
         except OUTSIDE_DOMAIN:
             return np.full(self.ode.ny, np.nan)
         return y
@@ -244,8 +262,8 @@ class OdeDynamics(Dynamics):
             return super().slopes(x, u, t)
         A, *B = rhs.jacobian(*([t] if self.ode.timed else []), x, u, p)
         by_x = getattr(output, "jacobian", None)
-        C = jacobian(self.output_near(x), x) if by_x is None else by_x(x, p)[0]
-        return Tangent(A - np.eye(nx) if self.ode.discrete else A, B[0] if B else np.zeros((nx, 0)), C)
+        C, D = self.seen(x, u) if by_x is None or self.fed else (by_x(x, p)[0], np.zeros((self.ode.ny, 0)))
+        return Tangent(A - np.eye(nx) if self.ode.discrete else A, B[0] if B else np.zeros((nx, 0)), C, D)
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
         """Return the matrices at a point, and the names of the coordinates with a kink there."""
@@ -267,7 +285,7 @@ class OdeDynamics(Dynamics):
                 if name == "rhs":
                     self.ode.slope(0.0, x, u, self.ode.p)
                 else:
-                    self.ode.measure(x, self.ode.p)
+                    self.ode.measure(x, u, self.ode.p)
             # The functions are the user's: they may raise anything.
             except Exception as error:
                 where = ", ".join(f"{each} = {value:.6g}" for each, value in zip(self.ode.states, x, strict=True))
@@ -283,8 +301,14 @@ class LinearDynamics(Dynamics):
     C: Float[Array, "ny nx"]
     signals: NamedSignals | None = None  # names and bounds; None where the signals have no names
     A_c: Float[Array, "nx nx"] | None = None
+    D: Float[Array, "ny nu"] | float = 0.0
 
     continuous = False
+
+    @property
+    def fed(self) -> bool:  # type: ignore[override]
+        """Whether there is a D."""
+        return bool(np.any(self.D))
 
     @property
     def names(self) -> Names:  # type: ignore[override]
@@ -303,9 +327,9 @@ class LinearDynamics(Dynamics):
         moved: Array = self.A @ x + self.B @ u - x
         return moved
 
-    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+    def output(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " ny"]:
         """Return y."""
-        return self.C @ x
+        return self.C @ x + self.D @ u if self.fed else self.C @ x
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
         """Return the matrices, which are the same at every point and have no kink."""
@@ -313,7 +337,7 @@ class LinearDynamics(Dynamics):
 
     def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices, which are the same at every point."""
-        return Tangent(self.A - np.eye(len(self.A)), self.B, self.C)
+        return Tangent(self.A - np.eye(len(self.A)), self.B, self.C, np.broadcast_to(self.D, (len(self.C), len(u))))
 
 
 def dynamics_of(plant: Plant) -> Dynamics:
@@ -322,10 +346,10 @@ def dynamics_of(plant: Plant) -> Dynamics:
         return OdeDynamics(plant.ode)
     if plant.system is not None and not plant.system.varies:
         now = plant.system.at(0)
-        return LinearDynamics(now.A, now.B, now.C, plant.signals, plant.A_c)
+        return LinearDynamics(now.A, now.B, now.C, plant.signals, plant.A_c, now.D)
     linear: LinearPlant | None = plant.linear(dict(plant.nominal))
     if linear is not None:
-        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals, plant.A_c)
+        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals, plant.A_c, linear.D)
     raise DesignError(
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"

@@ -1,6 +1,7 @@
 """Design models as maps of many states at once, for filters that evaluate the nonlinear model at points.
 
-Model   x(k+1) = f_k(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h_k(x(k)) + v(k), v ~ N(0, R_v);  white, independent.
+Model   x(k+1) = f_k(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h_k(x(k)) + v(k), or h(x(k), u(k)) + v(k),
+        v ~ N(0, R_v);  white, independent.
         A flow may have more states than the design model (the servomechanism: the current).  Those of the design model
         come first, and controllers get those only.
 Limit   The flow of a linear model is f(x, u) = A x + B u + f0, h(x) = C x + d0.
@@ -37,6 +38,8 @@ class Flow:
     """Period of every state, 0 of one that is no angle; None where none is: see `types.angles.wrapped`."""
     y_period: Float[Array, " ny"] | None = None
     """The same of the outputs."""
+    fed: bool = False
+    """Whether h depends on u(k)."""
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where it is not defined."""
@@ -57,8 +60,8 @@ class Flow:
         """Return x(k+1) of points of all runs; those of a run come one after the other."""
         return self.advance(k, x, u)
 
-    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
-        """Return y(k) without noise; NaN where it is not defined."""
+    def measure(self, k: int, x: Float[Array, "points n"], *u: Float[Array, "points nu"]) -> Float[Array, "points ny"]:
+        """Return y(k) without noise; NaN where it is not defined; u is given where `fed`."""
         raise NotImplementedError("measure")
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
@@ -118,10 +121,11 @@ class LinearFlow(Flow):
         now: LinearModel = self.model.at(k)
         return mv(now.A, x) + driven(now.B, u) + now.f0
 
-    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
-        """Return C x + d0."""
+    def measure(self, k: int, x: Float[Array, "points n"], *u: Float[Array, "points nu"]) -> Float[Array, "points ny"]:
+        """Return C x + d0, and D u where u is given; estimators get y - D u."""
         now: LinearModel = self.model.at(k)
-        return mv(now.C, x) + now.d0
+        y = mv(now.C, x) + now.d0
+        return y + mv(now.D, *u) if u else y
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
         """Covariance of the process noise from k to k+1."""
@@ -166,6 +170,11 @@ class PlantFlow(Flow):
         return self.dynamics.y_period
 
     @property
+    def fed(self) -> bool:  # type: ignore[override]
+        """Whether the output takes u."""
+        return self.dynamics.fed
+
+    @property
     def cost_per_point(self) -> float:  # type: ignore[override]
         """Time of `advance` per state in a large block [s], roughly."""
         if self.compiled is not None or isinstance(self.dynamics, LinearDynamics):
@@ -190,19 +199,22 @@ class PlantFlow(Flow):
         with np.errstate(all="ignore"):
             return dynamics.advance(k, x, u, self.Ts, self.substeps, points, leading, strict=False)
 
-    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
+    def measure(self, k: int, x: Float[Array, "points n"], *u: Float[Array, "points nu"]) -> Float[Array, "points ny"]:
         """Return y(k) without noise; NaN where it is not defined."""
         C, dynamics, shape = self.C_at(k), self.dynamics, (len(x), len(self.R_v))
         if C is not None:
-            return mv(C, x)
+            return mv(C, x) + mv(np.asarray(dynamics.D), *u) if isinstance(dynamics, LinearDynamics) and u else mv(C, x)
+        inputs = u[0] if u else np.zeros((len(x), 0))
         if isinstance(dynamics, OdeDynamics) and dynamics.ode.output_takes_blocks:
             ode, columns = dynamics.ode, padded(x)
             try:
                 with np.errstate(all="ignore"):
-                    return np.ascontiguousarray(ode.measure(columns, _nominal(dynamics, columns))[:, : len(x)].T)
+                    return np.ascontiguousarray(
+                        ode.measure(columns, padded(inputs), _nominal(dynamics, columns))[:, : len(x)].T
+                    )
             except OUTSIDE_DOMAIN:
                 pass
-        return _each(lambda i: dynamics.output(x[i]), shape)
+        return _each(lambda i: dynamics.output(x[i], inputs[i]), shape)
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
         """Covariance of the process noise."""
@@ -277,7 +289,7 @@ class StateFlow(Flow):
         A, B = self.model.at_state(x)
         return mv(A, x) + mv(B, u)
 
-    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
+    def measure(self, k: int, x: Float[Array, "points n"], *u: Float[Array, "points nu"]) -> Float[Array, "points ny"]:
         """Return y(k)."""
         return self.model.measure(x) if self.model.has_offsets else mv(self.model.C, x)
 

@@ -1,9 +1,9 @@
 """Systems of other libraries: linear ones in state-space form, nonlinear ones as functions.
 
 Linear  x' = A x + B u with the input held over a sample, or x(k+1) = A x + B u;  y = C x.
-        The matrices may depend on parameters.
+        With feedthrough y = C x + D u.  The matrices may depend on parameters.
 Method  A continuous system is sampled exactly: one exponential of [[A, B], [0, 0]] (zero-order hold).
-Fails   Design error: D is not zero, a discrete system has another sampling time, or a matrix is not finite.
+Fails   Design error: a discrete system has another sampling time, or a matrix is not finite.
 """
 
 from __future__ import annotations
@@ -45,11 +45,12 @@ class Realisation(NamedTuple):
 
 
 class SampledSystem(NamedTuple):
-    """x(k+1) = A x(k) + B u(k), y(k) = C x(k)."""
+    """x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k)."""
 
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
+    D: Float[Array, "ny nu"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +66,8 @@ class ParametricSystem:
         A, B, C, D, own, *_ = self.make(values)
         if not all(np.isfinite(matrix).all() for matrix in (A, B, C, D)):
             raise DesignError("has a matrix that is not finite", self.key)
-        if D.any():
-            refuse_feedthrough("D is not zero", self.key)
         refuse_other_step(own, Ts, self.key)
-        return SampledSystem(*(discretise(A, B, Ts) if own == 0.0 else (A, B)), C)
+        return SampledSystem(*(discretise(A, B, Ts) if own == 0.0 else (A, B)), C, D)
 
     @property
     def A_c(self) -> Float[Array, "nx nx"] | None:
@@ -82,12 +81,6 @@ class ParametricSystem:
         states, inputs = names_of(made.states, self.key, "x")[0], names_of(made.inputs, self.key, "u")[0]
         refuse_shared(states, inputs, self.key)
         return Signals(states, inputs, names_of(made.outputs, self.key, "y")[0], bounds=bounds)
-
-
-def refuse_feedthrough(what: str, key: str) -> None:
-    """Raise a DesignError: the output depends on the input of the same sample."""
-    reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"
-    raise DesignError(f"{what}: {reason}; describe the actuator or the sensor as a further state", key)
 
 
 def refuse_other_step(own: float | None, Ts: float, key: str) -> None:
@@ -148,9 +141,9 @@ def refuse_unknown(parameters: Mapping[str, float], known: Mapping[str, float] |
 
 def design_model(system: ParametricSystem, Ts: float, noise: DesignNoise) -> LinearModel:
     """Return the nominal system as a linear design model."""
-    A, B, C = system.sampled(system.nominal, Ts)
+    A, B, C, D = system.sampled(system.nominal, Ts)
     A_c = system.A_c
-    return LinearModel(A, B, C, *noise.covariances(len(A), len(C), None if A_c is None else Ts, A_c))
+    return LinearModel(A, B, C, *noise.covariances(len(A), len(C), None if A_c is None else Ts, A_c), D=D)
 
 
 POINTS = 8
@@ -199,7 +192,10 @@ class Equation(NamedTuple):
             u = rng.uniform(0.0, 1.0, (2, count(self.inputs)))
             usual, other = self._at(0.0, x, u[0], p), self._at(0.0, x, u[1], p)
             if not np.array_equal(usual, other, equal_nan=True):
-                refuse_feedthrough("its output depends on the input", key)
+                text = (
+                    "its output depends on the input; only a linear system may have that, and an ode by output(x, u, p)"
+                )
+                raise DesignError(text, key)
             if not np.array_equal(usual, self._at(100.0 * rng.random(), x, u[0], p), equal_nan=True):
                 raise DesignError("its output depends on the time; give the time as a further state", key)
 

@@ -1,4 +1,4 @@
-"""The linear model x(k+1) = A x(k) + B u(k) + f0 + w(k), y(k) = C x(k) + d0 + v(k)."""
+"""The linear model x(k+1) = A x(k) + B u(k) + f0 + w(k), y(k) = C x(k) + D u(k) + d0 + v(k)."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class LinearModel(Model):
     S_wv : (nx, ny) cross-covariance E w v', zero by default
     f0 : (nx,) constant part of x(k+1), zero by default
     d0 : (ny,) constant part of y(k), zero by default
+    D : (ny, nu) feedthrough of the input, zero by default; estimators get y - D u
     extra_signals : name -> rows Z of a signal z = Z x that limits may name, none by default
     disturbance_inputs : name -> B_d of a place where `disturbance` of a configuration may enter, none by default
 
@@ -50,6 +51,7 @@ class LinearModel(Model):
     S_wv: Float[Array, "nx ny"]
     f0: Float[Array, " nx"]
     d0: Float[Array, " ny"]
+    D: Float[Array, "ny nu"]
     extra_signals: Mapping[str, Float[Array, "nz nx"]]
     disturbance_inputs: Mapping[str, Float[Array, "nx nd"]]
 
@@ -66,6 +68,7 @@ class LinearModel(Model):
         S_wv: Rows | None = None,
         f0: Array | list[float] | None = None,
         d0: Array | list[float] | None = None,
+        D: Rows | None = None,
         extra_signals: Mapping[str, Array] | None = None,
         disturbance_inputs: Mapping[str, Array] | None = None,
     ) -> None:
@@ -78,7 +81,8 @@ class LinearModel(Model):
                 object.__setattr__(self, name, as_covariance(array, n))
             except ValueError as error:
                 raise DesignError(f"{name}: {error}") from None
-        for name, value, shape in (("S_wv", S_wv, (nx, ny)), ("f0", f0, (nx,)), ("d0", d0, (ny,))):
+        of_u = ("D", D, (ny, self.B.shape[1]))
+        for name, value, shape in (("S_wv", S_wv, (nx, ny)), ("f0", f0, (nx,)), ("d0", d0, (ny,)), of_u):
             array = np.zeros(shape) if value is None else _array(name, value)
             if array.shape != shape:
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
@@ -156,9 +160,9 @@ class HeldModel(LinearModel):
         if inputs is not None:
             rest = np.where(np.isin(np.arange(now.nu), inputs), 0.0, model.u_op)
             point = None if point is None else OperatingPoint(point.x, point.u[[*inputs]], point.y)
-        B = now.B if inputs is None else now.B[:, [*inputs]]
+        B, D = (now.B, now.D) if inputs is None else (now.B[:, [*inputs]], now.D[:, [*inputs]])
         f0, Q_w = held @ (now.f0 + now.B @ rest), 0.5 * (Q_w + Q_w.T)
-        super().__init__(A, held @ B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, extra_signals=model.extra_signals)
+        super().__init__(A, held @ B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, D=D, extra_signals=model.extra_signals)
         own = {"of": model, "every": every, "held": held, "operating_point": point, "inputs": inputs}
         for name, value in {**own, "n_disturbances": model.n_disturbances}.items():
             object.__setattr__(self, name, value)

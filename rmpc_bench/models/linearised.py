@@ -1,10 +1,11 @@
 """Linear model of a plant around an operating point.
 
-Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B (u - u_op), y = y_op + C (x - x_op).
+Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B (u - u_op),
+        y = y_op + C (x - x_op) + D (u - u_op).
         With a zero-order hold of the input one exponential of [[A, B, f], [0, 0, 0]] gives the sampled A, B and drift,
         also where A is singular.  In physical coordinates
             x(k+1) = A x(k) + B u(k) + f0 + w(k),  f0 = x_op + drift - A x_op - B u_op,
-            y(k)   = C x(k) + d0 + v(k),           d0 = y_op - C x_op.
+            y(k)   = C x(k) + D u(k) + d0 + v(k),  d0 = y_op - C x_op - D u_op.
         The drift is exactly 0 in a steady state.  A, B, C are those of the nominal parameters and of t = 0.
 Method  Jacobians by central differences with one Richardson step (numerics/jacobian.py), or by the user's function.
 Limit   A linear plant is its own linear model.
@@ -69,7 +70,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
     def _around(
         self, t: float, x: Float[Array, " nx"], u: Float[Array, " nu"]
     ) -> tuple[Array, Array, Array, Array, Array]:
-        tangent, y = self.dynamics.slopes(x, u, t), self.dynamics.output(x)
+        tangent, y = self.dynamics.slopes(x, u, t), self.dynamics.output(x, u)
         rest = self.dynamics.rest(x, u, t)
         if not all(np.isfinite(part).all() for part in (*tangent, y, rest)):
             n, m, q = len(x), len(u), len(y)
@@ -84,11 +85,15 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 
     def measure(self, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
         """Return the outputs of every run."""
-        return np.array([self.dynamics.output(each) for each in x])
+        return np.array([self.dynamics.output(each, np.zeros(0)) for each in x])
 
 
 def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: int | None = None) -> TrajectoryModel:
     """Make a model that is linearised at every estimate."""
+    if dynamics.fed:
+        raise DesignError(
+            "trajectory needs an output that does not depend on u: choose a point, or extended-kalman", "at"
+        )
     Q_w, R_v = dynamics.noise(noise, Ts)
     return TrajectoryModel(dynamics, Ts, substeps or steps_of(dynamics), Q_w, R_v)
 
@@ -113,10 +118,12 @@ class LinearisedModel(LinearModel):
         known: tuple[tuple[str, str], ...] = (),
         remarks: tuple[str, ...] = (),
         y_period: Float[Array, " ny"] | None = None,
+        D: Float[Array, "ny nu"] | None = None,
     ) -> None:
         drift = np.zeros(len(point.x)) if drift is None else drift
         f0 = point.x + drift - A @ point.x - B @ point.u
-        super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=point.y - C @ point.x)
+        d0 = point.y - C @ point.x - (0.0 if D is None else D @ point.u)
+        super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=d0, D=D)
         own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks, "y_period": y_period}
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -128,7 +135,7 @@ class LinearisedModel(LinearModel):
     @property
     def deviation(self) -> LinearModel:
         """The model of x - x_op, u - u_op, y - y_op; its constant part f0 is the drift."""
-        return LinearModel(self.A, self.B, self.C, self.Q_w, self.R_v, f0=self.drift)
+        return LinearModel(self.A, self.B, self.C, self.Q_w, self.R_v, f0=self.drift, D=self.D)
 
     def facts(self) -> list[tuple[str, str]]:
         """Operating point, eigenvalues and ranks."""
@@ -147,6 +154,7 @@ def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobi
     if isinstance(dynamics, OdeDynamics) and dynamics.ode.timed:
         remarks += ("rhs depends on the time: the linear model is that of t = 0",)
     facts: dict[str, Any] = {"known": known, "remarks": remarks, "y_period": dynamics.y_period}
+    facts |= {"D": tangent.D} if dynamics.fed else {}
     return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, **facts)
 
 
@@ -189,7 +197,9 @@ def _given(
         off = float(np.nanmax(np.abs(matrix - numeric), initial=0.0))
         if not off <= DIFFERS * largest:
             remarks.append(f"{name} of `jacobian` differs from differences of the functions by {off:.3g}")
-    return Tangent(matrices[0], matrices[1], matrices[2] if len(matrices) == 3 else differences.C), tuple(remarks)
+    return Tangent(
+        matrices[0], matrices[1], matrices[2] if len(matrices) == 3 else differences.C, differences.D
+    ), tuple(remarks)
 
 
 def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "nx nx"]) -> list[tuple[str, str]]:

@@ -25,11 +25,11 @@ from rmpc_bench.types import Array, DesignError, Model, SystemMatrix
 
 TABLE: Mapping[str, tuple[str, str]] = {
     "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
-    "P_w": ("nx", "nx"), "M_w": ("nx", "nx"), "P_v": ("ny", "ny"), "M_v": ("ny", "ny"),
+    "P_w": ("nx", "nx"), "M_w": ("nx", "nx"), "P_v": ("ny", "ny"), "M_v": ("ny", "ny"), "D": ("ny", "nu"),
 }  # fmt: skip
 """Matrix -> number of its rows and of its columns: states, inputs or outputs."""
 
-LINEAR_PART = ("A", "B", "C", "P_w", "P_v")
+LINEAR_PART = ("A", "B", "C", "P_w", "P_v", "D")
 """Matrices of a `LinearModel`."""
 
 
@@ -55,7 +55,7 @@ class MatrixOverTime(NamedTuple):
             )
         matrix = expanded(self.name, _values(self.name, self.given, k), self.shape)[0]
         try:
-            found: Array = matrix if self.name in ("A", "B", "C") else as_covariance(matrix, len(matrix))
+            found: Array = matrix if self.name in ("A", "B", "C", "D") else as_covariance(matrix, len(matrix))
         except ValueError as error:
             raise DesignError(f"{error} (k = {k})" if self.varies else str(error), self.name) from None
         return found
@@ -108,10 +108,15 @@ class MixedModel(Model):
         """Return the model at k >= 0 with the stochastic noises only."""
         k = k if self.varies else 0
         if ("", k) not in self._made:
-            A, B, C, P_w, P_v = (self._at(name, k) for name in LINEAR_PART)
-            self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean)
+            A, B, C, P_w, P_v, D = (self._at(name, k) for name in LINEAR_PART)
+            self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean, D=D)
         made: LinearModel = self._made["", k]
         return made
+
+    @property
+    def feedthrough(self) -> bool:
+        """Whether there is a D."""
+        return self.matrices["D"].varies or bool(self.at(0).D.any())
 
     def M_w(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the bounded process noise at k >= 0."""
@@ -143,6 +148,7 @@ def design(
     A: SystemMatrix,
     B: SystemMatrix = None,
     C: SystemMatrix,
+    D: SystemMatrix = None,
     P_w: SystemMatrix = 0.0,
     M_w: SystemMatrix = 0.0,
     P_v: SystemMatrix = 0.0,
@@ -151,10 +157,10 @@ def design(
     v_mean: float | list[float] = 0.0,
     scale: NoiseScale | None = None,
 ) -> MixedModel:
-    """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B and C.
+    """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B, C and D.
 
     A missing matrix is zero.  A number stands for that number times the identity.  A matrix is a list of rows; a list
-    is a diagonal, except for B and C.  Entries may depend on the time index k.
+    is a diagonal, except for B, C and D.  Entries may depend on the time index k.
 
     Parameters
     ----------
@@ -162,6 +168,7 @@ def design(
     A : (nx, nx) state matrix
     B : (nx, nu) input matrix
     C : (ny, nx) output matrix
+    D : (ny, nu) feedthrough of the input that acts at k
     P_w : (nx, nx) covariance of the stochastic process noise
     M_w : (nx, nx) shape matrix of the ellipsoid E(0, M_w) that contains the bounded process noise
     P_v : (ny, ny) covariance of the stochastic measurement noise
@@ -176,7 +183,7 @@ def design(
         If the sizes are inconsistent, or a covariance or shape matrix is undefined or not positive semidefinite at
         some k.
     """
-    matrices = _read({"A": A, "B": B, "C": C, "P_w": P_w, "M_w": M_w, "P_v": P_v, "M_v": M_v})
+    matrices = _read({"A": A, "B": B, "C": C, "P_w": P_w, "M_w": M_w, "P_v": P_v, "M_v": M_v, "D": D})
     means = {}
     for name, mean, matrix in (("w_mean", w_mean, "P_w"), ("v_mean", v_mean, "P_v")):
         means[name] = as_vector(mean, matrices[matrix].shape[0], name)

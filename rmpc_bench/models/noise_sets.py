@@ -80,7 +80,7 @@ class MatchedModel(Model):
             return now
         nd = self.model.n_disturbances
         Q_w, R_v = now.Q_w + uniform_covariance(M_w, nd), now.R_v + uniform_covariance(M_v)
-        return LinearModel(now.A, now.B, now.C, Q_w, R_v, S_wv=now.S_wv, f0=now.f0, d0=now.d0)
+        return LinearModel(now.A, now.B, now.C, Q_w, R_v, S_wv=now.S_wv, f0=now.f0, d0=now.d0, D=now.D)
 
 
 def uniform_covariance(M: Float[Array, "n n"], n_disturbances: int = 0) -> Float[Array, "n n"]:

@@ -1,7 +1,8 @@
 """Design model given by an equation of its own, which may be simpler than that of the plant.
 
-Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), with the parameters of the model.  It is
-        used as the plant's own equation is by `linearise` (with `at`) or by `nonlinear` (without).
+Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p) or output(x, u, p), with the
+        parameters of the model.  It is used as the plant's own equation is by `linearise` (with `at`)
+        or by `nonlinear` (without).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from rmpc_bench.models.dynamics import OdeDynamics
 from rmpc_bench.models.linearised import linearised, relinearised
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import nonlinear_model
-from rmpc_bench.models.ode_functions import Names, check_output, is_timed, names_of, refuse_shared
+from rmpc_bench.models.ode_functions import Names, is_fed, is_timed, names_of, refuse_shared
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, Positive, UserFunction
 from rmpc_bench.types.errors import unknown
@@ -50,7 +51,7 @@ def design(
     plant : plant of the experiment
     ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
         x(k+1) with `discrete`
-    output : ``PATH.py:NAME`` of output(x, p); without it all states are measured
+    output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p); without it all states are measured
     states, inputs, outputs : names, such as ``[h1, h2]``, or counts
     parameters : name -> value; they replace those of the plant one by one
     noise : covariances `process` and `measurement` of the noise of the sampled model
@@ -107,7 +108,6 @@ def _equation(
     if output is None:
         y_names, y_units = x_names, x_units
     else:
-        check_output(output)
         y_names, y_units = _named(outputs, None if plant is None else plant.outputs, "outputs", "y")
     nominal = {**({} if plant is None else plant.nominal), **parameters}
     units = {**({} if plant is None else plant.units), **y_units, **u_units, **x_units}
@@ -118,7 +118,15 @@ def _equation(
     scale = tuple(ranges.get(name, 0.0) for name in x_names)
     every = x_names, u_names, y_names, nominal, units, bounds
     return Ode(
-        ode, output, *every, is_timed(ode), substeps=substeps, scale=scale, discrete=discrete, time_unit=time_unit
+        ode,
+        output,
+        *every,
+        is_timed(ode),
+        substeps=substeps,
+        scale=scale,
+        discrete=discrete,
+        time_unit=time_unit,
+        fed=output is not None and is_fed(output),
     )
 
 

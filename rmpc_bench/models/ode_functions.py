@@ -53,14 +53,13 @@ def is_timed(rhs: Any, key: str = "ode") -> bool:
     return n == 4
 
 
-def check_output(output: Any, key: str = "output") -> None:
-    """Refuse an output function that takes anything but (x, p)."""
+def is_fed(output: Any, key: str = "output", *, allowed: bool = True) -> bool:
+    """Whether an output function takes (x, u, p), if that is allowed, and not (x, p)."""
     n = _positional(output, key)
-    if n in (3, 4) and key == "output":
-        reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"
-        raise DesignError(f"{function_name(output)} must take (x, p): {reason}", "output")
-    if n != 2:
-        raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", key)
+    if n not in (2, 2 + allowed):
+        right = "(x, p) or (x, u, p)" if allowed else "(x, p)"
+        raise DesignError(f"{function_name(output)} must take {right}; it takes {_signature(output)}", key)
+    return n == 3
 
 
 def count(names: Names) -> int:

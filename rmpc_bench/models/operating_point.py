@@ -59,7 +59,7 @@ def find_point(dynamics: Dynamics, at: At) -> Found:
     x = numbers(at.x, names.states, "at.x", "state")
     _refuse_outside(dynamics, x, names.states, "at.x")
     _refuse_errors(dynamics, x, u, "at.x")
-    rest, y = dynamics.rest(x, u), dynamics.output(x)
+    rest, y = dynamics.rest(x, u), dynamics.output(x, u)
     if not (np.isfinite(rest).all() and np.isfinite(y).all()):
         raise DesignError(f"the plant is not defined at {text(dynamics, names.states, x)}", "at.x")
     return Found(OperatingPoint(x, u, y), rest, float(np.abs(rest).max(initial=0.0)), None)
@@ -105,7 +105,7 @@ def _of_input(dynamics: Dynamics, at: At, u: Float[Array, " nu"]) -> Found:
     zero = find_zero(lambda x: dynamics.rest(x, u), start, low, high)
     if not zero.converged:
         raise _not_found(dynamics, text(dynamics, names.inputs, u), zero, start, names.states)
-    point = OperatingPoint(zero.x, u, dynamics.output(zero.x))
+    point = OperatingPoint(zero.x, u, dynamics.output(zero.x, u))
     return Found(point, np.zeros(len(start)), zero.residual, zero.iterations)
 
 
@@ -117,13 +117,15 @@ def _of_output(dynamics: Dynamics, at: At) -> Found:
     low, high = dynamics.limits(every)
     start = _start(dynamics, at.guess, names.states, names.inputs)
     _refuse_errors(dynamics, start[:nx], start[nx:], "at.guess")
-    zero = find_zero(
-        lambda z: np.concatenate([dynamics.rest(z[:nx], z[nx:]), dynamics.output(z[:nx]) - y]), start, low, high
-    )
+
+    def missed(z: Float[Array, " n"]) -> Float[Array, " m"]:
+        return np.concatenate([dynamics.rest(z[:nx], z[nx:]), dynamics.output(z[:nx], z[nx:]) - y])
+
+    zero = find_zero(missed, start, low, high)
     x, u = zero.x[:nx], zero.x[nx:]
     if not zero.converged:
         raise _not_found(dynamics, text(dynamics, names.outputs, y), zero, start, every)
-    return Found(OperatingPoint(x, u, dynamics.output(x)), np.zeros(nx), zero.residual, zero.iterations)
+    return Found(OperatingPoint(x, u, dynamics.output(x, u)), np.zeros(nx), zero.residual, zero.iterations)
 
 
 def _start(

@@ -56,7 +56,7 @@ class ServoFlow(Flow):
         moved[status != Status.OK] = np.nan
         return moved
 
-    def measure(self, k: int, x: Float[Array, "points 5"]) -> Float[Array, "points 1"]:
+    def measure(self, k: int, x: Float[Array, "points 5"], *u: Array) -> Float[Array, "points 1"]:
         """Return the load angle."""
         return x[:, :1]
 

@@ -47,6 +47,11 @@ class UncertainModel(OfSystem, Model):
         return self.system.varies
 
     @property
+    def feedthrough(self) -> bool:
+        """Whether there is a D."""
+        return "D" in self.system.active
+
+    @property
     def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
         """Mean and covariance of the process noise w."""
         return self.wbar, self.W
@@ -74,7 +79,7 @@ class UncertainModel(OfSystem, Model):
         mean, joint = self.noise
         B, D = np.hstack([m.Bw, m.Bv]), np.hstack([m.Dw, m.Dv])
         Q_w, R_v = symmetrise(B @ joint @ B.T), symmetrise(D @ joint @ D.T)
-        return LinearModel(m.A, m.B, m.C, Q_w, R_v, S_wv=B @ joint @ D.T, f0=B @ mean, d0=D @ mean)
+        return LinearModel(m.A, m.B, m.C, Q_w, R_v, S_wv=B @ joint @ D.T, f0=B @ mean, d0=D @ mean, D=m.D)
 
 
 @takes_matrices
@@ -172,5 +177,5 @@ def _without_uncertainty(now: LinearModel) -> DesignSystem:
     sizes = {name: 1 for pair in SIZES.values() for name in pair} | {"nx": nx, "nu": now.nu, "ny": ny}
     sizes |= {"nw": nx, "nv": ny}
     zero = {name: np.zeros((sizes[rows], sizes[columns])) for name, (rows, columns) in SIZES.items()}
-    m = Matrices(**{**zero, "A": now.A, "B": now.B, "C": now.C, "Bw": np.eye(nx), "Dv": np.eye(ny)})
+    m = Matrices(**{**zero, "A": now.A, "B": now.B, "C": now.C, "D": now.D, "Bw": np.eye(nx), "Dv": np.eye(ny)})
     return DesignSystem(now, m, now.Q_w, now.R_v, now.S_wv, np.zeros(nx), np.zeros(ny))

@@ -1,7 +1,7 @@
 """Matrices of an uncertain linear system, and their sizes.
 
 System  x(k+1) = (A + H_A F_x G_x) x + B u + (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
-        y(k)   = (C + H_C F_x G_x) x       + (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v,
+        y(k)   = (C + H_C F_x G_x) x + D u + (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v,
         F_x' F_x <= I, F_w' F_w <= I, F_v' F_v <= I; otherwise every F(k) is arbitrary and may vary with k.
 Source  souto2011, (24), (25), (34)-(38), with an input u.
 Form    Matrices with separate uncertainties, (26)-(31), share an F with more columns here: H_A = [h 0], H_C = [0 h'].
@@ -46,6 +46,7 @@ class Matrices(NamedTuple):
     H_Bv: Float[Array, "*k nx rv"]
     H_Dv: Float[Array, "*k ny rv"]
     G_v: Float[Array, "*k sv nv"]
+    D: Float[Array, "*k ny nu"]
 
 
 SIZES: Mapping[str, tuple[str, str]] = {
@@ -54,6 +55,7 @@ SIZES: Mapping[str, tuple[str, str]] = {
     "H_A": ("nx", "rx"), "H_C": ("ny", "rx"), "G_x": ("sx", "nx"),
     "H_Bw": ("nx", "rw"), "H_Dw": ("ny", "rw"), "G_w": ("sw", "nw"),
     "H_Bv": ("nx", "rv"), "H_Dv": ("ny", "rv"), "G_v": ("sv", "nv"),
+    "D": ("ny", "nu"),
 }  # fmt: skip
 """Matrix -> number of its rows and of its columns: states, inputs, outputs, noises, rows and columns of the F."""
 
@@ -64,6 +66,7 @@ MEANINGS: Mapping[str, str] = {
     "H_A": "how F_x enters A", "H_C": "how F_x enters C", "G_x": "combination of the states that F_x multiplies",
     "H_Bw": "how F_w enters Bw", "H_Dw": "how F_w enters Dw", "G_w": "combination of w that F_w multiplies",
     "H_Bv": "how F_v enters Bv", "H_Dv": "how F_v enters Dv", "G_v": "combination of v that F_v multiplies",
+    "D": "feedthrough: how u(k) enters y(k)",
 }  # fmt: skip
 REQUIRED = ("A", "C")
 
@@ -205,7 +208,7 @@ Fact = tuple[str, str]
 ON_CIRCLE = 1e-6
 """Distance of a zero from the unit circle that counts as rounding; a zero of multiplicity d is accurate to about
 1e-16^(1/d)."""
-ENTRANCES = {"nu": {"B"}, "nw": {"Bw", "Dw", "w"}, "nv": {"Bv", "Dv", "v"}}
+ENTRANCES = {"nu": {"B", "D"}, "nw": {"Bw", "Dw", "w"}, "nv": {"Bv", "Dv", "v"}}
 """Size of a signal -> the matrices and channels through which that signal enters."""
 
 
@@ -252,7 +255,7 @@ def _matrices(system: UncertainSystem) -> list[Fact]:
         if matrix.any():
             note = "varies with k; at k = 0\n" if len(matrix) > 1 else ""
             shown += [(name, note + _rows(matrix[0]))]
-        else:
+        elif name != "D":
             absent += [name]
     return shown + ([("zero", ", ".join(absent))] if absent else [])
 

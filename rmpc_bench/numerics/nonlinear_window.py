@@ -53,8 +53,8 @@ class WindowMaps(NamedTuple):
 
     So many points, the first ones, decide on the intervals of an integration with error control.
     """
-    measure: Callable[[Array], Array]
-    """Maps states (runs, samples, points, n) of all samples to h."""
+    measure: Callable[[Array, Array], Array]
+    """Maps states (runs, samples, points, n) of all samples, and the inputs of `Windows`, to h."""
     Q_inv: Float[Array, "moves n n"]
     A: Float[Array, "moves n n"] | None
     C: Float[Array, "samples ny n"] | None
@@ -70,7 +70,8 @@ class Windows(NamedTuple):
 
     x_bar: Float[Array, "runs n"]
     P_inv: Float[Array, "runs n n"]
-    u: Float[Array, "runs moves nu"]
+    u: Float[Array, "runs inputs nu"]
+    """One per move, and one more where h depends on it."""
     y: Float[Array, "runs samples ny"]
     """0 where a measurement is missing."""
     R_inv: Float[Array, "runs samples ny ny"]
@@ -164,9 +165,9 @@ class WindowSolver:
         else:
             f, F = self._slopes(lambda z: _moved(maps, data, 0, z), before, data.size[:, :-1], maps.x_period)
         if maps.C is not None:
-            h, C = maps.measure(x[:, :, None])[:, :, 0], np.broadcast_to(maps.C, (runs, *maps.C.shape))
+            h, C = maps.measure(x[:, :, None], data.u)[:, :, 0], np.broadcast_to(maps.C, (runs, *maps.C.shape))
         else:
-            h, C = self._slopes(maps.measure, x, data.size, maps.y_period)
+            h, C = self._slopes(lambda z: maps.measure(z, data.u), x, data.size, maps.y_period)
         cost, (a, q, v) = _cost(maps, data, x, f, h)
         FQ, CR = F.mT @ Q_inv, C.mT @ data.R_inv
         g, D, every = (C.mT @ v[..., None])[..., 0], CR @ C, np.arange(m)
@@ -266,7 +267,7 @@ def _cost(maps: WindowMaps, data: Windows, x: Array, f: Array, h: Array) -> tupl
 def _cost_at(maps: WindowMaps, data: Windows, x: Array) -> Float[Array, " runs"]:
     """Return the cost."""
     f = _moved(maps, data, 0, x[:, :-1, None])[:, :, 0]
-    return _cost(maps, data, x, f, maps.measure(x[:, :, None])[:, :, 0])[0]
+    return _cost(maps, data, x, f, maps.measure(x[:, :, None], data.u)[:, :, 0])[0]
 
 
 def _moved(maps: WindowMaps, data: Windows, first: int, x: Float[Array, "runs moves points n"]) -> Array:

@@ -75,6 +75,8 @@ class Problem(NamedTuple):
     moves: int
     over: Sequence[tuple[Array, Array, Array, Array]] | None = None
     """A, B, f of the step to every sample 1..N, and C there, of a model that changes; those above if not given."""
+    D: Float[Array, "ny nu"] | None = None
+    """The outputs are C x(j) + D u(j), with u = 0 after the first ``moves``; None for 0."""
 
     def step(self, j: int) -> tuple[Array, Array, Array, Array]:
         """Return A, B, f of the step to sample j, and C there."""
@@ -88,10 +90,16 @@ class Problem(NamedTuple):
         (nx, nu), ny = self.B.shape, len(self.C)
         known = self.N * ny + 1
         S, lost, found = np.zeros((0, nx + known)), [], []
+
+        def seen(j: int) -> Array:
+            row: Array = self.Q_yw @ np.hstack([self.step(j)[3], np.eye(ny, known, (j - 1) * ny)])
+            return row
+
         for j in range(self.N, 0, -1):
             acts = j <= self.moves
-            A, B, f, C = self.step(j)
-            S = np.vstack([S, self.Q_yw @ np.hstack([C, np.eye(ny, known, (j - 1) * ny)])])
+            A, B, f, _ = self.step(j)
+            if self.D is None or j >= self.moves:
+                S = np.vstack([S, seen(j)])
             if len(S) > nx:
                 S = eliminated(S, nx)[0]
                 lost.append(S[nx:])
@@ -100,7 +108,10 @@ class Problem(NamedTuple):
             S = np.hstack([of_x @ A, S[:, nx:]])
             S[:, -1] -= of_x @ f
             if acts:
-                stack = np.block([[of_x @ B, S], [self.Q_u, np.zeros((nu, nx + known))]])
+                of_u = of_x @ B
+                if self.D is not None and j > 1:  # the output at j - 1 depends on this input, too
+                    of_u, S = np.vstack([of_u, self.Q_yw @ self.D]), np.vstack([S, seen(j - 1)])
+                stack = np.block([[of_u, S], [self.Q_u, np.zeros((nu, nx + known))]])
                 T, order = eliminated(stack, nu, np.abs(stack[:, :nu]).max(axis=1))
                 row = np.empty((nu, nu + nx + known))
                 row[order] = np.linalg.solve(T[:nu, :nu], np.hstack([np.eye(nu), T[:nu, nu:]]))

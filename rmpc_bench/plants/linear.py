@@ -1,6 +1,6 @@
 """Linear plant.
 
-Model   x(k+1) = A_k x + B_k u + w,  y(k) = C_k x + v.  The section `noise` defines w and v.
+Model   x(k+1) = A_k x + B_k u + w,  y(k) = C_k x + D_k u + v.  The section `noise` defines w and v.
 Source  ma2025, (3), (4).
 Cost    As `uncertain-linear` without uncertainty.
 """
@@ -38,8 +38,8 @@ NOT_UNCERTAIN = Uncertainty("fixed", value=0.0)
 
 # Linear plant whose matrices may depend on the parameters of a run.
 #
-# Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) with the matrices of the parameters of the run.  A
-#         continuous system is sampled exactly, with the input held over a sample.
+# Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + D u(k) + v(k) with the matrices of the parameters of the
+#         run.  A continuous system is sampled exactly, with the input held over a sample.
 # Names   States, inputs and outputs have the names that the system gives them.  The simulation limits inputs to their
 #         bounds before they act.
 # Cost    Matrices: one exponential per run with parameters of its own.  A step is three small products per run.
@@ -53,6 +53,7 @@ class Matrices(NamedTuple):
     A: Float[Array, "runs nx nx"]
     B: Float[Array, "runs nx nu"]
     C: Float[Array, "runs ny nx"]
+    D: Float[Array, "runs ny nu"]
     numbers: Float[Array, "runs n_parameters"]  # parameters, in the order of their names
     status: Statuses
 
@@ -63,6 +64,8 @@ class StartedMatrices(NamedTuple):
     A: Float[Array, "runs nx nx"]
     B: Float[Array, "runs nx nu"]
     C: Float[Array, "runs ny nx"]
+    D: Float[Array, "runs ny nu"]
+    D: Float[Array, "runs ny nu"]
     numbers: Float[Array, "runs n_parameters"]
     status: Statuses
     runs: RunInfo
@@ -93,6 +96,7 @@ class ParametricLinear(Plant):
     Ts: float
     family: ParametricSystem
     signals: Signals
+    feedthrough: bool = False
     starts_runs = True
 
     @property
@@ -138,8 +142,8 @@ class ParametricLinear(Plant):
         systems = [each if isinstance(each, SampledSystem) else usual for each in made]
         statuses = np.array([OK if isinstance(each, SampledSystem) else each[0] for each in made], dtype=np.int8)
         row_of = row_of.reshape(len(numbers))
-        A, B, C = (np.array([each[i] for each in systems if each is not None])[row_of] for i in range(3))
-        return Matrices(A, B, C, numbers, statuses[row_of])
+        A, B, C, D = (np.array([each[i] for each in systems if each is not None])[row_of] for i in range(4))
+        return Matrices(A, B, C, D, numbers, statuses[row_of])
 
     def start(self, delta: Matrices, x0: Float[Array, "runs nx"], runs: RunInfo) -> StartedMatrices:
         """Add the runs, to note why some of them have no matrices."""
@@ -162,15 +166,21 @@ class ParametricLinear(Plant):
         return Motion(mv(delta.A, x) + mv(delta.B, u) + w, delta.status.copy())
 
     def output(
-        self, k: int, delta: Matrices | StartedMatrices, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
+        self,
+        k: int,
+        delta: Matrices | StartedMatrices,
+        x: Float[Array, "runs nx"],
+        v: Float[Array, "runs nv"],
+        u: Float[Array, "runs nu"] | None = None,
     ) -> Float[Array, "runs ny"]:
         """Measure."""
-        return mv(delta.C, x) + v
+        y = mv(delta.C, x)
+        return (y if u is None else y + mv(delta.D, u)) + v
 
     def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Return the matrices for some parameters; None where there are none."""
         found = self._of(np.array([parameters[name] for name in self.nominal]))
-        return LinearPlant(*found, np.eye(self.nx)) if isinstance(found, SampledSystem) else None
+        return LinearPlant(*found[:3], np.eye(self.nx), found.D) if isinstance(found, SampledSystem) else None
 
     def _nominal(self) -> SampledSystem:
         return self.family.sampled(self.nominal, self.Ts)
@@ -199,19 +209,21 @@ def linear_plant(
     A system without parameters and without bounds of an input is simulated in compiled code, and its moments are
     exact, as those of the plant `linear`.
     """
-    A, B, C = system.sampled(system.nominal, Ts)
+    A, B, C, D = system.sampled(system.nominal, Ts)
     named = system.signals({})
     signals = system.signals(bounds_by_name(bounds or {}, named.states, named.inputs))
     if system.nominal or signals.limits_inputs:
-        return ParametricLinear(Ts, system, signals)
-    given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0}
+        return ParametricLinear(Ts, system, signals, bool(D.any()))
+    given = {"A": A[None], "B": B[None], "C": C[None], "Bw": 1.0, "Dv": 1.0, "D": D[None]}
     return FixedLinear(uncertain_system(n_steps, given), NOT_UNCERTAIN, Ts, own_signals=signals, A_c=system.A_c)
 
 
 NONE = Uncertainty("fixed", value=0.0)
 
 
-def design(Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, C: SystemMatrix) -> UncertainLinear:
+def design(
+    Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, C: SystemMatrix, D: SystemMatrix = None
+) -> UncertainLinear:
     """Linear system with one noise per state and one per output.
 
     A missing matrix is zero.  A number stands for that number times the identity.  A is a list of rows or a list, its
@@ -224,10 +236,11 @@ def design(Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, 
     A : (nx, nx) state matrix
     B : (nx, nu) input matrix
     C : (ny, nx) output matrix
+    D : (ny, nu) feedthrough of the input that acts at k
 
     Raises
     ------
     DesignError
         If the sizes are inconsistent, or an entry is undefined at some k.
     """
-    return UncertainLinear(uncertain_system(n_steps, {"A": A, "B": B, "C": C, "Bw": 1.0, "Dv": 1.0}), NONE, Ts)
+    return UncertainLinear(uncertain_system(n_steps, {"A": A, "B": B, "C": C, "Bw": 1.0, "Dv": 1.0, "D": D}), NONE, Ts)

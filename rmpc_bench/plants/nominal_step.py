@@ -34,7 +34,7 @@ class NominalStep:
         system: UncertainSystem | None = plant.system
         if system is not None:
             now = system.at(0)
-            return cls(plant, None if system.varies else LinearPlant(now.A, now.B, now.C, np.eye(plant.nx)))
+            return cls(plant, None if system.varies else LinearPlant(now.A, now.B, now.C, np.eye(plant.nx), now.D))
         step, linear = cls(plant, None), plant.linear(dict(plant.nominal))
         return step if linear is None or plant.limits_inputs or not step._equals(linear) else cls(plant, linear)
 
@@ -47,11 +47,13 @@ class NominalStep:
         motion = self.plant.step(k, delta, _row(x), self.plant.applied_inputs(_row(u)), w)
         return motion.x[0] if motion.status[0] == Status.OK else np.full(self.plant.nx, np.nan)
 
-    def output(self, k: int, x: Array, parameters: Mapping[str, float]) -> Float[Array, " ny"]:
+    def output(self, k: int, x: Array, u: Array, parameters: Mapping[str, float]) -> Float[Array, " ny"]:
         """Return y(k) without noise."""
         if self.plant.system is not None:
-            return np.asarray(self.plant.system.at(k).C @ x)
-        y = self.plant.output(k, self._delta(parameters), _row(x), np.zeros((1, self.plant.nv)))
+            now = self.plant.system.at(k)
+            return np.asarray(now.C @ x + now.D @ u)
+        acting = [self.plant.applied_inputs(_row(u))] if self.plant.feedthrough else []
+        y = self.plant.output(k, self._delta(parameters), _row(x), np.zeros((1, self.plant.nv)), *acting)
         return np.asarray(y[0])
 
     def _delta(self, parameters: Mapping[str, float]) -> Any:
@@ -61,13 +63,16 @@ class NominalStep:
 
     def _equals(self, linear: LinearPlant) -> bool:
         """Whether the plant is its linear part: a plant with friction, for example, is not."""
-        rng, (A, B, C, _) = np.random.Generator(np.random.PCG64(7)), linear
+        rng, (A, B, C, _, D) = np.random.Generator(np.random.PCG64(7)), linear
         if A.shape[0] != self.plant.nx:
             return False
         for size in SIZES:
             for _ in range(POINTS):
                 x, u = size * rng.standard_normal(self.plant.nx), size * rng.standard_normal(self.plant.nu)
-                pairs = (self.advance(0, x, u, {}), A @ x + B @ u), (self.output(0, x, {}), C @ x)
+                pairs = (
+                    (self.advance(0, x, u, {}), A @ x + B @ u),
+                    (self.output(0, x, u, {}), C @ x + np.broadcast_to(D, (len(C), len(u))) @ u),
+                )
                 if not all(np.allclose(a, b, rtol=EQUAL, atol=EQUAL * size) for a, b in pairs):
                     return False
         return True

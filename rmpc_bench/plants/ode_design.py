@@ -20,8 +20,8 @@ from jaxtyping import Float, Int
 
 from rmpc_bench.models.ode_functions import (
     Names,
-    check_output,
     function_name,
+    is_fed,
     is_timed,
     names_of,
     padded,
@@ -102,8 +102,8 @@ def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"], key: str = "output") 
     """Say the same of an output function, which a key of the configuration names."""
     some = sample(ode, x0, max(BLOCKS))
     return _takes_blocks(
-        lambda part, p: ode.measure(padded(part.x), p),
-        lambda x, u, p: ode.measure(x, p),
+        lambda part, p: ode.measure(padded(part.x), padded(part.u), p),
+        ode.measure,
         ode, some, key, function_name(ode.output),
     )  # fmt: skip
 
@@ -318,7 +318,6 @@ def equation(
     u_names, u_units = names_of(inputs, "inputs", "u")
     refuse_shared(x_names, u_names)
     if output is not None:
-        check_output(output)
         if outputs is None:
             raise DesignError("name the outputs, or give their number", "outputs")
     elif outputs is not None and names_of(outputs, "outputs", "y")[0] != x_names:
@@ -332,7 +331,7 @@ def equation(
     every_unit, timed = {**y_units, **u_units, **units}, is_timed(rhs)
     named = x_names, u_names, y_names
     record = Ode(rhs, output, *named, nominal, every_unit, own, timed, discrete=discrete, time_unit=time_unit)
-    record = replace(record, angles=angles or {})
+    record = replace(record, angles=angles or {}, fed=output is not None and is_fed(output))
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.models.ode_functions import Names, check_output, function_name, names_of, padded, rows
+from rmpc_bench.models.ode_functions import Names, function_name, is_fed, names_of, padded, rows
 from rmpc_bench.plants.ode_design import initial, output_takes_blocks
 from rmpc_bench.plants.ode_stepping import Stepping, advance_block, advance_run
 from rmpc_bench.types import Array, DesignError, Ode, Parameters, SolverError
@@ -32,12 +32,12 @@ def extra_equation(
         return None, ()
     if names is None:
         raise DesignError("name the extra signals", "extra_signals")
-    check_output(function, "extra_signal")
+    is_fed(function, "extra_signal", allowed=False)
     found, units = names_of(names, "extra_signals", "z")
     used = [name for name in found if name in (*ode.states, *ode.inputs, *ode.outputs, *RECORDED)]
     if used:
         raise DesignError(f"{used[0]!r} is the name of another signal already", "extra_signals")
-    extra = replace(ode, output=function, outputs=found, units=units)
+    extra = replace(ode, output=function, outputs=found, units=units, fed=False)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):
         reason = output_takes_blocks(extra, initial(ode, x0), "extra_signal")
@@ -54,14 +54,14 @@ def extra_values(
     with np.errstate(all="ignore"):
         if extra.output_takes_blocks:
             p = rows(extra.nominal, padded(np.repeat(numbers, n_samples, axis=0)))
-            flat = extra.measure(padded(x.reshape(-1, nx)), p)[place, : n_runs * n_samples]
+            flat = extra.measure(padded(x.reshape(-1, nx)), None, p)[place, : n_runs * n_samples]
             return np.ascontiguousarray(flat).reshape(n_runs, n_samples)
         found = np.full((n_runs, n_samples), np.nan)
         for i in range(n_runs):
             p = _of_run(extra, numbers, i)
             # A failed run may have states for which the function is not defined.
             for k in np.flatnonzero(np.isfinite(x[i]).all(axis=1)).tolist():
-                found[i, k] = extra.measure(x[i, k], p)[place]
+                found[i, k] = extra.measure(x[i, k], None, p)[place]
     return found
 
 

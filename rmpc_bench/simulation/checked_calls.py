@@ -118,10 +118,10 @@ class _Checked:
 class CheckedPlant(_Checked):
     """The calls of a plant in the loop; `alive` is updated in place."""
 
-    def output(self, k: int, delta: Any, x: Array, v: Array) -> Array:
+    def output(self, k: int, delta: Any, x: Array, v: Array, *u: Array) -> Array:
         """Return the checked output."""
         with self._user_code():
-            y: Array = self._component.output(k, delta, x, v)
+            y: Array = self._component.output(k, delta, x, v, *u)
         _check_array(y, "output", "y", (self._n, self._component.ny))
         return y
 

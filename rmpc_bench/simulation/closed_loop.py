@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,10 @@ from rmpc_bench.simulation.angles import turned_calls
 from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values, signals_read
 from rmpc_bench.simulation.ensemble import Group, groups
-from rmpc_bench.simulation.input_channel import ActingInput, InputChannel
+from rmpc_bench.simulation.input_channel import ActingInput, Feedthrough, InputChannel
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
+from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Draws, Experiment
@@ -164,13 +166,15 @@ def simulate(
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     moving, *own = checked_calls(plant, method, alive, start.journal)
-    filter_, law = turned_calls(method, *own)
+    counted = RunInfo(start.runs, (), alive, start.journal)
+    channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
+    signal = partial(controller.signal.sample, start.runs) if isinstance(controller, OpenLoop) else None
+    fed = Feedthrough(plant, channel, estimator, signal, n_steps)
+    filter_, law = turned_calls(method, fed.used_by(own[0]), own[1])
     arrivals = Arrivals(draws, method.delay)
     timed = BlockTimes(arrivals.used_by(filter_), law)
     known = r[: n_steps + 1].copy()
     limits, changes_inputs = RunLimits(state_range, x, known), plant.limits_inputs or bool(draws.inputs)
-    counted = RunInfo(start.runs, (), alive, start.journal)
-    channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
     loop = _Loop(method, timed, limits, runs, start, channel, n_steps)
     # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
     has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
@@ -182,9 +186,10 @@ def simulate(
         status = runs.after(limits.of_state(np.full(n_runs, OK), failed, x))
         for k in range(n_steps + 1):
             start.watch.step(k)
-            y_true = np.array(moving.output(k, draws.delta, x, no_noise))
+            acting = fed.at(k, n_runs)
+            y_true = np.array(moving.output(k, draws.delta, x, no_noise, *acting))
             outputs.at(k, x=x, y=y_true)
-            y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
+            y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k], *acting))
             y, given = arrivals.at(k, draws.altered(k, y))
             status = runs.with_reported(status)
             e, estimate, status = loop.corrected(k, e, status, given, nd)
@@ -250,7 +255,7 @@ class _Loop(NamedTuple):
         x, y_hat = estimate.x_hat, []
         for i, u in enumerate(self.channel.on_way):
             now = min(k + i, last)
-            y_hat.append(method.flow.measure(now, x))
+            y_hat.append(method.flow.measure(now, x, *([u] if method.estimator.fed is not None else [])))
             x = method.flow.advance(now, x, u)
             # The mean of the process noise is held over the horizon of a law, too.
             x = x + estimate.info["w_mean"] if method.estimator.estimates_mean else x

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.simulation.angles import turned_calls
-from rmpc_bench.simulation.input_channel import InputChannel
+from rmpc_bench.simulation.input_channel import Feedthrough, InputChannel, least_delay
 from rmpc_bench.simulation.late_measurements import Arrivals
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment, own_draws
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Journal, KnownDelay, Method, RunInfo, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, DesignError, Journal, KnownDelay, Method, RunInfo, Status, as_estimate, as_motion
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -64,8 +64,12 @@ class Episode:
         mixes = self.plant.mixes_noise
         self._draws, self._arrivals = draws, Arrivals(draws, delay)
         self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
+        estimator = None if method is None else method.estimator
+        self._fed = Feedthrough(self.plant, self._channel, estimator, None, self.n_steps)
+        if self._fed.acts and not least_delay(scenario.input, self.plant.nu):
+            raise DesignError("y(k) depends on u(k), which is chosen after y(k): noise: {input: {delayed: 1}}")
         if method is not None:
-            filter_, _ = turned_calls(method, method.estimator, None)
+            filter_, _ = turned_calls(method, self._fed.used_by(method.estimator), None)
             self._filter = self._arrivals.used_by(filter_)
             self._e = start.estimator(method.estimator, 1, self._delta, self._runs)
         self._limits = RunLimits(experiment.state_range, self._x, self.r[: self.n_steps + 1])
@@ -99,10 +103,11 @@ class Episode:
 
     def _measured(self) -> Sample:
         k, plant = self.k, self.plant
-        y_true = np.array(plant.output(k, self._delta, self._x, np.zeros_like(self._v[:, 0])))
+        acting = self._fed.at(k, 1)
+        y_true = np.array(plant.output(k, self._delta, self._x, np.zeros_like(self._v[:, 0]), *acting))
         y = y_true + self._v[:, k]
         if not plant.mixes_noise:
-            y = np.array(plant.output(k, self._delta, self._x, self._v[:, k]))
+            y = np.array(plant.output(k, self._delta, self._x, self._v[:, k], *acting))
         y, given = self._arrivals.at(k, self._draws.altered(k, y))
         self._status = self._runs.with_reported(self._status)
         x_hat = None

@@ -6,18 +6,21 @@ Model   u_c(k) is what the controller returns.  u(k), what acts, is u_c after th
         u_m(k), what the method knows of u(k), has no law that adds, no holding with `known: false`, and the delay of
         the design model in place of the first delay, or after all laws where there is none.
         A law that remembers its input gets u_c as limited by bounds, rounding and known holding before any delay.
+        With feedthrough y(k) depends on u(k), which then must be known before u_c(k).
 Start   The input before k = 0 is that of the operating point of the design model, else 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, KnownDelay, Plant, RunInfo
 
 Stage = Callable[[int, Array], Array]
@@ -41,7 +44,8 @@ class InputChannel:
     def __init__(
         self, plant: Plant, laws: Sequence[Any], delay: KnownDelay, before: Sequence[float], runs: RunInfo
     ) -> None:
-        self._plant, self._runs, n_runs = plant, runs, len(runs.alive)
+        self._plant, n_runs = plant, len(runs.alive)
+        self._runs: RunInfo | None = runs
         start = np.tile(np.asarray(before or [0.0] * plant.nu), (n_runs, 1))
         self.on_way = [start] * delay.input
         """What a law has sent at k-d..k-1, which acts at k..k+d-1 as far as the method knows."""
@@ -62,6 +66,69 @@ class InputChannel:
         sent = self._plant.applied_inputs(_through(self._sent, k, u)) if self.on_way else known
         self.on_way = [*self.on_way[1:], sent] if self.on_way else []
         return ActingInput(acting, known, sent)
+
+    def ahead(self, k: int, u: Float[Array, "runs nu"]) -> ActingInput:
+        """Return what `step` will return; u has no effect behind a delay of every run."""
+        peek = copy(self)
+        stages = ([*map(copy, each)] for each in (self._laws, self._known, self._sent))
+        peek._runs, (peek._laws, peek._known, peek._sent) = None, stages
+        return peek.step(k, u)
+
+
+def least_delay(laws: Sequence[Any], nu: int) -> int:
+    """Return the least delay of any input by laws of the input, in samples."""
+    return int(min(sum((law.low * law.chosen for law in laws if law.longest_delay), np.zeros(nu)), default=0))
+
+
+class Feedthrough:
+    """The u(k) on which y(k) depends, before the command of k is known; in open loop it comes from a signal.
+
+    Parameters
+    ----------
+    plant, channel : of a block of runs
+    estimator : of the method; None without
+    signal : gives the inputs in open loop for a number of samples; None where all inputs are late
+    """
+
+    def __init__(self, plant: Plant, channel: InputChannel, estimator: Any, signal: Any, n_steps: int) -> None:
+        self._plant, self._channel, self._estimator = plant, channel, estimator
+        self.acts = plant.feedthrough or (estimator is not None and estimator.fed is not None)
+        self._signal = signal(n_steps + 1) if self.acts and signal is not None else None
+        self._known = dict[int, Array]()
+
+    def at(self, k: int, n_runs: int) -> list[Array]:
+        """Return u(k) for a plant that takes it; u(N) of a recorded signal is u(N-1), of a recorded run unknown."""
+        if not self.acts:
+            return []
+        given = self._signal
+        u = np.zeros((n_runs, self._plant.nu)) if given is None else given[:, min(k, given.shape[1] - 1)]
+        acting = self._channel.ahead(k, u)
+        is_given = given is None or k < given.shape[1] or self._plant.feedthrough
+        self._known[k] = acting.known if is_given else np.full_like(u, np.nan)
+        return [acting.u] if self._plant.feedthrough else []
+
+    def used_by(self, calls: Any) -> Any:
+        """Return calls of the estimator with y(k) for one that gets what it needs of u(k)."""
+        fed = self._estimator is not None and self._estimator.fed is not None
+        return FedEstimator(calls, self._estimator, self._known) if fed else calls
+
+
+class FedEstimator:
+    """The calls of an estimator that gets y(k) - D u(k), or u(k) beside y(k); `known` has u(k) by k, NaN if unknown."""
+
+    def __init__(self, calls: Any, design: Any, known: Any) -> None:
+        self._calls, self._design, self._known = calls, design, known
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._calls, name)
+
+    def correct(self, k: int, state: Any, y: Array) -> Any:
+        """Use y(k)."""
+        u = self._known[k]
+        if self._design.takes_input:
+            used = np.where(np.isnan(u).any(axis=1, keepdims=True), np.nan, y)
+            return self._calls.correct(k, state, used, np.nan_to_num(u))
+        return self._calls.correct(k, state, y - mv(self._design.fed.at(k).D, u))
 
 
 def _is_known(law: Any) -> bool:

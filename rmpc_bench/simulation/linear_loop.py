@@ -42,6 +42,8 @@ def applies(experiment: Experiment, method: Method) -> bool:
     parts = (experiment.plant, method.estimator, method.controller)
     if any(map(is_own, parts)) or not all(part.has_compiled_form for part in parts) or experiment.plant.limits_inputs:
         return False
+    if experiment.plant.feedthrough or method.estimator.fed is not None:
+        return False
     if experiment.scenario.input or method.delay.input or method.period is not None:
         return False
     size = experiment.n_runs * experiment.n_steps * len(experiment.methods)

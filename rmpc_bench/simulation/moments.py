@@ -49,6 +49,8 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "the uncertainty is drawn per run, so it is not white"
     if method.estimator.gain_schedule is None:
         return "the gains of the estimator depend on the run"
+    if plant.feedthrough or method.estimator.fed is not None:
+        return "y(k) depends on u(k)"
     if method.period is not None:
         return "innovations of angles are wrapped"
     if not isinstance(method.controller, Rest | OpenLoop):

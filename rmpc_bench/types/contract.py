@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from inspect import isfunction
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from rmpc_bench.types.basics import declaring
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.estimator import Estimator
@@ -62,7 +63,12 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     wrong = next(_CHECKS[group](made, provided), None) if group in _CHECKS else None
     if wrong is not None:
         raise DesignError(f"{name}: {wrong}", "kind")
-    return made
+    model = provided.get("model") if group == "estimators" else None
+    if model is None or not model.feedthrough:
+        return made
+    if not cast("Estimator", made).takes_input:
+        model.at(0)  # a DesignError where there is no D
+    return declaring(made, fed=model)
 
 
 def undefined_methods(group: str, kind: type) -> list[str]:

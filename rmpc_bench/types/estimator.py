@@ -59,6 +59,16 @@ class Estimator(Design):
         return True
 
     @attribute
+    def takes_input(self) -> bool:
+        """Whether `correct` takes u(k) as a further argument, for h(x, u); otherwise it gets y(k) - D u(k)."""
+        return False
+
+    @attribute
+    def fed(self) -> Any:
+        """Design model with feedthrough, whose D u(k) is taken from y(k) for `correct`; None without."""
+        return None
+
+    @attribute
     def form(self) -> Literal["filter", "predictor"] | None:
         """Whether x_hat(k) uses y(k) (`filter`) or not (`predictor`); None where it is not declared."""
         return None

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array, attribute
+from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.records import OperatingPoint
 
 
@@ -39,6 +40,17 @@ class Model:
         return False
 
     @attribute
+    def feedthrough(self) -> bool:
+        """Whether y(k) depends on u(k): by D, or by h(x, u) of a nonlinear model."""
+        is_own = self.undisturbed is self
+        return self.is_linear_model and bool(self.D.any()) if is_own else self.undisturbed.feedthrough
+
+    def refuse_feedthrough(self, kind: str) -> None:
+        """Raise a DesignError where a method counts with y(k) = C x(k)."""
+        if self.feedthrough:
+            raise DesignError(f"{kind} needs a model without feedthrough: y(k) must not depend on u(k)", "kind")
+
+    @attribute
     def is_linear_model(self) -> bool:
         """Whether it is itself a linear model, the same at all k, with the matrices A, B, C, Q_w and R_v."""
         return False
@@ -57,6 +69,11 @@ class Model:
     def C(self) -> Float[Array, "ny nx"]:
         """Output matrix of a model that is the same at all k."""
         return self._constant("C")
+
+    @attribute
+    def D(self) -> Float[Array, "ny nu"]:
+        """Feedthrough of a model that is the same at all k."""
+        return self._constant("D")
 
     @attribute
     def f0(self) -> Float[Array, " nx"]:

@@ -1,6 +1,6 @@
 """The record of an ordinary differential equation or of a map: what a plant knows of it, and what design models use.
 
-x' = rhs(t, x, u, p), or x(k+1) = rhs(k Ts, x(k), u(k), p) of a map;  y = output(x, p)
+x' = rhs(t, x, u, p), or x(k+1) = rhs(k Ts, x(k), u(k), p) of a map;  y = output(x, p), or output(x, u, p)
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class Ode(NamedSignals):
     ----------
     rhs : the user's function rhs(x, u, p) or, with `timed`, rhs(t, x, u, p); returns nx time derivatives, or x(k+1)
         with `discrete`
-    output : the user's function output(x, p), which returns ny numbers; None where all states are measured
+    output : the user's function output(x, p) or, with `fed`, output(x, u, p), which returns ny numbers; None
+        where all states are measured
     states, inputs, outputs : names
     nominal : name of a parameter -> nominal value
     units : name of a state, an input or an output -> unit; names without one are left out
@@ -85,6 +86,7 @@ class Ode(NamedSignals):
     discrete : whether rhs is a map, which returns x(k+1)
     time_unit : unit of the time in texts
     angles : name of a state or an output that is an angle -> its period
+    fed : whether output depends on the input
     """
 
     rhs: Callable[..., Any]
@@ -104,6 +106,7 @@ class Ode(NamedSignals):
     discrete: bool = False
     time_unit: str = "s"
     angles: Mapping[str, float] = field(default_factory=dict)
+    fed: bool = False
 
     @property
     def p(self) -> Parameters:
@@ -133,9 +136,9 @@ class Ode(NamedSignals):
         """Copy the state of one run that a user's function has returned."""
         return _collected(function, values, "state", self.states, ())
 
-    def measure(self, x: Float[Array, nx * runs], p: Parameters) -> Float[Array, ny * runs]:
-        """Call output with its own copy of x."""
-        values = x if self.output is None else self.output(x.copy(), p)
+    def measure(self, x: Float[Array, nx * runs], u: Any, p: Parameters) -> Float[Array, ny * runs]:
+        """Call output with its own copies of x and, where it takes it, u."""
+        values = x if self.output is None else self.output(x.copy(), *([u.copy()] if self.fed else []), p)
         return _collected("output", values, "output", self.outputs, x.shape[1:])
 
 

@@ -136,6 +136,11 @@ class Plant(Design):
         return False
 
     @attribute
+    def feedthrough(self) -> bool:
+        """Whether y(k) depends on u(k), the input that acts; `output` then takes it as a further argument."""
+        return False
+
+    @attribute
     def draws_steps(self) -> bool:
         """Whether `draw` adds random values that change from step to step and are not among those of `drawn`."""
         return False

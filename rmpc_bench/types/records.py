@@ -184,6 +184,8 @@ class LinearPlant(NamedTuple):
     C: Float[Array, "*runs ny n"]
     E: Float[Array, "*runs nx n"]
     """Selects the states of the design model from the states of the plant."""
+    D: Float[Array, "*runs ny nu"] | float = 0.0
+    """Feedthrough: y(k) has the further term D u(k)."""
 
 
 class GainSchedule(NamedTuple):

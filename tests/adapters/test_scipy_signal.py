@@ -72,7 +72,6 @@ def test_the_naive_plant_with_a_discretisation_of_euler_is_off():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (signal.lti([1.0, 2.0], [1.0, 1.0]), "D is not zero"),
         (lambda: 3.0, "must be an lti or a dlti of scipy.signal"),
         (lambda m: oscillator(m), "takes m, which has no value"),
         (lambda m=np.nan: oscillator(m), "has a matrix that is not finite"),

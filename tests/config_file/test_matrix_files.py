@@ -125,10 +125,12 @@ def test_hdf5_files_of_matlab_name_the_way_out(directory):
     assert "-v7" in found
 
 
-def test_feedthrough_and_another_sampling_time_are_refused(directory):
+def test_a_feedthrough_is_read_and_another_sampling_time_is_refused(directory):
     savemat(directory / "D.mat", {"A": A, "B": B, "C": C, "D": np.ones((1, 1))})
     savemat(directory / "Ts.mat", {"A": A, "B": B, "C": C, "Ts": 0.2})
-    assert "D is not zero" in problems(written(directory, "{linear: {from: D.mat}}"))[0]
+    found = load_config(written(directory, "{linear: {from: D.mat}}")).experiment.plant
+    assert found.feedthrough
+    np.testing.assert_array_equal(found.system.at(0).D, [[1.0]])
     assert "Ts is 0.2, and time.step is 0.1" in problems(written(directory, "{linear: {from: Ts.mat}}"))[0]
 
 
