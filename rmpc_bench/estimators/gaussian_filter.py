@@ -87,11 +87,6 @@ class GaussianFilter(Estimator):
         return self.x_start[: self.nx]
 
     @property
-    def takes_input(self) -> bool:
-        """Whether h takes u(k)."""
-        return self.flow.fed
-
-    @property
     def reports(self) -> dict[str, tuple[int, ...]]:
         """The innovation and its covariance; all states of the flow where it has more than the design model."""
         ny, n = len(self.flow.R_v_at(0)), len(self.x_start)
@@ -111,9 +106,7 @@ class GaussianFilter(Estimator):
         root = np.tile(root_of(self.P_start), (n_runs, 1, 1))
         return GaussianState(np.tile(self.x_start, (n_runs, 1)), root, np.zeros(n_runs, dtype=int))
 
-    def correct(
-        self, k: int, state: GaussianState, y: Float[Array, "runs ny"], *u: Float[Array, "runs nu"]
-    ) -> tuple[GaussianState, Estimate]:
+    def correct(self, k: int, state: GaussianState, y: Array, *u: Array) -> tuple[GaussianState, Estimate]:
         """Use what was measured of y(k)."""
         check_time(k, np.inf)
         given, after, R_v = self._innovation(k, state, y, *u), state, self.flow.R_v_at(k)

@@ -70,11 +70,6 @@ class NonlinearMovingHorizon(Estimator):
         return self.filter.flow
 
     @property
-    def takes_input(self) -> bool:
-        """Whether h takes u(k)."""
-        return self.flow.fed
-
-    @property
     def x0(self) -> Float[Array, " nx"]:
         """Prediction of x(0)."""
         return self.filter.x0
@@ -100,9 +95,7 @@ class NonlinearMovingHorizon(Estimator):
         u, y = (np.zeros((n_runs, 0, m)) for m in (self.nu, len(self.flow.R_v_at(0))))
         return WindowState(x[:, None], x[:, None], root[:, None], u, y, root)
 
-    def correct(
-        self, k: int, state: WindowState, y: Float[Array, "runs ny"], *u: Float[Array, "runs nu"]
-    ) -> tuple[WindowState, Estimate]:
+    def correct(self, k: int, state: WindowState, y: Array, *u: Array) -> tuple[WindowState, Estimate]:
         """Use y(k): fit the window."""
         newest = state.root[:, -1]
         count = np.zeros(len(newest), dtype=int)

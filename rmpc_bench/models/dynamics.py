@@ -178,10 +178,7 @@ class OdeDynamics(Dynamics):
         """Whether it is a differential equation."""
         return not self.ode.discrete
 
-    @property
-    def fed(self) -> bool:  # type: ignore[override]
-        """Whether the output takes u."""
-        return self.ode.fed
+    fed = property(lambda self: self.ode.fed)
 
     @property
     def names(self) -> Names:  # type: ignore[override]
@@ -305,10 +302,7 @@ class LinearDynamics(Dynamics):
 
     continuous = False
 
-    @property
-    def fed(self) -> bool:  # type: ignore[override]
-        """Whether there is a D."""
-        return bool(np.any(self.D))
+    fed = property(lambda self: bool(np.any(self.D)))
 
     @property
     def names(self) -> Names:  # type: ignore[override]

@@ -1,7 +1,6 @@
 """Design models as maps of many states at once, for filters that evaluate the nonlinear model at points.
 
-Model   x(k+1) = f_k(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h_k(x(k)) + v(k), or h(x(k), u(k)) + v(k),
-        v ~ N(0, R_v);  white, independent.
+Model   x(k+1) = f_k(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h_k(x(k)) + v(k), v ~ N(0, R_v);  white, independent.
         A flow may have more states than the design model (the servomechanism: the current).  Those of the design model
         come first, and controllers get those only.
 Limit   The flow of a linear model is f(x, u) = A x + B u + f0, h(x) = C x + d0.
@@ -124,8 +123,7 @@ class LinearFlow(Flow):
     def measure(self, k: int, x: Float[Array, "points n"], *u: Float[Array, "points nu"]) -> Float[Array, "points ny"]:
         """Return C x + d0, and D u where u is given; estimators get y - D u."""
         now: LinearModel = self.model.at(k)
-        y = mv(now.C, x) + now.d0
-        return y + mv(now.D, *u) if u else y
+        return mv(now.C, x) + now.d0 + (mv(now.D, *u) if u else 0.0)
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
         """Covariance of the process noise from k to k+1."""
@@ -169,10 +167,7 @@ class PlantFlow(Flow):
         """Period of every output of the plant."""
         return self.dynamics.y_period
 
-    @property
-    def fed(self) -> bool:  # type: ignore[override]
-        """Whether the output takes u."""
-        return self.dynamics.fed
+    fed = property(lambda self: self.dynamics.fed)
 
     @property
     def cost_per_point(self) -> float:  # type: ignore[override]
@@ -209,9 +204,8 @@ class PlantFlow(Flow):
             ode, columns = dynamics.ode, padded(x)
             try:
                 with np.errstate(all="ignore"):
-                    return np.ascontiguousarray(
-                        ode.measure(columns, padded(inputs), _nominal(dynamics, columns))[:, : len(x)].T
-                    )
+                    y = ode.measure(columns, padded(inputs), _nominal(dynamics, columns))
+                    return np.ascontiguousarray(y[:, : len(x)].T)
             except OUTSIDE_DOMAIN:
                 pass
         return _each(lambda i: dynamics.output(x[i], inputs[i]), shape)

@@ -1,7 +1,7 @@
 """Systems of other libraries: linear ones in state-space form, nonlinear ones as functions.
 
-Linear  x' = A x + B u with the input held over a sample, or x(k+1) = A x + B u;  y = C x.
-        With feedthrough y = C x + D u.  The matrices may depend on parameters.
+Linear  x' = A x + B u with the input held over a sample, or x(k+1) = A x + B u;  y = C x + D u.
+        The matrices may depend on parameters.
 Method  A continuous system is sampled exactly: one exponential of [[A, B], [0, 0]] (zero-order hold).
 Fails   Design error: a discrete system has another sampling time, or a matrix is not finite.
 """

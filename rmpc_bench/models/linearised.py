@@ -1,7 +1,6 @@
 """Linear model of a plant around an operating point.
 
-Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B (u - u_op),
-        y = y_op + C (x - x_op) + D (u - u_op).
+Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B (u - u_op), y = y_op + C (x - x_op).
         With a zero-order hold of the input one exponential of [[A, B, f], [0, 0, 0]] gives the sampled A, B and drift,
         also where A is singular.  In physical coordinates
             x(k+1) = A x(k) + B u(k) + f0 + w(k),  f0 = x_op + drift - A x_op - B u_op,
@@ -91,9 +90,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 def relinearised(dynamics: Dynamics, Ts: float, noise: DesignNoise, substeps: int | None = None) -> TrajectoryModel:
     """Make a model that is linearised at every estimate."""
     if dynamics.fed:
-        raise DesignError(
-            "trajectory needs an output that does not depend on u: choose a point, or extended-kalman", "at"
-        )
+        raise DesignError("trajectory needs an output that does not depend on u; choose a point", "at")
     Q_w, R_v = dynamics.noise(noise, Ts)
     return TrajectoryModel(dynamics, Ts, substeps or steps_of(dynamics), Q_w, R_v)
 
@@ -122,8 +119,7 @@ class LinearisedModel(LinearModel):
     ) -> None:
         drift = np.zeros(len(point.x)) if drift is None else drift
         f0 = point.x + drift - A @ point.x - B @ point.u
-        d0 = point.y - C @ point.x - (0.0 if D is None else D @ point.u)
-        super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=d0, D=D)
+        super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=point.y - C @ point.x - (0.0 if D is None else D @ point.u), D=D)
         own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks, "y_period": y_period}
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -197,9 +193,8 @@ def _given(
         off = float(np.nanmax(np.abs(matrix - numeric), initial=0.0))
         if not off <= DIFFERS * largest:
             remarks.append(f"{name} of `jacobian` differs from differences of the functions by {off:.3g}")
-    return Tangent(
-        matrices[0], matrices[1], matrices[2] if len(matrices) == 3 else differences.C, differences.D
-    ), tuple(remarks)
+    C = matrices[2] if len(matrices) == 3 else differences.C
+    return Tangent(matrices[0], matrices[1], C, differences.D), tuple(remarks)
 
 
 def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "nx nx"]) -> list[tuple[str, str]]:

@@ -113,10 +113,7 @@ class MixedModel(Model):
         made: LinearModel = self._made["", k]
         return made
 
-    @property
-    def feedthrough(self) -> bool:
-        """Whether there is a D."""
-        return self.matrices["D"].varies or bool(self.at(0).D.any())
+    feedthrough = property(lambda self: self.matrices["D"].varies or bool(self.at(0).D.any()))
 
     def M_w(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the bounded process noise at k >= 0."""

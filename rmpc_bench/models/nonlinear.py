@@ -1,7 +1,6 @@
 """Nonlinear design model: the nominal plant as functions, for nonlinear filters and user-defined components.
 
-Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v), or
-        h(x(k), u(k)) + v(k) where the output of the plant takes u.  f integrates the nominal
+Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
         plant over a sample with the input held, by the Runge-Kutta method of order 4 with error control
         (numerics/integration.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the
         bounds of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
@@ -66,10 +65,7 @@ class NonlinearModel(OfPlant, Model):
         """Lower and upper bounds of the states, infinite where there are none."""
         return self.dynamics.limits(self.dynamics.names.states)
 
-    @property
-    def feedthrough(self) -> bool:
-        """Whether h takes u."""
-        return self.dynamics.fed
+    feedthrough = property(lambda self: self.dynamics.fed)
 
     @property
     def flow(self) -> PlantFlow:
@@ -120,11 +116,9 @@ class NonlinearModel(OfPlant, Model):
         return self.flow.measure(k, x)
 
     def h(self, x: ArrayLike, u: ArrayLike = ()) -> Float[Array, "*n ny"]:
-        """Return y without noise, of a state or of one per row; u is needed where the output takes it."""
+        """Return y without noise, of a state or of one per row; u, the same for all, where the output takes it."""
         x, u = np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u, dtype=float))
-        inputs = np.broadcast_to(u, (len(np.atleast_2d(x)), u.shape[-1]))
-        found = np.array([self.dynamics.output(*pair) for pair in zip(np.atleast_2d(x), inputs, strict=True)])
-        return found[0] if x.ndim == 1 else found
+        return self.dynamics.output(x, u) if x.ndim == 1 else np.array([self.dynamics.output(each, u) for each in x])
 
     def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "nx nx"]:
         """Return the Jacobian of f with respect to x."""

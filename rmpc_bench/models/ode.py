@@ -1,8 +1,7 @@
 """Design model given by an equation of its own, which may be simpler than that of the plant.
 
-Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p) or output(x, u, p), with the
-        parameters of the model.  It is used as the plant's own equation is by `linearise` (with `at`)
-        or by `nonlinear` (without).
+Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), or output(x, u, p), with its parameters.
+        It is used as the plant's own equation is by `linearise` (with `at`) or by `nonlinear` (without).
 """
 
 from __future__ import annotations
@@ -116,17 +115,9 @@ def _equation(
     substeps = 0 if plant is None or plant.discrete != discrete else plant.substeps
     ranges = {} if plant is None else dict(zip(plant.states, plant.scale, strict=False))
     scale = tuple(ranges.get(name, 0.0) for name in x_names)
-    every = x_names, u_names, y_names, nominal, units, bounds
+    every = x_names, u_names, y_names, nominal, units, bounds, is_timed(ode)
     return Ode(
-        ode,
-        output,
-        *every,
-        is_timed(ode),
-        substeps=substeps,
-        scale=scale,
-        discrete=discrete,
-        time_unit=time_unit,
-        fed=output is not None and is_fed(output),
+        ode, output, *every, substeps=substeps, scale=scale, discrete=discrete, time_unit=time_unit, fed=is_fed(output)
     )
 
 

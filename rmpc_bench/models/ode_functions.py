@@ -55,7 +55,7 @@ def is_timed(rhs: Any, key: str = "ode") -> bool:
 
 def is_fed(output: Any, key: str = "output", *, allowed: bool = True) -> bool:
     """Whether an output function takes (x, u, p), if that is allowed, and not (x, p)."""
-    n = _positional(output, key)
+    n = 2 if output is None else _positional(output, key)
     if n not in (2, 2 + allowed):
         right = "(x, p) or (x, u, p)" if allowed else "(x, p)"
         raise DesignError(f"{function_name(output)} must take {right}; it takes {_signature(output)}", key)

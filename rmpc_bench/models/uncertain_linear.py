@@ -46,10 +46,7 @@ class UncertainModel(OfSystem, Model):
         """Whether a matrix depends on k."""
         return self.system.varies
 
-    @property
-    def feedthrough(self) -> bool:
-        """Whether there is a D."""
-        return "D" in self.system.active
+    feedthrough = property(lambda self: "D" in self.system.active)
 
     @property
     def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:

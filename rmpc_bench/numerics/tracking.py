@@ -90,16 +90,13 @@ class Problem(NamedTuple):
         (nx, nu), ny = self.B.shape, len(self.C)
         known = self.N * ny + 1
         S, lost, found = np.zeros((0, nx + known)), [], []
-
-        def seen(j: int) -> Array:
-            row: Array = self.Q_yw @ np.hstack([self.step(j)[3], np.eye(ny, known, (j - 1) * ny)])
-            return row
-
+        every = range(1, self.N + 1)
+        seen = [self.Q_yw @ np.hstack([self.step(j)[3], np.eye(ny, known, (j - 1) * ny)]) for j in every]
         for j in range(self.N, 0, -1):
             acts = j <= self.moves
             A, B, f, _ = self.step(j)
             if self.D is None or j >= self.moves:
-                S = np.vstack([S, seen(j)])
+                S = np.vstack([S, seen[j - 1]])
             if len(S) > nx:
                 S = eliminated(S, nx)[0]
                 lost.append(S[nx:])
@@ -109,8 +106,8 @@ class Problem(NamedTuple):
             S[:, -1] -= of_x @ f
             if acts:
                 of_u = of_x @ B
-                if self.D is not None and j > 1:  # the output at j - 1 depends on this input, too
-                    of_u, S = np.vstack([of_u, self.Q_yw @ self.D]), np.vstack([S, seen(j - 1)])
+                if self.D is not None and j > 1:  # The output at j - 1 depends on this input, too.
+                    of_u, S = np.vstack([of_u, self.Q_yw @ self.D]), np.vstack([S, seen[j - 2]])
                 stack = np.block([[of_u, S], [self.Q_u, np.zeros((nu, nx + known))]])
                 T, order = eliminated(stack, nu, np.abs(stack[:, :nu]).max(axis=1))
                 row = np.empty((nu, nu + nx + known))

@@ -171,11 +171,11 @@ class ParametricLinear(Plant):
         delta: Matrices | StartedMatrices,
         x: Float[Array, "runs nx"],
         v: Float[Array, "runs nv"],
-        u: Float[Array, "runs nu"] | None = None,
+        *u: Array,
     ) -> Float[Array, "runs ny"]:
         """Measure."""
         y = mv(delta.C, x)
-        return (y if u is None else y + mv(delta.D, u)) + v
+        return (y + mv(delta.D, *u) if self.feedthrough else y) + v
 
     def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Return the matrices for some parameters; None where there are none."""

@@ -1,7 +1,6 @@
 """Plant given by an ordinary differential equation, or by a map, in a Python function.
 
-Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + w(k),  y(k) = output(x(k), p) + v(k),
-        or output(x(k), u(k), p) + v(k) with the input that acts.
+Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + w(k),  y(k) = output(x(k), p) + v(k).
         The process noise w has one entry per state and is added to the sampled state.  With `discrete: true`
         x(k+1) = rhs(k Ts, x(k), u(k), p) + w(k).
 Method  `rk4`: Runge-Kutta of order 4, for all runs of a block at once where rhs takes a block.  Every run controls
@@ -169,11 +168,6 @@ class OdePlant(Plant):
         return _common(self.ode, self.ode.inputs)
 
     @property
-    def feedthrough(self) -> bool:
-        """Whether the output takes the input."""
-        return self.ode.fed
-
-    @property
     def names(self) -> Mapping[str, str]:
         """Names of single components."""
         return self.ode.component_names()
@@ -266,23 +260,18 @@ class OdePlant(Plant):
         return Motion(x_next, status)
 
     def output(
-        self,
-        k: int,
-        delta: OdeDelta | StartedDelta,
-        x: Float[Array, "runs nx"],
-        v: Float[Array, "runs nv"],
-        u: Float[Array, "runs nu"] | None = None,
+        self, k: int, delta: OdeDelta | StartedDelta, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"], *u: Array
     ) -> Float[Array, "runs ny"]:
         """Measure."""
-        u = np.zeros((len(x), 0)) if u is None else u
+        inputs = u[0] if u else np.zeros((len(x), 0))
         if self.ode.output_takes_blocks:
             p = rows(self.nominal, padded(delta.numbers))
             with np.errstate(all="ignore"):
-                return self.ode.measure(padded(x), padded(u), p)[:, : len(x)].T + v
+                return self.ode.measure(padded(x), padded(inputs), p)[:, : len(x)].T + v
         alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
         y = np.full((len(x), self.ny), np.nan)
         for i in _rows_where(alive):
-            y[i] = self.ode.measure(x[i], u[i], self._of_run(delta, i))
+            y[i] = self.ode.measure(x[i], inputs[i], self._of_run(delta, i))
         return y + v
 
     def _block(
@@ -367,8 +356,7 @@ def design(
     n_steps : number of control periods N
     ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
         x(k+1) with `discrete`
-    output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p), which returns the outputs; without
-        it all states are measured
+    output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p), u as it acts; without it all states are measured
     states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}``
     outputs : names; needed with `output`
     parameters : name -> nominal value; `perturb` and `set` may name them, and rhs reads them as p.name or p["name"]

@@ -331,7 +331,7 @@ def equation(
     every_unit, timed = {**y_units, **u_units, **units}, is_timed(rhs)
     named = x_names, u_names, y_names
     record = Ode(rhs, output, *named, nominal, every_unit, own, timed, discrete=discrete, time_unit=time_unit)
-    record = replace(record, angles=angles or {}, fed=output is not None and is_fed(output))
+    record = replace(record, angles=angles or {}, fed=is_fed(output))
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):

@@ -178,11 +178,6 @@ class UncertainLinear(OfSystem, Plant):
         return tuple((self.system.size(f"r{name}"), self.system.size(f"s{name}")) for name in NAMES)
 
     @property
-    def feedthrough(self) -> bool:
-        """Whether there is a D."""
-        return "D" in self.system.active
-
-    @property
     def draws_steps(self) -> bool:
         """Whether F differs from step to step at random."""
         return self.uncertainty.law in ("uniform", "extremes") and self.uncertainty.per == "step"
@@ -287,21 +282,15 @@ class UncertainLinear(OfSystem, Plant):
         return Motion(x_next, np.full(len(x), OK))
 
     def output(
-        self,
-        k: int,
-        delta: Sequences,
-        x: Float[Array, "runs nx"],
-        v: Float[Array, "runs ny"],
-        u: Float[Array, "runs nu"] | None = None,
+        self, k: int, delta: Sequences, x: Float[Array, "runs nx"], v: Float[Array, "runs ny"], *u: Array
     ) -> Float[Array, "runs ny"]:
-        """Measure y(k); ``v`` is v~ of `mix`, and u is needed with a D."""
+        """Measure y(k); ``v`` is v~ of `mix`, and u(k) is needed with a D."""
         m = self.system.at(k)
         y = mv(m.C, x)
         if "x" in self.system.active:
             y += _through(m.H_C, delta.F_x[:, k], mv(m.G_x, x))
         if self.feedthrough:
-            assert u is not None, "y(k) depends on u(k)"
-            y += mv(m.D, u)
+            y += mv(m.D, *u)
         return y + v
 
     def compiled_form(self, delta: Sequences, n_steps: int) -> CompiledPlant:

@@ -81,36 +81,32 @@ def least_delay(laws: Sequence[Any], nu: int) -> int:
 
 
 class Feedthrough:
-    """The u(k) on which y(k) depends, before the command of k is known; in open loop it comes from a signal.
+    """The u(k) on which y(k) depends, before the command of k is known; the estimator gets what it knows of it.
 
-    Parameters
-    ----------
-    plant, channel : of a block of runs
-    estimator : of the method; None without
-    signal : gives the inputs in open loop for a number of samples; None where all inputs are late
+    `signal` gives the inputs in open loop for a number of samples; without it all are late.  After its end a plant has
+    the last one, and that of a recorded run is not known.
     """
 
     def __init__(self, plant: Plant, channel: InputChannel, estimator: Any, signal: Any, n_steps: int) -> None:
         self._plant, self._channel, self._estimator = plant, channel, estimator
-        self.acts = plant.feedthrough or (estimator is not None and estimator.fed is not None)
+        self._is_fed = estimator is not None and estimator.fed is not None
+        self.acts = plant.feedthrough or self._is_fed
         self._signal = signal(n_steps + 1) if self.acts and signal is not None else None
         self._known = dict[int, Array]()
 
     def at(self, k: int, n_runs: int) -> list[Array]:
-        """Return u(k) for a plant that takes it; u(N) of a recorded signal is u(N-1), of a recorded run unknown."""
+        """Return u(k) for a plant that takes it."""
         if not self.acts:
             return []
-        given = self._signal
-        u = np.zeros((n_runs, self._plant.nu)) if given is None else given[:, min(k, given.shape[1] - 1)]
-        acting = self._channel.ahead(k, u)
-        is_given = given is None or k < given.shape[1] or self._plant.feedthrough
-        self._known[k] = acting.known if is_given else np.full_like(u, np.nan)
+        given = np.zeros((n_runs, k + 1, self._plant.nu)) if self._signal is None else self._signal
+        acting = self._channel.ahead(k, given[:, min(k, given.shape[1] - 1)])
+        is_known = k < given.shape[1] or self._plant.feedthrough
+        self._known[k] = acting.known if is_known else np.full_like(acting.known, np.nan)
         return [acting.u] if self._plant.feedthrough else []
 
     def used_by(self, calls: Any) -> Any:
         """Return calls of the estimator with y(k) for one that gets what it needs of u(k)."""
-        fed = self._estimator is not None and self._estimator.fed is not None
-        return FedEstimator(calls, self._estimator, self._known) if fed else calls
+        return FedEstimator(calls, self._estimator, self._known) if self._is_fed else calls
 
 
 class FedEstimator:
@@ -123,12 +119,11 @@ class FedEstimator:
         return getattr(self._calls, name)
 
     def correct(self, k: int, state: Any, y: Array) -> Any:
-        """Use y(k)."""
+        """Use y(k); where u(k) is unknown, y(k) counts as missing."""
         u = self._known[k]
-        if self._design.takes_input:
-            used = np.where(np.isnan(u).any(axis=1, keepdims=True), np.nan, y)
-            return self._calls.correct(k, state, used, np.nan_to_num(u))
-        return self._calls.correct(k, state, y - mv(self._design.fed.at(k).D, u))
+        if not self._design.takes_input:
+            return self._calls.correct(k, state, y - mv(self._design.fed.at(k).D, u))
+        return self._calls.correct(k, state, y + 0.0 * u.sum(axis=1, keepdims=True), np.nan_to_num(u))
 
 
 def _is_known(law: Any) -> bool:

@@ -64,7 +64,7 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     if wrong is not None:
         raise DesignError(f"{name}: {wrong}", "kind")
     model = provided.get("model") if group == "estimators" else None
-    if model is None or not model.feedthrough:
+    if not getattr(model, "feedthrough", False):
         return made
     if not cast("Estimator", made).takes_input:
         model.at(0)  # a DesignError where there is no D

@@ -60,8 +60,8 @@ class Estimator(Design):
 
     @attribute
     def takes_input(self) -> bool:
-        """Whether `correct` takes u(k) as a further argument, for h(x, u); otherwise it gets y(k) - D u(k)."""
-        return False
+        """Whether `correct` takes u(k) as well, for h(x, u) of its flow; otherwise it gets y(k) - D u(k)."""
+        return bool(getattr(getattr(self, "flow", None), "fed", False))
 
     @attribute
     def fed(self) -> Any:

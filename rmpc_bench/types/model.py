@@ -42,8 +42,8 @@ class Model:
     @attribute
     def feedthrough(self) -> bool:
         """Whether y(k) depends on u(k): by D, or by h(x, u) of a nonlinear model."""
-        is_own = self.undisturbed is self
-        return self.is_linear_model and bool(self.D.any()) if is_own else self.undisturbed.feedthrough
+        within = self.undisturbed
+        return within.feedthrough if within is not self else self.is_linear_model and bool(self.at(0).D.any())
 
     def refuse_feedthrough(self, kind: str) -> None:
         """Raise a DesignError where a method counts with y(k) = C x(k)."""
@@ -69,11 +69,6 @@ class Model:
     def C(self) -> Float[Array, "ny nx"]:
         """Output matrix of a model that is the same at all k."""
         return self._constant("C")
-
-    @attribute
-    def D(self) -> Float[Array, "ny nu"]:
-        """Feedthrough of a model that is the same at all k."""
-        return self._constant("D")
 
     @attribute
     def f0(self) -> Float[Array, " nx"]:

@@ -138,7 +138,7 @@ class Plant(Design):
     @attribute
     def feedthrough(self) -> bool:
         """Whether y(k) depends on u(k), the input that acts; `output` then takes it as a further argument."""
-        return False
+        return (self.ode is not None and self.ode.fed) or (self.system is not None and "D" in self.system.active)
 
     @attribute
     def draws_steps(self) -> bool:
