@@ -63,7 +63,7 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     wrong = next(_CHECKS[group](made, provided), None) if group in _CHECKS else None
     if wrong is not None:
         raise DesignError(f"{name}: {wrong}", "kind")
-    model = provided.get("model") if group == "estimators" else None
+    model: Any = provided.get("model") if group == "estimators" else None
     if not getattr(model, "feedthrough", False):
         return made
     if not cast("Estimator", made).takes_input:
