@@ -37,14 +37,14 @@ _VERBS: dict[str, tuple[str, str]] = {
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called; their help lines stand here."""
 
-    def main(self, args: Sequence[str] | None = None, **kwargs: Any) -> Any:
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **kwargs: Any) -> Any:
         """Run the program; closed standard streams are no error."""
         usable_streams()
         thresholds = gc.get_threshold()
         if args is None:
             atexit.register(gc.freeze)  # of a program that ends nothing is visited to be freed
         try:
-            return super().main(args, **kwargs)
+            return super().main(args, *rest, **kwargs)
         except OSError as error:  # of --help; verbs report their own errors
             click.echo(f"output cannot be written: {error}", err=True)
             sys.exit(CANNOT_WRITE)

@@ -65,7 +65,6 @@ class StartedMatrices(NamedTuple):
     B: Float[Array, "runs nx nu"]
     C: Float[Array, "runs ny nx"]
     D: Float[Array, "runs ny nu"]
-    D: Float[Array, "runs ny nu"]
     numbers: Float[Array, "runs n_parameters"]
     status: Statuses
     runs: RunInfo
