@@ -1,5 +1,6 @@
 """Base classes: the defaults of every capability, and the ways to replace one."""
 
+import inspect
 import pickle
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -9,6 +10,7 @@ import pytest
 from simulation.toy import Halfway, Proportional, Walk
 
 from rmpc_bench.types import Controller, Estimator, Method, Model, Noise, Plant, Reference, attribute
+from rmpc_bench.types.basics import Keyword, takes, values_of
 
 DEFAULTS = {
     Plant: {
@@ -203,3 +205,22 @@ def test_a_model_takes_sizes_and_noises_of_its_linear_model(small_model):
         (own.M_v(2), np.zeros((2, 2))),
     ):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_design_function_takes_shared_keywords():
+    """Oracle: the signature and the docstring by hand; a misspelt keyword is an error."""
+    shared = {"m": Keyword(float, 2.0, "mass [kg]")}
+
+    @takes(shared)
+    def make(Ts, *, noise=0.0, **parameters):
+        """Make.
+
+        parameters : those of the system
+        """
+        return values_of(shared, parameters)
+
+    assert str(inspect.signature(make)) == "(Ts, *, noise=0.0, m: float = 2.0)"
+    assert make.__doc__.splitlines()[-1] == "m : mass [kg]"
+    assert make(0.1) == {"m": 2.0} and make(0.1, m=3) == {"m": 3.0}
+    with pytest.raises(TypeError, match="unknown keywords: mm"):
+        make(0.1, mm=3.0)
