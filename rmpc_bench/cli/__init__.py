@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import gc
 import sys
-from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
@@ -37,19 +36,19 @@ _VERBS: dict[str, tuple[str, str]] = {
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called; their help lines stand here."""
 
-    def main(self, args: Sequence[str] | None = None, *rest: Any, **kwargs: Any) -> Any:
+    def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the program; closed standard streams are no error."""
         usable_streams()
-        thresholds = gc.get_threshold()
-        if args is None:
+        thresholds, is_program = gc.get_threshold(), not args and kwargs.get("args") is None
+        if is_program:
             atexit.register(gc.freeze)  # of a program that ends nothing is visited to be freed
         try:
-            return super().main(args, *rest, **kwargs)
+            return super().main(*args, **kwargs)
         except OSError as error:  # of --help; verbs report their own errors
             click.echo(f"output cannot be written: {error}", err=True)
             sys.exit(CANNOT_WRITE)
         finally:
-            if args is not None:
+            if not is_program:
                 gc.set_threshold(*thresholds)
                 gc.enable()
 
