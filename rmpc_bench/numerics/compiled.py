@@ -41,7 +41,8 @@ def compiled(**options: Any) -> Callable[[F], F]:
         cache = getattr(kernel, "_cache", None)
         if cache is not None:
             cache.save_overload = partial(_save, cache.save_overload, function.__name__)
-            cache.load_overload = partial(_load, cache)
+            if hasattr(cache, "_load_overload"):
+                cache.load_overload = partial(_load, cache)
         return cast(F, kernel)
 
     return decorate
