@@ -37,8 +37,7 @@ FEW = 10
 OF_TAILS = 0.975
 """Level of each of the two intervals whose order says that tails are heavy or light."""
 COLUMNS = "method of level covered low high n factor factor_low factor_high verdict".split()
-"""Columns of calibration.csv: `of` is joint for all states, or one such as x.0; the verdict stands in one row of them.
-"""
+"""Columns of calibration.csv; `of` is joint for all states, or one such as x.0."""
 
 
 class Region(NamedTuple):
@@ -62,10 +61,8 @@ class Region(NamedTuple):
         """
         from scipy.special import gammainc, gammaincinv
 
-        promised = float(gammaincinv(self.n / 2, self.p))
-        return float(gammainc(self.n / 2, promised / (1 + margin) ** 2)), float(
-            gammainc(self.n / 2, promised * (1 + margin) ** 2)
-        )
+        promised, f = float(gammaincinv(self.n / 2, self.p)), (1 + margin) ** 2
+        return float(gammainc(self.n / 2, promised / f)), float(gammainc(self.n / 2, promised * f))
 
 
 def share_interval(shares: Array, confidence: float) -> Interval:

@@ -98,12 +98,10 @@ class ReportedMetric(WindowMetric):
     @property
     def state(self) -> int | None:
         """Index of the state that the key `of` names; None for all together."""
-        of = getattr(self, "of", "joint")
+        of, some = getattr(self, "of", "joint"), isinstance(self, Crps)
         found = re.fullmatch(r"x\.([0-9]+)", of)
-        if found is None and (of != "joint" or isinstance(self, Crps)):
-            raise DesignError(
-                f"must be {'' if isinstance(self, Crps) else 'joint or '}x.I, I from 0 on (got {of!r})", "of"
-            )
+        if found is None and (of != "joint" or some):
+            raise DesignError(f"must be {'' if some else 'joint or '}x.I, I from 0 on (got {of!r})", "of")
         return None if found is None else int(found[1])
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
@@ -111,10 +109,8 @@ class ReportedMetric(WindowMetric):
         yield from super().check(layout)
         yield from check_state_lengths(layout)
         yield from check_reported(layout, "P", of_all=False)
-        issues = [*issues_of(lambda: self.state)]
-        if not issues and layout.plant is not None and self.state is not None:
-            issues = [*issues_of(SignalComponent("x", self.state).check, layout.plant.nx)]
-        yield from issues
+        nx = 10**9 if layout.plant is None else layout.plant.nx
+        yield from issues_of(lambda: SignalComponent("x", self.state or 0).check(nx))
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Average over the samples that have a P."""
@@ -204,8 +200,6 @@ class Crps(ReportedMetric):
 
     Examples
     --------
-    Without an error it is sd (sqrt(2) - 1) / sqrt(pi).
-
     >>> record = Record.of_run(x=[1.0, 1.0], x_hat=[1.0, 9.0])
     >>> round(Crps(of="x.0").evaluate(record._replace(P=np.ones((2, 1, 1)))).item(), 6)
     0.233695

@@ -56,7 +56,7 @@ def write_latex(
     # The formulas of names are measured with the font of figures.
     with own_words():
         # A metric may have the name of the table of calibration.
-        found = calibration.to_latex(comments, width) | latex_tables(tables, comments, report.columns, width)
+        found = calibration.to_latex(comments) | latex_tables(tables, comments, report.columns, width)
     for name, table in found.items():
         files[f"{name}.tex"] = table.body
         files[f"{name}.caption.tex"] = f"{_head(name)}{table.caption}"

@@ -56,12 +56,10 @@ class CalibrationTable(FrameTable):
             share = Estimate(*(100 * row[key] for key in ("covered", "low", "high")))
             factor = Estimate(row["factor"], row["factor_low"], row["factor_high"])
             cells = {"method": name if plain else marked(trials, name)}
-            cells |= {
-                f"covers {100 * p:g} %": interval_text(share, "%"),
-                "errors / reported std": interval_text(factor),
-            }
-            others = [each for each in levels if each != p]
-            cells |= {f"{100 * each:g} %": number(shares.get((name, each), np.nan), 2) for each in others}
+            cells[f"covers {100 * p:g} %"] = interval_text(share, "%")
+            cells["errors / reported std"] = interval_text(factor)
+            others = {f"{100 * each:g} %": shares.get((name, each), np.nan) for each in levels if each != p}
+            cells |= {head: number(each, 2) for head, each in others.items()}
             found.append(cells | {"n/n_failed": f"{row['n']}/{trials.n_failed(name)}", "verdict": row["verdict"]})
         return columns_from(found)
 
@@ -107,24 +105,20 @@ class CalibrationTable(FrameTable):
 
     __str__ = to_markdown
 
-    def to_latex(self, comments: Sequence[str], width: float) -> dict[str, latex.PaperTable]:
+    def to_latex(self, comments: Sequence[str]) -> dict[str, latex.PaperTable]:
         """Return name -> table for a paper; empty where nothing is asked for, or with too many points."""
         if not 0 < len(self.points) <= latex.MOST_POINTS:
             return {}
         every = [(trials, self.columns(trials, rows, plain=True)) for trials, rows in self.points]
         heads = [head if head.startswith("n/") else latex.capitalised(head) for head in every[0][1]]
-        heads, bodies = [to_latex(head + " [%]" * head.startswith("Covers")) for head in heads], []
-        for is_short in (False, True):
-            groups = []
-            for trials, columns in every:
-                names, *others, verdicts = columns.values()
-                labels = [latex.row_label(trials, name, short=is_short) for name in names]
-                cells = [[number_latex(text.replace(" %", "", 1)) for text in each] for each in others]
-                rows = [*map(list, zip(labels, *cells, map(to_latex, verdicts), strict=True))]
-                groups.append((latex.title_of(trials), rows))
-            bodies.append(latex.Body(heads, groups))
+        body = latex.Body([to_latex(head + " [%]" * head.startswith("Covers")) for head in heads], groups := [])
+        for trials, columns in every:
+            names, *others, verdicts = columns.values()
+            labels = [latex.row_label(trials, name, short=True) for name in names]
+            cells = [[number_latex(text.replace(" %", "", 1)) for text in each] for each in others]
+            rows = [*map(list, zip(labels, *cells, map(to_latex, verdicts), strict=True))]
+            groups.append((latex.title_of(trials), rows))
         caption = f"Errors in the regions of the reported covariances in {len(every[0][0].runs)} runs per method"
-        body = latex.fitting_body(bodies, width)
         return {CALIBRATION: latex.paper_table(CALIBRATION, body, caption, self.note, comments)}
 
 

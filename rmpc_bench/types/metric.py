@@ -448,9 +448,5 @@ class CalibrationKeys:
 
     @staticmethod
     def name(level: float, of: str = "joint") -> str:
-        """Return the name of the metric of a share.
-
-        >>> CalibrationKeys.name(0.9), CalibrationKeys.name(0.995, "x.1")
-        ('coverage_90', 'coverage_99_5_x_1')
-        """
+        """Return the name of the metric of a share, such as coverage_99_5_x_1."""
         return re.sub(r"\W", "_", f"coverage_{100 * level:g}{'' if of == 'joint' else f'_{of}'}")
