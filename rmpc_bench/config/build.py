@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
+from rmpc_bench.config.calibration import shares
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
@@ -30,7 +31,6 @@ from rmpc_bench.config.plant import (
     refuse_unreachable,
 )
 from rmpc_bench.config_file.component import Component
-from rmpc_bench.config_file.tree import Map, Mark, locate
 from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.received.names import wrong_metric
 from rmpc_bench.registry import unknown
@@ -422,7 +422,7 @@ class _ExperimentBuilder:
             self.n_steps, time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r, time.unit
         )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
-        self.draft.calibrated = self.calibrated(plant.nx)
+        self.draft.calibrated = shares(self.draft, plant.nx)
         for component in self.draft.calibrated:
             made.append(self.metric(component, layout))
             if made[-1] is None:
@@ -443,19 +443,6 @@ class _ExperimentBuilder:
                 self.draft.note(["metrics", number], f"{name!r} is no name: letters, digits and _, since claims use it")
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
-
-    def calibrated(self, nx: int) -> list[Component]:
-        """Return the metrics of `calibration`: shares of every level, for all states and, of several, for each."""
-        keys, path = self.draft.values["calibration"], ["calibration"]
-        if keys is None or any(problem.path.startswith("calibration") for problem in self.draft.problems):
-            return []
-        found, mark = [], Mark(*locate(self.draft.tree, path))
-        for of in ("joint", *(f"x.{i}" for i in range(nx) if nx > 1)):
-            for level in keys.levels:
-                given = {"kind": "coverage", "name": keys.name(level, of), "level": level, "of": of}
-                given |= {} if keys.from_ is None else {"from": keys.from_}
-                found.append(self.draft.component("metrics", Map(given, mark=mark), path))
-        return [component for component in found if component is not None]
 
     def recording(self, scenario: Scenario) -> Recording:
         """Return which signals of which runs are recorded."""

@@ -14,6 +14,7 @@ from typing import Any
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.reference import is_reference
+from rmpc_bench.config.calibration import read_calibration
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
 from rmpc_bench.config.input import check_input
@@ -28,7 +29,6 @@ from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.tree import Map, Mark, locate
-from rmpc_bench.types.metric import CalibrationKeys
 
 _NOTHING: Chosen = MappingProxyType({})
 
@@ -92,7 +92,7 @@ def _sections(
     refuse_sections(draft)
     _refuse_unit(draft)
     draft.metrics = [each and _named(each) for each in named_components(draft, "metrics")]
-    _read_calibration(draft)
+    read_calibration(draft)
     # The default figure needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:
         draft.figures = named_components(draft, "figures")
@@ -168,21 +168,6 @@ def _input(draft: DraftConfig) -> None:
         return
     draft.input = _component(draft, "input")
     check_input(draft)
-
-
-def _read_calibration(draft: DraftConfig) -> None:
-    """Replace `true` by the defaults and `false` by None; the level of the verdict is one of the levels."""
-    keys = draft.values["calibration"]
-    draft.values["calibration"] = keys = CalibrationKeys() if keys is True else keys or None
-    if keys is None:
-        return
-    levels = ", ".join(f"{100 * level:g}%" for level in keys.levels)
-    if keys.verdict not in keys.levels:
-        draft.note(["calibration", "verdict"], f"{100 * keys.verdict:g}% is not among levels [{levels}]")
-    if len({*map(keys.name, keys.levels)}) < len(keys.levels):
-        draft.note(["calibration", "levels"], f"must name each level once (got [{levels}])")
-    if "runs" not in draft.values["evaluate"]:
-        draft.note(["calibration"], "counts errors of runs, but no runs are evaluated: add `runs` to `evaluate`")
 
 
 def _named(metric: Component) -> Component:

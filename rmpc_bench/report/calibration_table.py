@@ -154,13 +154,3 @@ def _line(row: Mapping[str, Any], width: int) -> str:
 def calibration_table(trials: Trials) -> CalibrationTable:
     """Compare the reported covariances with the errors at every point of a sweep."""
     return CalibrationTable([(point, rows) for point, rows in calibrations(trials) if rows])
-
-
-def coverage_cells(trials: Trials, methods: Sequence[str]) -> dict[str, list[str]]:
-    """Return head -> cells of a table of ranks: mean share over the points, and the median factor."""
-    rows = [row for rows in calibration_table(trials).decisive for row in rows if row["n"]]
-    cells = []
-    for name in methods:
-        c, f = ([row[key] for row in rows if row["method"] == name] for key in ("covered", "factor"))
-        cells.append(f"{100 * np.mean(c):.0f} % ({number(float(np.median(f)), 2)})" if c else "-")
-    return {f"covers {100 * rows[0]['level']:g} %": cells} if rows else {}

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass
-from statistics import median
+from statistics import fmean, median
 from typing import Any
 
+from rmpc_bench.analysis.calibration import calibrations
 from rmpc_bench.analysis.columns import Columns, columns_of
 from rmpc_bench.analysis.ranks import Ranking, RankRow, Ratio, ranking
-from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, short
+from rmpc_bench.analysis.shown_numbers import Estimate, interval_text, number, short
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_cells, parameter_legend
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.calibration_table import coverage_cells
 from rmpc_bench.report.point_tables import FrameTable, markdown_page, markdown_table, rounded_columns
 from rmpc_bench.report.run_notes import short_time
 
@@ -66,7 +66,7 @@ class RanksTable(FrameTable):
         columns["n/n_failed"] = [f"{row.n}/{row.n_failed}" for row in rows]
         columns[f"ratio to {baseline}"] = [_interval(row.ratio) for row in rows]
         columns |= part_columns(self.found, baseline)
-        columns |= coverage_cells(self.trials, self.methods)
+        columns |= self._coverage
         if words := parameter_cells(self.trials, [row.method for row in rows]):
             columns["parameters"] = words
         notes = [[point.notes.get(row.method) for point in self.trials.each] for row in rows]
@@ -74,6 +74,19 @@ class RanksTable(FrameTable):
         # Median over the points of the time per run and step.
         times = [short_time(median(each)) if each else "-" for each in seconds]
         return columns | ({"time per step": times} if {*times} != {"-"} else {})
+
+    @property
+    def _coverage(self) -> dict[str, list[str]]:
+        """Head -> cells on reported covariances: mean share over the points, median factor; no rank uses them."""
+        keys, cells = self.trials.calibration, []
+        if keys is None:
+            return {}
+        rows = [row for _, of in calibrations(self.trials) for row in of if row["of"] == "joint" and row["n"]]
+        for name in self.methods:
+            mine = [row for row in rows if row["method"] == name and row["level"] == keys.verdict]
+            c, f = ([row[key] for row in mine] for key in ("covered", "factor"))
+            cells.append(f"{100 * fmean(c):.0f} % ({number(median(f), 2)})" if mine else "-")
+        return {f"covers {100 * keys.verdict:g} %": cells}
 
     @property
     def rest(self) -> str:

@@ -7,6 +7,7 @@ import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from calibrated_experiment import LINEAR, model, write
 from small_experiment import cli
 
 from rmpc_bench import load_results
-from rmpc_bench.report.calibration_table import calibration_table, coverage_cells
+from rmpc_bench.report.calibration_table import calibration_table
+from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.types.texts import width_of
 
 OWN = '''
@@ -227,6 +229,6 @@ def test_cells_of_ranks_are_means_over_points():
         made = coverage_trials({"KF": shares(s, seed=k), "none": none})
         tables.append(replace(made, point={"x": str(k)}, title=f"x={k}"))
     whole = replace(tables[0], paths=("x",), points=tuple(tables), point={}, title="")
-    found = coverage_cells(whole, ["none", "KF"])
+    found = RanksTable(whole, SimpleNamespace(rows=[SimpleNamespace(method=name) for name in ("none", "KF")]))._coverage
     means = [point.column("coverage_90", "KF").mean() for point in tables]
     assert found["covers 90 %"][0] == "-" and found["covers 90 %"][1].startswith(f"{100 * np.mean(means):.0f} % (")
