@@ -3,9 +3,9 @@
 An experiment draws runs with replacement from a population (see populations.py), and the product compares the methods
 as for any user.  Because the population is finite, its own averages are the true values.  Print the table with
 
-    python tests/coverage_study.py [EXPERIMENTS] [claims]
+    python tests/coverage_study.py [EXPERIMENTS] [claims | adjusted [N:DIR ..]]
 
-The last word prints the intervals of claims only.
+The words print the intervals of claims only, or those of adjusted comparisons (see adjusted_study.py).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+import adjusted_study
 import numpy as np
 import pandas as pd
 from data_frames import arrays
@@ -262,6 +263,9 @@ def study_of_claims(n: int, experiments: int, kinds: Iterable[str] = tuple(CLAIM
 def main() -> None:
     """Print the table of all populations at 50 and 200 runs, and that of claims at 20, 60 and 200."""
     experiments = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
+    if "adjusted" in sys.argv:
+        adjusted_study.main(experiments, sys.argv[sys.argv.index("adjusted") + 1 :])
+        return
     if "claims" not in sys.argv:
         print_comparisons(experiments)
     print(f"{'claim':48}{'n':>5}{'above':>9}{'below':>9}")

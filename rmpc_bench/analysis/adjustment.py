@@ -22,7 +22,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,10 +30,6 @@ from rmpc_bench.analysis.intervals import Interval, mean_interval, student
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.types import Array
 from rmpc_bench.types.metric import AdjustKeys
-
-if TYPE_CHECKING:
-    from rmpc_bench.analysis.pairs import Pairs
-    from rmpc_bench.analysis.trials import Trials
 
 PAIRS_PER_TERM = 10
 """With so many pairs per term an adjustment for draws that explain nothing widens an interval by 10 % at most."""
@@ -367,29 +363,35 @@ class Adjustment:
         values = self.values[np.searchsorted(self.runs, runs)] if len(self.values) else self.values
         return replace(self, runs=runs, values=values)
 
-    def adjusted(self, pairs: Pairs, averages: Mapping[str, Any], basis: Basis | None = None) -> dict[str, Values]:
-        """Adjust averages of pairs, all that can be; by the rule, or with a given basis."""
-        n_pairs = int(pairs.both.sum())
+    def adjusted(
+        self, runs: Array, a: Array, b: Array, averages: Collection[str], basis: Basis | None = None
+    ) -> dict[str, Values]:
+        """Adjust averages of pairs of some runs, NaN where one failed: all that can be, by the rule or with a basis."""
+        n_pairs = int(np.count_nonzero(~(np.isnan(a) | np.isnan(b))))
         basis = basis or self.basis(n_pairs)
         if basis is None or not averages:
             return {}
-        a, b = np.full(len(self.runs), np.nan), np.full(len(self.runs), np.nan)
-        places = np.searchsorted(self.runs, pairs.runs)
-        a[places], b[places] = pairs.a, pairs.b
-        made = leave_one_out(basis, [*averages], a, b)
+        values, places = np.full((2, len(self.runs)), np.nan), np.searchsorted(self.runs, runs)
+        values[:, places] = a, b
+        made = leave_one_out(basis, averages, *values)
         return {name: Values(V, self.runs, n_pairs - basis.p, basis) for name, V in made.items()}
 
 
-def adjustment_of(trials: Trials) -> Adjustment:
-    """Find what the comparisons at one point are adjusted for, by `statistics.adjust` and the laws of its draws."""
-    adjust, runs, drawn = trials.adjust, trials.runs, trials.quantities
+def adjustment_of(
+    adjust: str | Sequence[str] | AdjustKeys,
+    runs: Array,
+    drawn: Mapping[str, Any],
+    laws: Mapping[str, Mapping[str, Any]],
+    random_besides: Sequence[str] | None,
+) -> Adjustment:
+    """Find what the comparisons at one point are adjusted for; the arguments are fields of `Trials`."""
     names = [name for name in drawn if name != "run"]
     if adjust == "none" or not names:
         return Adjustment(runs, reason=NO_LAW)
     keys = adjust if isinstance(adjust, AdjustKeys) else AdjustKeys(None if isinstance(adjust, str) else [*adjust])
     left_out, chosen = dict[str, str](), dict[str, Law]()
     for name in names:
-        data = trials.laws.get(name, {})
+        data = laws.get(name, {})
         law = law_of(data)
         if law is not None and not law.is_random:
             continue
@@ -404,9 +406,9 @@ def adjustment_of(trials: Trials) -> Adjustment:
     reason = "" if chosen else NO_LAW
     if chosen and not (values.size and np.isfinite(values).all()):
         reason = "the drawn values are not stored"
-    nothing_else = trials.random_besides == () and not left_out
+    nothing_else = random_besides == () and not left_out
     degree = {"degree 4": 4, "linear": 1}
     forms = [form for form in FORMS if degree.get(form, 2) <= keys.degree and (form != FORMS[0] or nothing_else)]
     quantities = tuple(quantity_of(name, law) for name, law in chosen.items())
-    wide = tuple(name for name in chosen if left_out_by_auto(trials.laws[name]))
+    wide = tuple(name for name in chosen if left_out_by_auto(laws[name]))
     return Adjustment(runs, quantities, values, () if reason else tuple(forms), reason, left_out, wide)

@@ -189,7 +189,7 @@ def averages_of(point: Trials, pairs: Pairs) -> dict[str, Values]:
 
 def _adjusted(point: Trials, pairs: Pairs, plain: Mapping[str, Values]) -> dict[str, Values]:
     # Where few pairs differ counts come first, as without an adjustment.
-    return {} if pairs.rarely_differ else point.adjustment.adjusted(pairs, plain)
+    return {} if pairs.rarely_differ else point.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, plain)
 
 
 def _averages(point: Trials, pairs: Pairs) -> dict[str, Values]:

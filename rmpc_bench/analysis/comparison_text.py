@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.analysis.pairs import is_signed
@@ -13,7 +13,6 @@ from rmpc_bench.analysis.verdict import BOUND, FACTOR, Verdict
 from rmpc_bench.types import MetricInfo
 
 if TYPE_CHECKING:
-    from rmpc_bench.analysis.result_rows import ResultTable
     from rmpc_bench.analysis.trials import Trials
 
 AVERAGE_WORDS = {
@@ -22,8 +21,6 @@ AVERAGE_WORDS = {
     "difference": "mean difference",
 }
 """What an average change is called in a sentence, a caption or a legend."""
-MOST_RATIOS = 4
-"""Methods up to which each has its gain by an adjustment in a line."""
 MOST_RUNS = 1e6
 """Runs beyond which a number of runs that would decide is not given."""
 
@@ -56,49 +53,6 @@ def plain_change_of(row: Mapping[str, Any]) -> Estimate:
 def adjusted_for(row: Mapping[str, Any]) -> str:
     """Name the quantities that a comparison is adjusted for; empty where it is not."""
     return f"adjusted for {', '.join(row['adjusted_for'].split())}" if row.get("adjusted_form") else ""
-
-
-def adjustment_text(tables: Sequence[ResultTable]) -> str:
-    """Say what the changes of tables are adjusted for and what it gains, or why they are not; empty without draws."""
-    found = [(table, row.compared) for table in tables for row in table.rows if row.compared]
-    found = [(table, row) for table, row in found if not math.isnan(change_of(row).low)]
-    if not found or tables[0].trials.adjust == "none" or not any(len(t.trials.quantities) > 1 for t in tables):
-        return ""
-    adjusted = [row for _, row in found if row["adjusted_form"]]
-    if not adjusted:
-        table, row = found[0]
-        return f"not adjusted: {table.trials.adjustment.why_not(row['n_pairs'])}"
-    forms = dict.fromkeys(row["adjusted_form"] for row in adjusted)
-    names = dict.fromkeys(name for row in adjusted for name in row["adjusted_for"].split())
-    text = f"adjusted for {', '.join(names)} ({' or '.join(forms)})"
-    ratios = [row["width_ratio"] for row in adjusted]
-    if len(adjusted) == 1:
-        text += f": {_gain(ratios[0])}"
-    elif len(tables) == 1 and len(adjusted) <= MOST_RATIOS:
-        text += ": " + "  ".join(f"{row['method']} {_times(row['width_ratio'])}x" for row in adjusted)
-    else:
-        text += f": {_times(min(ratios))}x to {_times(max(ratios))}x narrower than plain"
-    text += f" in {len(adjusted)} of {len(found)} comparisons" if len(adjusted) < len(found) else ""
-    made = tables[0].trials.adjustment
-    notes = [f"{name} left out: {why}" for name, why in made.left_out.items() if name in tables[0].trials.laws]
-    notes = notes if isinstance(tables[0].trials.adjust, str) else []
-    notes += [f"the normal law of {name} is wide: intervals of few runs are too short" for name in made.wide]
-    return "; ".join([text, *notes])
-
-
-def _gain(ratio: float) -> str:
-    """Compare the width of the plain interval with that of the adjusted one."""
-    if math.isinf(ratio):
-        return "the draws explain all differences"
-    if ratio > 1.1:
-        return f"{_times(ratio)} times narrower than plain"
-    if ratio >= 0.9:
-        return f"gains nothing ({ratio:.2f} times)"
-    return f"{_times(1 / ratio)} times wider than plain: the draws explain little"
-
-
-def _times(ratio: float) -> str:
-    return ">1000" if ratio > 1000 else significant_text(ratio, 2)
 
 
 def contradicting(row: Mapping[str, Any]) -> bool:

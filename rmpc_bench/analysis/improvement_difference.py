@@ -214,12 +214,13 @@ def _values(sample: _Sample) -> dict[str, tuple[Values, Values]]:
         if of_one is None and of_other is None:
             return found
         of_one, of_other = of_one or none, of_other or none
-    in_a = one.adjusted(_of_runs(sample.a, runs[0]), names, of_one)
-    in_b = other.adjusted(_of_runs(sample.b, runs[1]), names, of_other)
+    a, b = _of_runs(sample.a, runs[0]), _of_runs(sample.b, runs[1])
+    in_a = one.adjusted(a.runs, a.a, a.b, names, of_one)
+    in_b = other.adjusted(b.runs, b.a, b.b, names, of_other)
     if sample.paired:
         # Both have all common runs, or both the finished ones.
         return found | {name: (in_a[name], in_b[name]) for name in names if name in in_a and name in in_b}
-    return {name: (in_a.get(name, a), in_b.get(name, b)) for name, (a, b) in found.items()}
+    return {name: (in_a.get(name, first), in_b.get(name, second)) for name, (first, second) in found.items()}
 
 
 def _rarely(a: Array, b: Array) -> bool:

@@ -152,7 +152,7 @@ class Trials(ComparisonKeys):
     @cached_property
     def adjustment(self) -> Adjustment:
         """What the comparisons of this point are adjusted for."""
-        return adjustment_of(self)
+        return adjustment_of(self.adjust, self.runs, self.quantities, self.laws, self.random_besides)
 
     @property
     def all_methods(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ import rmpc_bench
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, NoiseTerm
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config_file.component import Component, Writer, as_given, plain_data, without_path
-from rmpc_bench.noise.distributions import UncertainLaw
+from rmpc_bench.noise.distributions import Distribution, UncertainLaw
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.errors import unknown
@@ -248,6 +248,12 @@ def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str,
 def law_data(law: UncertainLaw) -> dict[str, Any]:
     """Return the keys of a law as plain data."""
     return {"dist": type(law).__name__.lower().removesuffix("group"), **plain_data(law)}
+
+
+def independent_laws(experiment: Experiment) -> dict[str, dict[str, Any]]:
+    """Return the keys of the laws of the uncertain quantities that are drawn alone, of the file and of the plant."""
+    found = {**experiment.plant.laws(), **experiment.scenario.uncertainty}
+    return {str(name): law_data(law) for name, law in found.items() if isinstance(law, Distribution)}
 
 
 def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]:

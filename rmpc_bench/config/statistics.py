@@ -8,14 +8,12 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Len, Lt
 
-from rmpc_bench.analysis.adjustment import law_of
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.identity import SweepPoint, law_data
+from rmpc_bench.config.identity import SweepPoint, independent_laws
 from rmpc_bench.config_file.tree import Map
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
 from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
-from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import NonNegative
@@ -112,14 +110,14 @@ def _check_adjust(draft: DraftConfig, experiment: Experiment) -> None:
     adjust, path = draft.values["statistics"].adjust, list[str | int](["statistics", "adjust"])
     path += ["for"] if isinstance(adjust, AdjustKeys) else []
     names = adjust.for_ if isinstance(adjust, AdjustKeys) else [] if isinstance(adjust, str) else adjust
-    scenario, laws = experiment.scenario, {**experiment.scenario.uncertainty, **experiment.plant.laws()}
-    known, gone = dict.fromkeys([*scenario.quantities, *experiment.plant.laws()]), list[str]()
+    laws, gone = independent_laws(experiment), list[str]()
+    known = dict.fromkeys([*experiment.scenario.quantities, *laws])
     for place, name in enumerate(names or ()):
-        data = law_data(laws[name]) if isinstance(laws.get(name), Distribution) else {}
-        if law_of(data) is not None or data.get("dist") == "fixed":
+        dist = laws.get(name, {}).get("dist", "")
+        if dist in ("uniform", "choice", "normal", "fixed"):
             continue
-        if name in known or name in scenario.burst_names:
-            why = f"has a {data['dist']} law, for which there are no polynomials" if data else _NO_LAW
+        if name in known or name in experiment.scenario.burst_names:
+            why = f"has a {dist} law, for which there are no polynomials" if dist else _NO_LAW
             draft.note([*path, place], f"{name} {why}")
         elif draft.is_inherited([*path, place]):
             gone.append(name)

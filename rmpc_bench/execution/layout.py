@@ -11,10 +11,9 @@ import numpy as np
 
 from rmpc_bench.components.designs import is_built_in
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.identity import SweepPoint, digest, law_data, set_keys
+from rmpc_bench.config.identity import SweepPoint, digest, independent_laws, set_keys
 from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.config_file.tree import plain
-from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.results.record import (
     PointMethod,
     StoredExperiment,
@@ -121,7 +120,7 @@ class _Layout:
             random_besides=random_besides(experiment),
             limitations=(*plant.limitations, *remarks),
             angles=dict(experiment.angles),
-            laws=_laws(point),
+            laws=independent_laws(experiment),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:
@@ -170,13 +169,6 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
-
-
-def _laws(point: SweepPoint) -> dict[str, dict[str, Any]]:
-    """Return the laws of the quantities that are drawn alone, of the file and of the plant."""
-    found = dict(point.experiment.plant.laws())
-    found |= {} if point.draft is None else point.draft.uncertainty
-    return {str(name): law_data(law) for name, law in found.items() if isinstance(law, Distribution)}
 
 
 def _is_of_bench(point: SweepPoint, name: str) -> bool:

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from rmpc_bench.analysis.comparison_text import adjusted_for, adjustment_text, per_cent
+from rmpc_bench.analysis.comparison_text import adjusted_for, per_cent
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -33,7 +33,7 @@ from rmpc_bench.report.latex import (
 from rmpc_bench.report.latex_text import number_latex, to_latex
 from rmpc_bench.report.page.rows import Rows
 from rmpc_bench.report.point_tables import AVERAGES, Points, PointSummary
-from rmpc_bench.report.run_notes import counted
+from rmpc_bench.report.run_notes import adjustment_text, counted
 from rmpc_bench.report.run_tables import REQUIREMENTS, difference_text, share_text
 from rmpc_bench.types.metric import Requirement
 from rmpc_bench.types.result_layout import Column

@@ -1,4 +1,4 @@
-"""Failed runs, held and failed steps, warnings, limitations: for the screen, tables/summary.md and failures/*.txt."""
+"""Failed runs, held and failed steps, warnings, limitations, adjustments: for screen, tables/summary.md, failures/."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from rmpc_bench.analysis.columns import Columns, rows_at
+from rmpc_bench.analysis.comparison_text import change_of
+from rmpc_bench.analysis.result_rows import ResultTable
+from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import RunFailure, Status
 
@@ -201,3 +204,49 @@ def _word(text: str) -> str:
 def counted(n: int, noun: str) -> str:
     """Write a number with a noun, in the plural unless it is 1."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+MOST_RATIOS = 4  # methods up to which each has its gain by an adjustment in a line
+
+
+def adjustment_text(tables: Sequence[ResultTable]) -> str:
+    """Say what the changes of tables are adjusted for and what it gains, or why they are not; empty without draws."""
+    found = [(table, row.compared) for table in tables for row in table.rows if row.compared]
+    found = [(table, row) for table, row in found if not math.isnan(change_of(row).low)]
+    if not found or tables[0].trials.adjust == "none" or not any(len(t.trials.quantities) > 1 for t in tables):
+        return ""
+    adjusted = [row for _, row in found if row["adjusted_form"]]
+    if not adjusted:
+        table, row = found[0]
+        return f"not adjusted: {table.trials.adjustment.why_not(row['n_pairs'])}"
+    forms = dict.fromkeys(row["adjusted_form"] for row in adjusted)
+    names = dict.fromkeys(name for row in adjusted for name in row["adjusted_for"].split())
+    text = f"adjusted for {', '.join(names)} ({' or '.join(forms)})"
+    ratios = [row["width_ratio"] for row in adjusted]
+    if len(adjusted) == 1:
+        text += f": {_gain(ratios[0])}"
+    elif len(tables) == 1 and len(adjusted) <= MOST_RATIOS:
+        text += ": " + "  ".join(f"{row['method']} {_times(row['width_ratio'])}x" for row in adjusted)
+    else:
+        text += f": {_times(min(ratios))}x to {_times(max(ratios))}x narrower than plain"
+    text += f" in {len(adjusted)} of {len(found)} comparisons" if len(adjusted) < len(found) else ""
+    made = tables[0].trials.adjustment
+    notes = [f"{name} left out: {why}" for name, why in made.left_out.items() if name in tables[0].trials.laws]
+    notes = notes if isinstance(tables[0].trials.adjust, str) else []
+    notes += [f"the normal law of {name} is wide: intervals of few runs are too short" for name in made.wide]
+    return "; ".join([text, *notes])
+
+
+def _gain(ratio: float) -> str:
+    """Compare the width of the plain interval with that of the adjusted one."""
+    if math.isinf(ratio):
+        return "the draws explain all differences"
+    if ratio > 1.1:
+        return f"{_times(ratio)} times narrower than plain"
+    if ratio >= 0.9:
+        return f"gains nothing ({ratio:.2f} times)"
+    return f"{_times(1 / ratio)} times wider than plain: the draws explain little"
+
+
+def _times(ratio: float) -> str:
+    return ">1000" if ratio > 1000 else significant_text(ratio, 2)

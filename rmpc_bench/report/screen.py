@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rmpc_bench.analysis.comparison_text import adjustment_text
 from rmpc_bench.analysis.drivers import LITTLE, gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
@@ -22,7 +21,7 @@ from rmpc_bench.report.answer import answer, finding_words
 from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.point_tables import Points
 from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.run_notes import counted, failed_runs, message_of, remark_lines, show_command
+from rmpc_bench.report.run_notes import adjustment_text, counted, failed_runs, message_of, remark_lines, show_command
 from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable, worst_of
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
 from rmpc_bench.report.tuning_table import TuningTable

@@ -14,7 +14,6 @@ from uncertain_experiment import METHODS, PLANT, write_estimation
 
 import rmpc_bench
 from rmpc_bench.analysis.comparison import ADJUSTED, averages_of, comparisons, levels
-from rmpc_bench.analysis.comparison_text import adjustment_text
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.levels import held_level
 from rmpc_bench.analysis.pairs import pairs_of
@@ -23,6 +22,7 @@ from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.superiority import runs_for_direction
 from rmpc_bench.figures.rows import Rows
+from rmpc_bench.report.run_notes import adjustment_text
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.metric import AdjustKeys
 

@@ -12,7 +12,6 @@ from scipy import stats
 from rmpc_bench.analysis.adjustment import (
     FORMS,
     Basis,
-    adjustment_of,
     law_of,
     leave_one_out,
     n_terms,
@@ -34,6 +33,12 @@ LAWS = {
         None,
     ),
 }
+
+
+def adjusted(trials, averages):
+    """Return the adjusted averages of A."""
+    pairs = pairs_of(trials, "A", trials.primary_info)
+    return trials.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, averages)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -168,7 +173,7 @@ def test_standard_error_is_that_of_hc3(make_trials):
     """HC3 of the intercept by its own formula: (X'X)^-1 X' diag(r_i^2/(1 - h_i)^2) X (X'X)^-1."""
     trials = drawn(make_trials, 60)
     pairs, found = pairs_of(trials, "A", trials.primary_info), trials.adjustment
-    [(_, made)] = found.adjusted(pairs, {"geometric": None}).items()
+    [(_, made)] = found.adjusted(pairs.runs, pairs.a, pairs.b, {"geometric": None}).items()
     X = np.concatenate([block for _, block in made.basis.blocks()])
     d = np.log(pairs.a / pairs.b)
     inverse = np.linalg.inv(X.T @ X)
@@ -207,7 +212,7 @@ def test_an_affine_change_of_a_law_changes_nothing(make_trials):
         laws={**trials.laws, "eps": {"dist": "uniform", "low": -95, "high": 105}},
     )
     pairs = pairs_of(trials, "A", trials.primary_info)
-    one, other = (each.adjustment.adjusted(pairs, pairs.averages()) for each in (trials, moved))
+    one, other = (each.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, pairs.averages()) for each in (trials, moved))
     for name in ("geometric", "mean"):
         # The page's number.
         np.testing.assert_allclose(one[name].values, other[name].values, rtol=0, atol=1e-10)
@@ -217,9 +222,9 @@ def test_large_tables_are_computed_in_blocks(make_trials, monkeypatch):
     """The same values, up to rounding, from blocks of 7 runs."""
     trials = drawn(make_trials, 60)
     pairs = pairs_of(trials, "A", trials.primary_info)
-    whole = trials.adjustment.adjusted(pairs, pairs.averages())
+    whole = trials.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, pairs.averages())
     monkeypatch.setattr("rmpc_bench.analysis.adjustment.ROWS", 7)
-    parts = adjustment_of(trials).adjusted(pairs, pairs.averages())
+    parts = replace(trials, seed=1).adjustment.adjusted(pairs.runs, pairs.a, pairs.b, pairs.averages())
     for name, made in whole.items():
         np.testing.assert_allclose(parts[name].values, made.values, rtol=1e-10)
 
@@ -229,10 +234,10 @@ def test_a_difference_that_the_draws_explain_has_no_width(make_trials):
     exact = lambda u: {"mse": {"A": np.exp(0.3 + u[:, 0] - u[:, 0] * u[:, 1]), "B": np.ones(len(u))}}  # noqa: E731
     trials = drawn(make_trials, 60, values=exact)
     pairs = pairs_of(trials, "A", trials.primary_info)
-    V = trials.adjustment.adjusted(pairs, {"geometric": None})["geometric"].values
+    V = trials.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, {"geometric": None})["geometric"].values
     assert np.ptp(V) == 0 and V[0] == pytest.approx(0.3, rel=1e-12)
     equal = drawn(make_trials, 60, values=lambda u: {"mse": {"A": 1 + u[:, 0] ** 2, "B": 1 + u[:, 0] ** 2}})
-    made = equal.adjustment.adjusted(pairs_of(equal, "A", equal.primary_info), {"geometric": None, "mean": None})
+    made = adjusted(equal, {"geometric": None, "mean": None})
     assert all((each.values == 0).all() for each in made.values())
 
 
@@ -256,16 +261,16 @@ def test_what_is_not_adjusted(make_trials):
     """An adjusted share of finished runs that is not positive, huge values, missing draws: plain values remain."""
     one_of_two = drawn(make_trials, 60, fails=lambda u: np.abs(u[:, 0]) < 0.5)
     pairs = pairs_of(one_of_two, "A", one_of_two.primary_info)
-    assert {*one_of_two.adjustment.adjusted(pairs, pairs.averages())} <= {"geometric", "mean"}
+    assert {*one_of_two.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, pairs.averages())} <= {"geometric", "mean"}
     # All of a mean in the run with the smallest weight, which is negative.
     weights = drawn(make_trials, seed=61).adjustment.basis(60).intercepts(np.eye(60))[-1]
     a = np.where(np.arange(60) == weights.argmin(), 1e3, 1e-6)
     rare = drawn(make_trials, seed=61, values=lambda u: {"mse": {"A": a, "B": np.ones(60)}})
-    found = rare.adjustment.adjusted(pairs_of(rare, "A", rare.primary_info), {"geometric": None, "mean": None})
+    found = adjusted(rare, {"geometric": None, "mean": None})
     assert weights.min() < 0 and [*found] == ["geometric"]
     assert rare.adjustment.why_not(60) == "an adjusted mean is not positive"
     huge = drawn(make_trials, 60, values=lambda u: {"mse": {"A": 1e300 * (2 + u[:, 0]), "B": 1e300 * (3 + u[:, 1])}})
-    made = huge.adjustment.adjusted(pairs_of(huge, "A", huge.primary_info), {"geometric": None, "mean": None})
+    made = adjusted(huge, {"geometric": None, "mean": None})
     assert np.isfinite(made["mean"].values).all()
     gone = replace(one_of_two, quantities={name: each[:50] for name, each in one_of_two.quantities.items()})
     assert gone.adjustment.why_not(60) == "the drawn values are not stored"
@@ -275,7 +280,7 @@ def test_interval_has_fewer_degrees_of_freedom(make_trials):
     """Student's with n_pairs - p, of the values V."""
     trials = drawn(make_trials, 60)
     pairs = pairs_of(trials, "A", trials.primary_info)
-    made = trials.adjustment.adjusted(pairs, {"mean": None})["mean"]
+    made = trials.adjustment.adjusted(pairs.runs, pairs.a, pairs.b, {"mean": None})["mean"]
     low, high = made.interval("mean", 0.95, 1)
     reach = stats.t.ppf(0.975, 54) * made.values.std(ddof=1) / math.sqrt(60)
     assert [low, high] == pytest.approx([made.values.mean() - reach, made.values.mean() + reach], rel=1e-9)
@@ -301,7 +306,7 @@ def test_coverage_where_failures_depend_on_the_draws(make_trials, average):
         a[u[:, 0] + 0.3 * u[:, 1] > 0.6] = np.nan
         found = replace(trials, quantities={"run": np.arange(n), "eps": u[:, 0], "eta": u[:, 1]}).adjustment
         pairs = replace(pairs_of(trials, "A", trials.primary_info), a=a, b=np.ones(n))
-        made = found.adjusted(pairs, {average: None})[average]
+        made = found.adjusted(pairs.runs, pairs.a, pairs.b, {average: None})[average]
         low, high = made.interval(average, 0.95, 1)
         covers += low <= truth <= high
         ends = student(pairs.averages()[average], 0.95)

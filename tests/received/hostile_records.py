@@ -43,7 +43,7 @@ FIELDS = {
         ),
         *("relevant", "margins", "average", "headline", "max_failures", "alike", "overrides", "figures", "claims"),
         *("points", "expected_failures", "report", "ranks", "requirements", "lost", "added", "stop", "parameters"),
-        *("tuning", "two_way"),
+        *("tuning", "two_way", "adjust"),
     ),
 }
 """Every field at the top of every record; a test compares them with those of new results."""
@@ -61,7 +61,7 @@ POINT = (
         "methods",
         "n_recorded",
     ),
-    *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations"),
+    *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations", "laws"),
 )
 """Every field of a point of the layout."""
 EXPERIMENT = {"tuning.json": "tuned"}
