@@ -119,6 +119,7 @@ ADDED_LATER: Mapping[tuple[str, str], Any] = {
     ("estimators", "noise"): "nominal",
     ("estimators", "use_y0"): True,
     ("metrics", "of"): "output",
+    ("models", "D"): None,
     ("models", "scale"): None,
 }
 """Keys of a group, or of one kind, that were added after trials had been stored.  Their defaults are left out of the
