@@ -26,7 +26,7 @@ def test_public_names_are_the_documented_ones():
         *("LinearModel", "Scenario", "Experiment", "Method", "Status", "Trials", "Results"),
         *("simulate", "run", "run_one", "filter_data", "merge", "replay", "load_config", "load_results", "load_trials"),
         *("summarise", "compare", "drivers", "requirements", "ranks", "tuning"),
-        *("judge", "figure", "publish", "pack", "verify"),
+        *("import_runs", "judge", "figure", "publish", "pack", "verify"),
         *("compare_results", "compare_improvements"),
         *("register", "plant", "model", "estimator", "controller"),
         *("single_run", "SolverError", "Estimator", "Controller", "Plant", "Metric", "Figure"),
