@@ -28,9 +28,9 @@ from rmpc_bench.execution.progress_file import FINISHED
 from rmpc_bench.importing.doubts import read_runs
 from rmpc_bench.importing.runs import OK, Runs
 from rmpc_bench.importing.settings import Options, Settings
-from rmpc_bench.importing.table import Form, Table
 from rmpc_bench.installed import version_of
 from rmpc_bench.received.plain_files import StoreError
+from rmpc_bench.received.run_table import Form, Table
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import inside, replace_text, replaced
 from rmpc_bench.results import manifest

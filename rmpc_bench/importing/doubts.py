@@ -9,8 +9,8 @@ import numpy as np
 from rmpc_bench.importing.roles import is_text
 from rmpc_bench.importing.runs import Reader, Runs
 from rmpc_bench.importing.settings import Options, Settings
-from rmpc_bench.importing.table import Table, read_table
 from rmpc_bench.noise.distributions import Choice, Distribution, Lognormal, Normal
+from rmpc_bench.received.run_table import Table, read_table
 from rmpc_bench.types import Array, ConfigError, Problem
 
 ROUNDED = 1e-9

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rmpc_bench.importing.settings import NAMED_ROLES, Options, Settings
-from rmpc_bench.importing.table import Table
 from rmpc_bench.received.names import METRIC
+from rmpc_bench.received.run_table import Table
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
 

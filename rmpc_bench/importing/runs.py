@@ -11,8 +11,8 @@ import numpy as np
 
 from rmpc_bench.importing.roles import made_long, roles_of
 from rmpc_bench.importing.settings import MetricKeys, Options, Settings
-from rmpc_bench.importing.table import DECIMAL_COMMA, MAX_NAMED, Table
 from rmpc_bench.received.names import METRIC, wrong_line, wrong_method
+from rmpc_bench.received.run_table import DECIMAL_COMMA, MAX_NAMED, Table
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Array, ConfigError, MetricInfo, Problem, Status
 

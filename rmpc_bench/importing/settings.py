@@ -24,8 +24,8 @@ from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, plain
 from rmpc_bench.config_file.yaml import load, parse
-from rmpc_bench.importing.table import Form
 from rmpc_bench.received.names import METRIC, wrong_label
+from rmpc_bench.received.run_table import Form
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, MetricInfo, Problem, ResultLayout
 from rmpc_bench.types.errors import MAPPING

@@ -7,5 +7,6 @@
 | names in them, as in a configuration | `names` |
 | archives of `pack` | `archive` |
 | arrays and tables: .npz, .mat, .csv | `arrays` |
+| tables of runs made elsewhere: .csv, .csv.gz, .parquet | `run_table` |
 | what may execute; the one start of git | `consent` |
 """

@@ -79,7 +79,7 @@ def test_installed_command():
 def test_help_shows_every_verb():
     """In the order of a day's work, each with a line; each has help of its own."""
     verbs = [
-        *("init", "run", "suite", "check", "list", "describe", "status"),
+        *("init", "run", "import", "suite", "check", "list", "describe", "status"),
         *("merge", "show", "report", "compare", "pack", "verify", "schema"),
     ]
     lines = [line.split(maxsplit=1) for line in cli("--help").stdout.split("Commands:")[1].splitlines() if line.strip()]

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.extras import install
 from rmpc_bench.received.names import wrong_line
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
@@ -319,7 +318,7 @@ def _parquet(path: Path, name: str, max_rows: int) -> Table:
         import pyarrow
         import pyarrow.parquet as parquet
     except ImportError:
-        raise _error(name, f"needs the library pyarrow; in a clone, {install('parquet')} installs it") from None
+        raise _error(name, "needs the library pyarrow; in a clone, pip install '.[parquet]' installs it") from None
     content = _content(path, name)
     try:
         file = parquet.ParquetFile(pyarrow.BufferReader(content))
