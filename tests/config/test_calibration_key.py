@@ -103,3 +103,20 @@ def test_what_is_refused(tmp_path, others, message):
     found = [f"{problem.path}: {problem.message}" for problem in caught.value.problems]
     assert len([text for text in found if text.startswith(message)]) == 1, found
     assert all(problem.line > 1 or "calibration" not in problem.path for problem in caught.value.problems)
+
+
+def test_estimators_with_a_bound_say_so():
+    """Oracle: the docstrings of the filters; their P is an upper bound for any F, that of the others is not."""
+    methods = {
+        "KF": {"estimator": {"kind": "kalman-predictor", "R": 1.0}},
+        "ERP": {"estimator": {"kind": "enhanced-robust", "rule": "error", "eps": 0.1}},
+        "robust-H": {"estimator": {"kind": "robust-h-infinity", "theta": 1e-4, "alpha": 20}},
+        "Sayed": {"estimator": {"kind": "sayed-bdu", "R": 1.0, "form": "predictor"}},
+    }
+    uncertain = {
+        **{"kind": "uncertain-linear", "A": [[0.5, 0.1], [0.0, 0.6]], "Bw": 1, "C": [[1, 0]], "Dv": 1},
+        **{"H_A": [[0.1], [0.0]], "G_x": [[0, 1]], "uncertainty": {"law": "uniform"}},
+    }
+    given = {"plant": uncertain, "model": {"from": "plant", "W": 1.0, "V": 1.0}, "methods": methods}
+    found = {each.name: each.estimator.P_is for each in load_config(keys(**given)).experiment.methods}
+    assert found == {"KF": "covariance", "ERP": "bound", "robust-H": "bound", "Sayed": "covariance"}
