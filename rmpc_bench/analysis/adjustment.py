@@ -55,8 +55,8 @@ class Law(NamedTuple):
 
     @property
     def is_random(self) -> bool:
-        """Whether it has a spread."""
-        return float(np.ptp(self.nodes)) > 0
+        """Whether it has a spread that is more than rounding."""
+        return float(np.ptp(self.nodes)) > max(1e-12 * float(np.abs(self.nodes).max()), 1e-100)
 
 
 def law_of(data: Mapping[str, Any]) -> Law | None:
@@ -192,7 +192,7 @@ class Basis:
 
     @cached_property
     def _terms(self) -> list[Term]:
-        return terms_of([each.degree for each in self.quantities], self.form) if self.form else []
+        return terms_of([each.degree for each in self.quantities], self.form)
 
     @cached_property
     def _kept(self) -> list[Array]:
@@ -233,8 +233,11 @@ class Basis:
     @cached_property
     def is_determined(self) -> bool:
         """Whether the drawn values determine the terms; a basis without terms is."""
-        smallest = float(np.linalg.eigvalsh(self._square / len(self.values))[0])
-        return smallest >= SMALLEST_EIGENVALUE and float(self._leverages[1].max()) <= LARGEST_LEVERAGE
+        square = self._square / len(self.values)
+        # A record from elsewhere may hold values beyond its laws.
+        if not np.isfinite(square).all() or float(np.linalg.eigvalsh(square)[0]) < SMALLEST_EIGENVALUE:
+            return False
+        return float(self._leverages[1].max()) <= LARGEST_LEVERAGE
 
     def intercepts(self, z: Array) -> Array:
         """Return the intercepts of the columns z (n, columns) without each run, and in row n those of all runs."""
@@ -244,11 +247,6 @@ class Basis:
             found[:-1][rows] = beta[0] - (g[rows] / (1 - h[rows]))[:, None] * (z[rows] - X @ beta)
         found[-1] = beta[0]
         return found
-
-
-def without_terms(n: int) -> Basis:
-    """Return the basis of a constant, for n runs."""
-    return Basis("", (), np.zeros((n, 0)))
 
 
 class Values(NamedTuple):

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rmpc_bench.analysis.adjustment import Values, without_terms
+from rmpc_bench.analysis.adjustment import Basis, Values
 from rmpc_bench.analysis.intervals import FEW, NONE, Interval, welch, wilson
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, relative_change, worst_finished
@@ -210,7 +210,11 @@ def _values(sample: _Sample) -> dict[str, tuple[Values, Values]]:
     if sample.paired:
         common = np.intersect1d(tables[0].runs, tables[1].runs)
         one, other = one.of_runs(common), other.of_runs(common)
-        of_one, of_other, none = one.basis(len(runs[0])), other.basis(len(runs[0])), without_terms(len(common))
+        of_one, of_other, none = (
+            one.basis(len(runs[0])),
+            other.basis(len(runs[0])),
+            Basis("", (), np.zeros((len(common), 0))),
+        )
         if of_one is None and of_other is None:
             return found
         of_one, of_other = of_one or none, of_other or none

@@ -25,24 +25,10 @@ SHARDS = "shards"
 Font = Literal["dejavu", "stix", "times"]
 Style = Literal["bench", "paper"]
 Format = Literal["svg", "pdf", "png", "pgf"]
-Column = Literal[
-    "mean",
-    "lost",
-    "median",
-    "change",
-    "other",
-    "counts",
-    "superiority",
-    "p",
-    "verdict",
-    "n",
-    "held",
-    "steps",
-    "pairs",
-    "plain",
-]
+_Compared = Literal["change", "other", "plain", "counts", "superiority", "p", "verdict", "pairs"]
+Column = Literal["mean", "lost", "median", _Compared, "n", "held", "steps"]
 """Columns of the LaTeX table of a metric behind the label of the method; `other` is the change of the other average,
-`plain` the one without an adjustment."""
+`plain` the one that is not adjusted."""
 DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf")
 LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
 """Narrowest and widest figure [in]."""

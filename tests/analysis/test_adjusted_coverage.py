@@ -5,8 +5,8 @@ import math
 import pytest
 from adjusted_study import POPULATIONS, coverage, samples
 
-SETS = 100
-"""Samples of a population; a coverage of 0.95 has a standard error of 0.022."""
+SETS = 60
+"""Samples of a population; a coverage of 0.95 has a standard error of 0.028."""
 
 
 @pytest.mark.parametrize("name", POPULATIONS)
