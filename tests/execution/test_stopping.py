@@ -57,7 +57,7 @@ def claims(tmp_path):
 
 def test_the_half_widths_are_those_of_the_printed_intervals(tmp_path):
     """Oracle: Student's t of the logs at the level of the verdicts, from the columns of the table."""
-    path = write(tmp_path, noise=NOISE, methods=THREE, runs=40)
+    path = write(tmp_path, noise=NOISE, methods=THREE, runs=40, statistics="{adjust: none}")
     computed(path, tmp_path / "a")
     trials = load_results(tmp_path / "a").trials
     level = comparison_frame(trials)["ci_level"].iloc[0]
@@ -81,7 +81,7 @@ def test_one_method_has_the_width_of_its_mean(tmp_path):
 
 def test_a_signed_metric_is_relative_to_its_size(tmp_path):
     """Mean absolute value of both methods."""
-    path = write(tmp_path, noise=NOISE, metrics="[steady_state_error]", runs=20)
+    path = write(tmp_path, noise=NOISE, metrics="[steady_state_error]", runs=20, statistics="{adjust: none}")
     computed(path, tmp_path / "a")
     trials = load_results(tmp_path / "a").trials
     a, b = (np.abs(trials.column("steady_state_error", name)) for name in ("R-MPC", "S-MPC"))
