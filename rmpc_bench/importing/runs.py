@@ -110,6 +110,9 @@ class Reader:
         values = self._sort_columns(found)
         self._check_values(found, values)
         self._complete(found, [*values])
+        if not len(found.row):
+            self.problems.append(self.table.problem("--missing drop leaves no run"))
+            self._stop()
         found.parameters = self._parameters(found)
         used, run = np.unique(found.run, return_inverse=True)
         if len(used) <= int(found.run.max(initial=0)):
@@ -273,6 +276,7 @@ class Reader:
         chosen = {name: chosen[name] for name in (named or chosen) if name in chosen}
         if not chosen:
             text = "no metric: no column has numbers that differ between the methods; --metric names one"
+            text = "; ".join([text, *self.table.notes[:MAX_NAMED]])
             self.problems += [] if self.problems else [self.table.problem(text)]
             self._stop()
         if len(chosen) > MOST_METRICS:
@@ -382,10 +386,6 @@ class Reader:
                 f"--missing drop: {len(np.unique(found.group[left]))} runs are left out, which some method lacks"
             )
             found.taken(np.flatnonzero(~left))
-            if not len(found.row):
-                self.problems.append(
-                    self.table.problem("--missing drop leaves no run: the methods have none in common")
-                )
             return
         added = np.concatenate(parts)
         for name, column in zip(("point", "method", "run"), added.T, strict=True):

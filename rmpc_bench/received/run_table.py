@@ -12,6 +12,7 @@ import gzip
 import io
 import re
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -216,11 +217,10 @@ def _header(content: bytes, form: Form, name: str) -> tuple[str, ...]:
 
 
 def _check_header(header: Sequence[str], name: str) -> None:
-    twice = dict.fromkeys(each for each in header if each and header.count(each) > 1) if len(header) <= 1000 else {}
-    found = [f"the column {each[:60]!r} is there {header.count(each)} times" for each in twice]
-    if len(header) > MAX_COLUMNS or len(header) > 1000 and len({*header}) < len(header) - header.count("") + 1:
-        found = [f"{len(header):,} columns, at most {MAX_COLUMNS:,}, each with a name of its own"]
-    found += [f"the name of the column {each[:60]!r} {wrong}" for each in header if (wrong := wrong_line(each))]
+    counts = Counter(each for each in header if each)
+    found = [f"the column {each[:60]!r} is there {n} times" for each, n in counts.items() if n > 1]
+    found += [f"{len(header):,} columns, at most {MAX_COLUMNS:,}"] if len(header) > MAX_COLUMNS else []
+    found += [f"the name of the column {each[:60]!r} {wrong}" for each in counts if (wrong := wrong_line(each))]
     if found:
         raise ConfigError([Problem(name, 1, 0, "", text) for text in found])
 

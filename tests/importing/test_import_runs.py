@@ -259,6 +259,37 @@ def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_fact
         assert found.experiment.n_runs > 0
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"mse": 0.5}, "column 'mse' is ignored: all its cells are equal"),
+        (
+            {"m,s<b>": [1.0, 2, 3, 4], "mse": 1},
+            "column 'm,s<b>' is ignored: the name is none of a metric; --columns metric:",
+        ),
+        ({"mse": [1, np.nan, np.nan, 2], "missing": "drop"}, "table: --missing drop leaves no run"),
+        ({f"c{i}": [i, 1, 2, 3] for i in range(120)}, "121 metrics, at most 100; --metric names some"),
+        ({f"c{i}": 1 for i in range(10_001)}, "table:1: 10,004 columns, at most 10,000"),
+        ({"mse": [1.0, 2, -np.inf, 3]}, "table:3: mse of B is -inf: no number"),
+        ({"method": ["A", "A", "", "B"]}, "table:3: a row has no method"),
+        ({"run": [1, 2, "\u202e", 2]}, "table:3: the name of the run: contains the control or invisible character"),
+    ],
+)
+def test_a_frame_without_a_comparison_is_refused(tmp_path, change, expected):
+    missing = change.pop("missing", "error")
+    frame = pd.DataFrame({"run": [1, 2, 1, 2], "method": [*"AABB"], "mse": [1.0, 2.0, 3.0, 4.0]} | change)
+    with pytest.raises(ConfigError) as refused:
+        rmpc_bench.import_runs(frame, directory=tmp_path / "o", missing=missing)
+    assert expected in str(refused.value)
+
+
+@pytest.mark.parametrize("change", [{"mse": 1e300}, {"status": "bad"}, {"eps": 0.0}])
+def test_degenerate_tables_have_a_page(tmp_path, change):
+    frame = paired(12).rename(columns={"u": "eps"}).assign(**change)
+    rmpc_bench.publish(rmpc_bench.import_runs(frame, directory=tmp_path / "o", metrics=["mse"]))
+    assert (tmp_path / "o" / "report.html").exists()
+
+
 def paired(n, methods=("KF", "R"), seed=1):
     """Return runs of methods on the same draws: u explains most of the metric."""
     u = np.random.default_rng(seed).uniform(-1, 1, n)
