@@ -174,6 +174,8 @@ def test_missing_rows_are_left_out_or_count_as_failed(tmp_path):
         rmpc_bench.import_runs(frame, directory=tmp_path / "a")
     dropped = rmpc_bench.import_runs(frame, directory=tmp_path / "b", missing="drop")
     assert (dropped.experiment.n_runs, dropped.trials.run_names) == (2, (5, 7))
+    with pytest.raises(ConfigError, match="--missing drop leaves no run"):
+        rmpc_bench.import_runs(frame[1:5:2], directory=tmp_path / "d", missing="drop", metrics=["mse"])
     failed = rmpc_bench.import_runs(frame[:5], directory=tmp_path / "c", missing="failed")
     assert (failed.trials.n_failed("B"), failed.incomplete) == (1, ())
 
@@ -267,7 +269,6 @@ def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_fact
             {"m,s<b>": [1.0, 2, 3, 4], "mse": 1},
             "column 'm,s<b>' is ignored: the name is none of a metric; --columns metric:",
         ),
-        ({"mse": [1, np.nan, np.nan, 2], "missing": "drop"}, "table: --missing drop leaves no run"),
         ({f"c{i}": [i, 1, 2, 3] for i in range(120)}, "121 metrics, at most 100; --metric names some"),
         ({f"c{i}": 1 for i in range(10_001)}, "table:1: 10,004 columns, at most 10,000"),
         ({"mse": [1.0, 2, -np.inf, 3]}, "table:3: mse of B is -inf: no number"),
@@ -276,10 +277,9 @@ def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_fact
     ],
 )
 def test_a_frame_without_a_comparison_is_refused(tmp_path, change, expected):
-    missing = change.pop("missing", "error")
     frame = pd.DataFrame({"run": [1, 2, 1, 2], "method": [*"AABB"], "mse": [1.0, 2.0, 3.0, 4.0]} | change)
     with pytest.raises(ConfigError) as refused:
-        rmpc_bench.import_runs(frame, directory=tmp_path / "o", missing=missing)
+        rmpc_bench.import_runs(frame, directory=tmp_path / "o")
     assert expected in str(refused.value)
 
 
