@@ -319,3 +319,14 @@ def test_degree_is_an_upper_limit(make_trials):
     row = row_of(trials, "A")
     assert (row["adjusted_form"], row["adjusted_for"]) == ("linear", "eps")
     assert extent_of(trials).planned == 200
+
+
+@pytest.mark.slow
+def test_numbers_of_fig_7(tmp_path):
+    """R-MPC1 alone at 95 %, 200 runs, geometric mean: -10.120 [-10.588, -9.651]; without the adjustment -10.91."""
+    config = rmpc_bench.load_config("configs/zenere2018/fig7.yaml")
+    trials = rmpc_bench.run(config, directory=tmp_path, jobs=1).trials
+    found = averages_of(trials, pairs_of(trials, "R-MPC1", trials.primary_info))["geometric"]
+    ends = 100 * np.expm1([found.values.mean(), *found.interval("geometric", 0.95, trials.seed)])
+    assert found.basis.form == "quadratic" and ends == pytest.approx([-10.120, -10.588, -9.651], abs=6e-4)
+    assert row_of(trials, "R-MPC1")["geometric_pct"] == pytest.approx(-10.91, abs=5e-3)
