@@ -24,14 +24,10 @@ if TYPE_CHECKING:
 
 FACTORS = (0.001, 0.01, 0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 10, 20, 50, 100, 1000)
 """Ticks of a wide axis of ratios."""
-PER_CENT_STEPS = (1, 2, 5, 10, 20, 25, 50)
-"""Distances of the ticks of a narrow one [%]."""
-APART = 0.14
-"""Smallest distance of two tick labels as a part of the axis."""
-REACH = 8.0
-"""Rows that reach farther than this many times the middle one lie beyond the axis."""
-WIDE = 20.0
-"""Ratio of the largest to the smallest value from which on an axis of values is logarithmic."""
+PER_CENT_STEPS = (1, 2, 5, 10, 20, 25, 50)  # distances of the ticks of a narrow one [%]
+APART = 0.14  # smallest distance of two tick labels as a part of the axis
+REACH = 8.0  # rows that reach farther than this many times the middle one lie beyond the axis
+WIDE = 20.0  # ratio of the largest to the smallest value from which on an axis of values is logarithmic
 _SMALLEST, _LARGEST = 1e-12, 1e100
 
 
@@ -169,10 +165,8 @@ def _linear_ticks(low: float, high: float, most: int) -> tuple[Tick, ...]:
     )
 
 
-FAR = 1e100
-"""Largest magnitude that is drawn: matplotlib fails on the last values of a run that diverges."""
-STEPS = (1, 2, 5, 10)
-"""Ticks are multiples of these."""
+FAR = 1e100  # largest magnitude that is drawn: matplotlib fails on the last values of a run that diverges
+STEPS = (1, 2, 5, 10)  # ticks are multiples of these
 
 
 def stacked_panels(figure: MplFigure, n: int, *, sharex: bool = True) -> list[Axes]:
@@ -238,8 +232,7 @@ def _tick(value: float, _place: int | None = None) -> str:
 
 
 Log = bool | Literal["auto"]
-NONE: dict[str, float] = {"ratio": 1.0, "share": 0.5}
-"""Form of a change -> where there is none, else 0."""
+NONE: dict[str, float] = {"ratio": 1.0, "share": 0.5}  # form of a change -> where there is none, else 0
 
 
 def change_axis(form: Form, changes: Sequence[Estimate], margin: float, most: int = 6) -> Axis:

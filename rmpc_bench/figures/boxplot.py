@@ -34,12 +34,10 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.result_rows import ResultTable
     from rmpc_bench.analysis.trials import Trials
 
-FIRST, PANEL = 2.4, 1.4
-"""Heights of one panel with its labels, and of a further one [in]."""
+FIRST, PANEL = 2.4, 1.4  # heights of one panel with its labels, and of a further one [in]
 MOST_DOTS = 500
 """Runs beyond the whiskers of all boxes of a panel that are drawn; a file with a million runs would have 10 MB."""
-MARGIN = 42.0
-"""Width of the numbers of the axis and its label [pt]."""
+MARGIN = 42.0  # width of the numbers of the axis and its label [pt]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
-WIDTH, NOTE_DISTANCE = 3.5, 6.5
-"""Width of the picture [in], and from a point to the middle of its note [pt]."""
+WIDTH, NOTE_DISTANCE = 3.5, 6.5  # width of the picture [in], and from a point to the middle of its note [pt]
 EQUAL_AXES_HEIGHT, MARGIN = 1.2, 0.12
 """Additional height of a panel with equal axes [in], and the share of it that is left for notes on every side."""
 

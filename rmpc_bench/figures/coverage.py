@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-PANEL, APART = 2.2, 0.012
-"""Height of a panel [in], and distance between the marks of methods at one level."""
+PANEL, APART = 2.2, 0.012  # height of a panel [in], and distance between the marks of methods at one level
 NEEDED = "needs shares of covered errors: calibration: true"
 
 

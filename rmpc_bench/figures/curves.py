@@ -55,10 +55,8 @@ class Curve(NamedTuple):
 class SeriesComponent(NamedTuple):
     """A component of a series."""
 
-    best: Curve
-    """The exact values where they exist, else those from runs."""
-    behind: Curve | None
-    """Those from runs where the exact ones exist too."""
+    best: Curve  # the exact values where they exist, else those from runs
+    behind: Curve | None  # those from runs where the exact ones exist too
 
 
 def components(point: Trials, quantity: str, method: str) -> dict[str, SeriesComponent]:
@@ -73,12 +71,9 @@ def components(point: Trials, quantity: str, method: str) -> dict[str, SeriesCom
 class NeesLines(NamedTuple):
     """NEES of a method over the samples, divided by the degrees of freedom."""
 
-    exact: Array | None
-    """(samples,) expected value; None without exact moments."""
-    average: Array | None
-    """(samples,) average over runs; None without runs."""
-    freedom: Array
-    """(samples,) degrees of freedom of all runs together."""
+    exact: Array | None  # (samples,) expected value; None without exact moments
+    average: Array | None  # (samples,) average over runs; None without runs
+    freedom: Array  # (samples,) degrees of freedom of all runs together
 
 
 def nees_of(point: Trials, method: str) -> NeesLines | None:
@@ -117,12 +112,9 @@ def _divided(values: Array, freedom: Array) -> Array:
     return np.asarray(np.where(freedom > 0, values / np.maximum(freedom, 1), np.nan))
 
 
-EDGE = 1e-9
-"""Relative distance beyond the edge of a set up to which a state counts as inside: rounding."""
-BAND = (0.05, 0.95)
-"""Quantiles over the runs at the ends of a band."""
-FEW = 10
-"""Recorded runs below which no mean and standard deviation over them is shown."""
+EDGE = 1e-9  # relative distance beyond the edge of a set up to which a state counts as inside: rounding
+BAND = (0.05, 0.95)  # quantiles over the runs at the ends of a band
+FEW = 10  # recorded runs below which no mean and standard deviation over them is shown
 
 
 class Line(NamedTuple):
@@ -147,22 +139,18 @@ class Cell(NamedTuple):
 
     lines: tuple[Line, ...] = ()
     areas: tuple[Area, ...] = ()
-    levels: tuple[tuple[str, float], ...] = ()
-    """Kinds and values of horizontal lines."""
+    levels: tuple[tuple[str, float], ...] = ()  # kinds and values of horizontal lines
 
 
 class Choice(NamedTuple):
     """Which runs of a method are shown, and how."""
 
     show: str
-    selection: RunSelection | None
-    """None where no run of the method is recorded."""
-    middle: int
-    """Position of the thick run in the traces."""
+    selection: RunSelection | None  # None where no run of the method is recorded
+    middle: int  # position of the thick run in the traces
     n_thin: int | None
     level: float
-    log: bool | None
-    """None: for `nees` and `nis` only."""
+    log: bool | None  # None: for `nees` and `nis` only
 
 
 def cell_of(point: Trials, method: str, quantity: Quantity, window: TimeWindow, choice: Choice) -> Cell | None:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-THINNER = 0.7
-"""Width of lines in these small panels, as a share of that in others."""
+THINNER = 0.7  # width of lines in these small panels, as a share of that in others
 ANY = r"\cdot"
 
 
@@ -131,12 +130,9 @@ class Elements(OnePointFigure):
 class RecordedMatrix(NamedTuple):
     """A matrix of one method over one run."""
 
-    values: Array
-    """(shown samples, n, n); NaN before the first one is reported."""
-    held: bool
-    """Whether it is constant over a sample."""
-    failure: str
-    """Status of the run where it failed, else empty."""
+    values: Array  # (shown samples, n, n); NaN before the first one is reported
+    held: bool  # whether it is constant over a sample
+    failure: str  # status of the run where it failed, else empty
 
 
 class Content(NamedTuple):

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 N_POINTS = 181
-FLAT = 1e-12
-"""Distance from 1 of the correlation of a segment: the rounding of a singular P."""
+FLAT = 1e-12  # distance from 1 of the correlation of a segment: the rounding of a singular P
 
 THIN = 0.02
 """Width of an ellipse, relative to its length in units of the standard deviations, below which it looks like a line."""
@@ -50,10 +49,8 @@ THIN = 0.02
 class Ellipse(NamedTuple):
     """The ellipse (z - centre)' P^-1 (z - centre) = 1."""
 
-    centre: Array
-    """(2,)."""
-    P: Array
-    """(2, 2) covariance or shape matrix."""
+    centre: Array  # (2,)
+    P: Array  # (2, 2) covariance or shape matrix
 
     @property
     def shape(self) -> str:
@@ -103,15 +100,12 @@ RINGS: tuple[dict[str, Any], ...] = (
 """Lines of the radii, the first one first."""
 Radii = Annotated[tuple[Positive, ...], Len(1, len(RINGS))]
 DOTS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 1.7, "mew": 0.0}
-BROAD = 2.0
-"""Factor of the width of the lines of a segment, which a thin ellipse is not."""
+BROAD = 2.0  # factor of the width of the lines of a segment, which a thin ellipse is not
 END: dict[str, Any] = {"marker": "D", "ms": 3.0, "mew": 0.0}
 POINT: dict[str, Any] = {"marker": "x", "ms": 8.0, "mew": 2.0}
 REMARKS = {"ellipse": "", "segment": " (segment: $P$ is singular)", "point": " (point: $P = 0$)"}
-REMARKS["none"] = " (no ellipse)"
-"""What the legend says of a shape."""
-SERIES = ("mean(x_hat)", "P")
-"""Series that give the centre and the shape of an ellipse."""
+REMARKS["none"] = " (no ellipse)"  # what the legend says of a shape
+SERIES = ("mean(x_hat)", "P")  # series that give the centre and the shape of an ellipse
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
-PROGRAMS = ("pdflatex", "xelatex", "lualatex")
-"""Programs that measure the texts, the preferred one first."""
+PROGRAMS = ("pdflatex", "xelatex", "lualatex")  # programs that measure the texts, the preferred one first
 NO_LATEX = f"pgf needs a LaTeX ({', '.join(PROGRAMS)}) on the search path, and there is none; choose pdf or svg"
 _SPECIAL = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"} | {each: f"\\{each}" for each in "#_&{}$"}
@@ -151,10 +150,8 @@ def _forwarded(name: str, svg: Any, pdf: Any) -> Callable[..., Any]:
     return draw
 
 
-THINNER = 0.8
-"""Factor on the widths of all lines."""
-LEAST = 0.35
-"""Thinnest line [pt]; a printer may lose thinner ones."""
+THINNER = 0.8  # factor on the widths of all lines
+LEAST = 0.35  # thinnest line [pt]; a printer may lose thinner ones
 
 
 def thin_lines(figure: MplFigure) -> None:

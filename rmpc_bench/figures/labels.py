@@ -23,10 +23,8 @@ GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lam
 ACCENTS = ("hat", "breve")
 DID_NOT_OCCUR = "did not occur"
 """Words for a metric value of inf, such as the settling time of a run that did not settle."""
-ESTIMATE = ", estimate"
-"""Behind the name of a state whose estimate is shown."""
-LINEAR = "\n(linear: some <= 0)"
-"""Remark at an axis that cannot be logarithmic."""
+ESTIMATE = ", estimate"  # behind the name of a state whose estimate is shown
+LINEAR = "\n(linear: some <= 0)"  # remark at an axis that cannot be logarithmic
 
 
 def metric_of(trials: Trials, name: str | None) -> MetricInfo:

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 HANDLE, PAD, GAP = 1.7, 0.5, 1.0
 """Length of a sample, distance to its label, distance between columns, in units of the font size."""
 
-Handle: TypeAlias = "tuple[str, Artist]"
-"""Label and sample of an entry."""
-Entry: TypeAlias = "tuple[list[str], Artist]"
-"""The same with the lines of the label."""
+Handle: TypeAlias = "tuple[str, Artist]"  # label and sample of an entry
+Entry: TypeAlias = "tuple[list[str], Artist]"  # the same with the lines of the label
 
 
 def finish(
@@ -100,16 +98,11 @@ def _in_rows(above: Sequence[Entry], below: Sequence[Entry], limit: float) -> tu
     return [entry for column in columns for entry in column], len(columns)
 
 
-DISTANCES = (4.0, 9.0, 15.0, 22.0, 30.0)
-"""From a point to its label [points], the nearest ones first."""
-LEADER = 12.0
-"""Distance from which on a thin line leads to the label [points]."""
-STEP = 3.0
-"""Distance between two boxes along a line [points]."""
-DOT = 3.5
-"""Half the size of a point [points]."""
-SHARE = 0.45
-"""Share of the panel's width that a line of a label may take."""
+DISTANCES = (4.0, 9.0, 15.0, 22.0, 30.0)  # from a point to its label [points], the nearest ones first
+LEADER = 12.0  # distance from which on a thin line leads to the label [points]
+STEP = 3.0  # distance between two boxes along a line [points]
+DOT = 3.5  # half the size of a point [points]
+SHARE = 0.45  # share of the panel's width that a line of a label may take
 CROSSED, HIDDEN, OUTSIDE, FAR_AWAY = 1.0, 4.0, 8.0, 3.0
 """Weights of the cost of a position: area on lines, on points or labels, and outside of the panel; distance."""
 
@@ -125,8 +118,7 @@ class Label(NamedTuple):
     x: float
     y: float
     text: str
-    gid: str | None = None
-    """Name of the group of its method, by which a page hides it."""
+    gid: str | None = None  # name of the group of its method, by which a page hides it
 
 
 def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Array]], *, color: str = "black") -> bool:

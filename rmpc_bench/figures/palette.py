@@ -73,10 +73,8 @@ DASHES: tuple[Any, ...] = (
     (0, (8, 1.5, 1.2, 1.5, 1.2, 1.5)),
 )
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-THIN = 0.7
-"""Width of the grey lines of methods beyond the seventh, which are too many to be distinguished [pt]."""
-MOST_TRAVEL = 6.0
-"""Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
+THIN = 0.7  # width of the grey lines of methods beyond the seventh, which are too many to be distinguished [pt]
+MOST_TRAVEL = 6.0  # total variation of a held signal, relative to its range, up to which it is drawn in dashes
 
 
 class LineStyle(NamedTuple):
@@ -85,14 +83,11 @@ class LineStyle(NamedTuple):
     color: str
     linestyle: Any
     linewidth: float
-    stepwidth: float
-    """Width of the line of a rough signal."""
+    stepwidth: float  # width of the line of a rough signal
     zorder: float
-    marker: str = "o"
-    """Of single points, such as the mean of a method."""
+    marker: str = "o"  # of single points, such as the mean of a method
     n_shown: int = 1
-    gid: str | None = None
-    """Name of the groups of the method in an SVG, by which a page hides them."""
+    gid: str | None = None  # name of the groups of the method in an SVG, by which a page hides them
 
     def line(self, *, held: bool = False, rough: bool = False) -> dict[str, Any]:
         """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost.

@@ -51,8 +51,7 @@ def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:
     return [point for point in trials.each if lies_at(point.point, texts)]
 
 
-MOST_POINTS = 6
-"""Points below each other that a reader can still compare."""
+MOST_POINTS = 6  # points below each other that a reader can still compare
 _tables: WeakKeyDictionary[Trials, dict[tuple[MetricInfo, Levels], ResultTable]] = WeakKeyDictionary()
 """Table of trials -> metric and levels -> rows; an entry ends with its table."""
 

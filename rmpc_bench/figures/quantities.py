@@ -40,13 +40,10 @@ DERIVED = {
 class Quantity(NamedTuple):
     """What a row of panels shows."""
 
-    kind: str
-    """``recorded``, ``series`` or one of `DERIVED`."""
+    kind: str  # ``recorded``, ``series`` or one of `DERIVED`
     name: str
-    component: str = ""
-    """Index as it is written; empty where there is one component only."""
-    number: int = 0
-    """The same, counted row by row."""
+    component: str = ""  # index as it is written; empty where there is one component only
+    number: int = 0  # the same, counted row by row
 
     def label(self, point: Trials) -> str:
         """Name the axis."""

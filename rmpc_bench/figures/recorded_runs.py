@@ -28,8 +28,7 @@ class TimeWindow(NamedTuple):
     first: int
     last: int
     sample: float
-    unit: str
-    """Unit of the time; empty where samples are counted."""
+    unit: str  # unit of the time; empty where samples are counted
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -72,17 +71,14 @@ def window_of(point: Trials, last: int, start: float | None, stop: float | None)
 
 
 _Value = TypeVar("_Value")
-ERROR, OUTPUT = "e", "y"
-"""The control error r - y, which is computed from the recorded output."""
+ERROR, OUTPUT = "e", "y"  # the control error r - y, which is computed from the recorded output
 
 
 class RunSelection(NamedTuple):
     """The recorded runs of a method that are shown."""
 
-    rows: Array
-    """Their positions in the traces."""
-    failed: bool
-    """Whether all recorded runs failed; they are shown then, as there are no others."""
+    rows: Array  # their positions in the traces
+    failed: bool  # whether all recorded runs failed; they are shown then, as there are no others
 
 
 def signal_of(traces: Traces, name: str, component: int) -> Array | None:

@@ -26,12 +26,9 @@ if TYPE_CHECKING:
 
 VERDICT_COLOURS = {BETTER: PRINT["better"], WORSE: PRINT["worse"], FAILS_MORE: PRINT["fail"]}
 """Word of a verdict -> colour; that of any other is the ink."""
-WIDTH, CAP = 0.56, 0.28
-"""Widths of a box and of the end of a whisker, as shares of the distance of two boxes."""
-TINT = 0.18
-"""Opacity of the colour of a verdict in a box."""
-THIN, MEDIAN = 0.8, 1.8
-"""Widths of the lines of a box and of its median [pt]."""
+WIDTH, CAP = 0.56, 0.28  # widths of a box and of the end of a whisker, as shares of the distance of two boxes
+TINT = 0.18  # opacity of the colour of a verdict in a box
+THIN, MEDIAN = 0.8, 1.8  # widths of the lines of a box and of its median [pt]
 
 
 def draw_box(axes: Axes, row: ResultRow, place: float, axis: Axis, *, upright: bool = False) -> None:
@@ -62,12 +59,9 @@ def draw_box(axes: Axes, row: ResultRow, place: float, axis: Axis, *, upright: b
         axes.plot(*point, ls="", marker=marker, ms=4, color=INK, clip_on=False, gid=gid, zorder=2.4)
 
 
-PALE = 0.6
-"""Opacity of an interval without the adjustment, which is thin."""
-LINE, DOT = 2.0, 4.5
-"""Width of an interval and size of its middle [pt]."""
-APART = 4.0
-"""Free width between the labels of two ticks [pt]."""
+PALE = 0.6  # opacity of an interval without the adjustment, which is thin
+LINE, DOT = 2.0, 4.5  # width of an interval and size of its middle [pt]
+APART = 4.0  # free width between the labels of two ticks [pt]
 LEFT, RIGHT = "◀", "▶"
 COMPARED = {"ratio": "change against {}", "difference": "difference from {}", "share": "share of runs better than {}"}
 
@@ -77,8 +71,7 @@ class Options(NamedTuple):
 
     log: Log
     above: float
-    ranked: bool
-    """Whether the changes are those over all points."""
+    ranked: bool  # whether the changes are those over all points
 
 
 class Column(NamedTuple):
@@ -87,10 +80,8 @@ class Column(NamedTuple):
     axis: Axis
     label: str
     draw_row: Callable[[Axes, ResultTable, ResultRow, int], None]
-    reference: Callable[[Axes], None] = lambda axes: None
-    """Draws what stands behind the rows."""
-    order: Sequence[str] = ()
-    """Methods from top to bottom, where the column gives the order."""
+    reference: Callable[[Axes], None] = lambda axes: None  # draws what stands behind the rows
+    order: Sequence[str] = ()  # methods from top to bottom, where the column gives the order
 
     def draw(self, axes: Axes, table: ResultTable, rows: Sequence[ResultRow]) -> None:
         """Draw the rows of a point."""

@@ -30,12 +30,9 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.result_rows import ResultRow, ResultTable
     from rmpc_bench.analysis.trials import Trials
 
-ROW, DENSE_ROW, DENSE = 0.28, 0.19, 10
-"""Height of a row [in], of up to so many rows and of more."""
-POINT, REST = 0.3, 0.5
-"""Heights of a point without its rows, and of the labels below [in]."""
-NAME_SHARE = 0.24
-"""Share of the width that a name may take before it is broken."""
+ROW, DENSE_ROW, DENSE = 0.28, 0.19, 10  # height of a row [in], of up to so many rows and of more
+POINT, REST = 0.3, 0.5  # heights of a point without its rows, and of the labels below [in]
+NAME_SHARE = 0.24  # share of the width that a name may take before it is broken
 USUAL = ("values", "change")
 WIDTHS: dict[str, float] = {"values": 1.0, "change": 1.25, "mean": 1.0, "share": 1.0, "rank": 0.7}
 """Columns with their relative widths."""

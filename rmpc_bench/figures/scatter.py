@@ -50,8 +50,7 @@ class Dot(NamedTuple):
     point: Trials
     x: Estimate
     y: Estimate
-    n: int
-    """Runs that have both values."""
+    n: int  # runs that have both values
     n_runs: int
 
     @property
@@ -113,8 +112,7 @@ def _estimate(values: Array, bars: str) -> Estimate:
     return Estimate(mean, mean - error, mean + error)
 
 
-MOST_DOTS = 60
-"""Dots that can still be distinguished."""
+MOST_DOTS = 60  # dots that can still be distinguished
 MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
 FRONT: dict[str, Any] = {"color": DIM, "lw": 0.9, "zorder": 2.1}
 

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-MOST_MARKS = 50
-"""Time marks along a path."""
+MOST_MARKS = 50  # time marks along a path
 TOO_CLOSE = f"more than {MOST_MARKS} time marks overlap: choose a longer time between two marks"
 MARK: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.2, "mew": 0.7, "mfc": GROUND, "mec": DIM, "zorder": 2.1}
 
@@ -69,12 +68,9 @@ class SignalPlane(NamedTuple):
 class Path(NamedTuple):
     """Two signals of a method in one run, at the samples that are shown."""
 
-    values: Array
-    """(samples, 2), with enlarged distances from the reference."""
-    reference: Array | None
-    """(samples, 2) of two outputs."""
-    failure: str
-    """Status of the run where it failed, else empty."""
+    values: Array  # (samples, 2), with enlarged distances from the reference
+    reference: Array | None  # (samples, 2) of two outputs
+    failure: str  # status of the run where it failed, else empty
 
 
 class PathContent(NamedTuple):

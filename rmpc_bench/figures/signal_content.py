@@ -19,23 +19,17 @@ from rmpc_bench.types import Array
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
-COLUMN, MOST_COLUMNS = 1.5, 4
-"""Least width of a column [in], and columns up to which their panels are wide enough."""
-FAR = 1.0
-"""A limit further away than this times the reach of the curves is not shown."""
-WILD = 6.0
-"""Reach of all runs, as a multiple of that of thick lines, up to which a panel shows them whole."""
+COLUMN, MOST_COLUMNS = 1.5, 4  # least width of a column [in], and columns up to which their panels are wide enough
+FAR = 1.0  # a limit further away than this times the reach of the curves is not shown
+WILD = 6.0  # reach of all runs, as a multiple of that of thick lines, up to which a panel shows them whole
 MOST_THIN, MOST_OTHER = 1700, 1800
 """Points of all thin lines of a figure and of its other lines; a point has about 8 bytes in an SVG."""
 TOLERANCES = (1 / 300, 1 / 200, 1 / 150)
 """Distances from a line that are not seen, as shares of the height of a panel; the first that gives few points."""
-ASPECT = 1.5
-"""Width of a panel, in heights."""
-FEW_RUNS = 2
-"""Thin lines of a panel that are shown in any case."""
+ASPECT = 1.5  # width of a panel, in heights
+FEW_RUNS = 2  # thin lines of a panel that are shown in any case
 CIRCLE: Mapping[str, Any] = {"ls": "", "marker": "o", "ms": 3.0, "mew": 0.7, "mfc": GROUND}
-OWN = ""
-"""Stands for the colour of the method."""
+OWN = ""  # stands for the colour of the method
 
 
 class Look(NamedTuple):
@@ -79,8 +73,7 @@ class Content(NamedTuple):
     point: Trials
     title: str
     rows: Sequence[Quantity]
-    cells: Mapping[str, Sequence[Cell | None]]
-    """Method -> the content of its panels."""
+    cells: Mapping[str, Sequence[Cell | None]]  # method -> the content of its panels
     window: TimeWindow
     selections: Mapping[str, RunSelection]
     log: bool | None

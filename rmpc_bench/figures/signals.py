@@ -32,16 +32,11 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 
-USUAL = ("y", "u")
-"""Signals that are shown by default."""
-MOST_ROWS = 8
-"""Rows of panels, which may be low: four inputs and three errors are usual."""
-MOST_METHODS = 9
-"""Methods that are shown where none are named."""
-MOST_PANELS = 28
-"""Panels of all methods, about 3 kB each in an SVG."""
-_LAST: list[tuple[Trials, str, Content]] = []
-"""One entry: a table, the keys of a figure, and what it shows."""
+USUAL = ("y", "u")  # signals that are shown by default
+MOST_ROWS = 8  # rows of panels, which may be low: four inputs and three errors are usual
+MOST_METHODS = 9  # methods that are shown where none are named
+MOST_PANELS = 28  # panels of all methods, about 3 kB each in an SVG
+_LAST: list[tuple[Trials, str, Content]] = []  # one entry: a table, the keys of a figure, and what it shows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,10 +187,8 @@ def _last(point: Trials, methods: Sequence[str]) -> int:
     return max([0, *recorded, *(len(each.values) - 1 for each in point.over_time if each.method in methods)])
 
 
-MANY = 30.0
-"""Ratio of the ends of a logarithmic axis up to which it has more ticks than powers of ten."""
-ALONE = 1.1
-"""Width of a thick line without thin ones [pt]."""
+MANY = 30.0  # ratio of the ends of a logarithmic axis up to which it has more ticks than powers of ten
+ALONE = 1.1  # width of a thick line without thin ones [pt]
 
 
 def draw_panels(made: Content, size: tuple[float, float], n_columns: int) -> MplFigure:

@@ -105,11 +105,9 @@ class Rendering:
 DEJAVU, STIX = "DejaVu Sans", "STIXGeneral"  # both come with matplotlib
 TIMES = ("Times New Roman", "Nimbus Roman", "TeX Gyre Termes", "Tinos", "Liberation Serif", "FreeSerif")
 """Times and fonts with the same widths, the best first."""
-SANS_INSTEAD = ("Verdana", "Geneva", "sans-serif")
-"""Where DejaVu Sans is missing: as wide (Verdana), or narrower."""
+SANS_INSTEAD = ("Verdana", "Geneva", "sans-serif")  # where DejaVu Sans is missing: as wide (Verdana), or narrower
 SERIF_INSTEAD = ("Times New Roman", "Times", "Liberation Serif", "STIX Two Text", "serif")
-TRUETYPE = (".ttf", ".ttc")
-"""Endings of files that are embedded in PDF as Type 42."""
+TRUETYPE = (".ttf", ".ttc")  # endings of files that are embedded in PDF as Type 42
 
 
 @cache
@@ -160,8 +158,7 @@ def _is_installed(family: str) -> bool:
 
 
 _FORMULAS: dict[Any, Any] = {}
-MOST = 2000
-"""Formulas that are kept; matplotlib keeps 50 for each renderer, and makes a renderer for every file."""
+MOST = 2000  # formulas that are kept; matplotlib keeps 50 for each renderer, and makes a renderer for every file
 
 
 @contextmanager
@@ -208,13 +205,10 @@ def without_docstrings_of_artists() -> Iterator[None]:
         setattr(Artist, name, usual) if usual is not None else delattr(Artist, name)
 
 
-FONT_SIZE = 8
-"""Size of all texts at the printed width [pt, of which an inch has 72]."""
+FONT_SIZE = 8  # size of all texts at the printed width [pt, of which an inch has 72]
 POINTS_PER_INCH = 72
-LINE_HEIGHT = 1.25 * FONT_SIZE
-"""Height of a line of text [pt]."""
-EDGE = 4.0
-"""Free space at the left and right edges [pt]: a browser gives an exponent the height of a whole letter."""
+LINE_HEIGHT = 1.25 * FONT_SIZE  # height of a line of text [pt]
+EDGE = 4.0  # free space at the left and right edges [pt]: a browser gives an exponent the height of a whole letter
 SIZES = ("font.size", "axes.labelsize", "axes.titlesize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 STYLE: dict[Any, Any] = {
     **dict.fromkeys(SIZES, FONT_SIZE),
@@ -238,8 +232,7 @@ STYLE: dict[Any, Any] = {
 PAPER: dict[Any, Any] = {"axes.linewidth": 0.5}
 PAPER |= {f"{side}tick.{kind}.width": width for side in "xy" for kind, width in (("major", 0.5), ("minor", 0.3))}
 """What the style `paper` changes."""
-MATHTEXT = {"dejavu": "dejavusans", "stix": "stix", "times": "stix"}
-"""Font -> formulas that fit to it."""
+MATHTEXT = {"dejavu": "dejavusans", "stix": "stix", "times": "stix"}  # font -> formulas that fit to it
 _USUAL = Rendering()
 _CURRENT: ContextVar[Rendering] = ContextVar("rendering", default=_USUAL)
 

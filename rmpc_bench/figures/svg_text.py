@@ -40,8 +40,7 @@ def _rounded(number: re.Match[str]) -> str:
 PRIME = "\N{PRIME}"
 SUPERSCRIPT = 0.7
 """Size of a superscript; matplotlib sets a prime as one, from a font in which it stands in the place of a 0."""
-RAISED = 0.59
-"""How far a superscript is raised, as a share of its size."""
+RAISED = 0.59  # how far a superscript is raised, as a share of its size
 NAMESPACES = ' xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
 _LEFT_OUT = re.compile(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*|<defs>\s*<style[^>]*>.*?</style>\s*</defs>\s*", re.S)

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.result_rows import ResultTable
     from rmpc_bench.analysis.trials import Trials
 
-PANEL, FIRST = 1.7, 2.6
-"""Heights of a figure of lines: of every further panel, and of the first one with labels [in]."""
+PANEL, FIRST = 1.7, 2.6  # heights of a figure of lines: of every further panel, and of the first one with labels [in]
 PAGE = {"wide": (4.65, 3.2), "narrow": (2.7, 2.6)}
 """Class of a drawing on the page -> its size [in]: the page shows it 1.4 times as large, with texts of 11 pt."""
 

@@ -26,12 +26,9 @@ if TYPE_CHECKING:
 Show = Literal["change", "value"]
 BETTER_IF = {"lower": ", lower is better", "higher": ", higher is better"}
 FORMS = {"ratio": "change of {}", "difference": "difference of {}", "share": "share of the runs with a better {}"}
-POINTS = "points"
-"""In place of a path: every point of the sweep is a name."""
-LIST = "point of the sweep"
-"""Its words."""
-NAME = "name"
-"""Path of the names that the rows of a zip have."""
+POINTS = "points"  # in place of a path: every point of the sweep is a name
+LIST = "point of the sweep"  # its words
+NAME = "name"  # path of the names that the rows of a zip have
 MOST_TICKS, ROUND_TICKS = 8, 6
 """Swept numbers that all have a tick of their own, and ticks at round numbers where they are more."""
 PAD, APART = 0.02, 5.0
@@ -39,23 +36,18 @@ PAD, APART = 0.02, 5.0
 PER_CENT = re.compile(r"(?P<both>\+-)?\s*(?P<number>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>%)?")
 OWNERS = {"controller": "the controller", "estimator": "the estimator", "model": "the design model"}
 OWNERS |= {section: f"the {section}" for section in ("plant", "noise", "reference", "input", "time", "uncertainty")}
-OWNERS["initial"] = "the initial state"
-"""First part of a path -> whose key it is, in words."""
-TIMES = ("time.step", "time.duration")
-"""Paths whose unit is that of the time."""
+OWNERS["initial"] = "the initial state"  # first part of a path -> whose key it is, in words
+TIMES = ("time.step", "time.duration")  # paths whose unit is that of the time
 
 
 class SweepAxis(NamedTuple):
     """The values of a swept path in the order of the axis."""
 
     path: str
-    texts: tuple[str, ...]
-    """Values as the sweep writes them."""
-    numbers: Array | None
-    """(values,) ascending numbers; None where the values are names."""
+    texts: tuple[str, ...]  # values as the sweep writes them
+    numbers: Array | None  # (values,) ascending numbers; None where the values are names
     unit: str
-    words: str
-    """The path in words."""
+    words: str  # the path in words
 
     @property
     def is_log(self) -> bool:
@@ -119,8 +111,7 @@ class SweepContent(NamedTuple):
     """Title of a panel, or value of the second path -> value of the axis -> rows."""
     methods: tuple[str, ...]
     form: Form
-    down: SweepAxis | None = None
-    """The second path of a grid."""
+    down: SweepAxis | None = None  # the second path of a grid
     show: Show = "change"
     spread: str = "interval"
     log: Log = "auto"

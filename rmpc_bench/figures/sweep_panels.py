@@ -39,22 +39,17 @@ if TYPE_CHECKING:
     from rmpc_bench.types.figure import Figure
 
 
-MOST_TICKS = 8
-"""Ticks of the axis of changes in per cent."""
-ALPHA = 0.13
-"""Of the bands."""
-NAME_SHARE = 0.3
-"""Share of the width of the figure that a name may take before it is cut."""
-BEYOND = {-1: " ▼", 1: " ▲"}
-"""Behind the name of a line that ends below or above the axis."""
+MOST_TICKS = 8  # ticks of the axis of changes in per cent
+ALPHA = 0.13  # of the bands
+NAME_SHARE = 0.3  # share of the width of the figure that a name may take before it is cut
+BEYOND = {-1: " ▼", 1: " ▲"}  # behind the name of a line that ends below or above the axis
 
 
 class Name(NamedTuple):
     """A name at the end of a line."""
 
     text: str
-    place: float
-    """Height, 0 at the lower end of the axis and 1 at the upper one."""
+    place: float  # height, 0 at the lower end of the axis and 1 at the upper one
     color: str
     gid: str | None
 
@@ -177,14 +172,11 @@ def apart(places: Sequence[float], gap: float) -> list[float]:
     return [found[k] for k in range(len(places))]
 
 
-ROW, HEAD = 0.2, 0.4
-"""Heights of a row of cells, and of a panel without its rows and the names of columns [in]."""
-ROW_NAME_SHARE = 0.35
-"""Share of the width that the name of a row may take before it is cut."""
+ROW, HEAD = 0.2, 0.4  # heights of a row of cells, and of a panel without its rows and the names of columns [in]
+ROW_NAME_SHARE = 0.35  # share of the width that the name of a row may take before it is cut
 PAD, SMALLEST = 2.0, 5.0
 """Free width of a cell beside its text, and smallest size of the text; below it cells have colours only [pt]."""
-TINT, MOST_TINT = 0.16, 0.45
-"""Opacity of the colour of a verdict, and of the largest value."""
+TINT, MOST_TINT = 0.16, 0.45  # opacity of the colour of a verdict, and of the largest value
 
 
 class Cell(NamedTuple):
@@ -204,10 +196,8 @@ class Block(NamedTuple):
     rows: Sequence[str]
     columns: Sequence[str]
     cells: Sequence[Sequence[Cell | None]]
-    head: float = 0.0
-    """Height of title and names of columns [in]."""
-    how: Mapping[str, Any] = {}
-    """How ticks have the names of columns."""
+    head: float = 0.0  # height of title and names of columns [in]
+    how: Mapping[str, Any] = {}  # how ticks have the names of columns
 
     @property
     def placed(self) -> list[tuple[int, int, Cell]]:

@@ -26,12 +26,9 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.types.tuning import TunedParameter, TuningSearch
 
-MOST_METHODS = 8
-"""Tuned methods that fit below each other."""
-PANEL = 1.35
-"""Height of a panel [in]."""
-WIDE = 10.0
-"""Factor between the smallest and the largest objective from which on their axis is logarithmic."""
+MOST_METHODS = 8  # tuned methods that fit below each other
+PANEL = 1.35  # height of a panel [in]
+WIDE = 10.0  # factor between the smallest and the largest objective from which on their axis is logarithmic
 TUNING: dict[str, Any] = {"ls": "-", "marker": "o", "ms": 3.0, "lw": 1.0}
 TEST: dict[str, Any] = {"ls": (0, (4, 2)), "marker": "s", "ms": 3.5, "lw": 1.0, "mfc": "white"}
 CHOSEN: dict[str, Any] = {"color": DIM, "ls": "-", "lw": 1.0}
@@ -102,10 +99,8 @@ class Panel(NamedTuple):
     """A parameter of a method."""
 
     search: TuningSearch
-    number: int
-    """Of the parameter."""
-    color: str
-    """Of the method."""
+    number: int  # of the parameter
+    color: str  # of the method
 
     @property
     def parameter(self) -> TunedParameter:

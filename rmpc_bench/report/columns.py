@@ -20,8 +20,7 @@ from rmpc_bench.types.result_layout import Column
 USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
 """Columns in LaTeX unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
 Cells: TypeAlias = Callable[[ResultTable, Sequence[ResultRow]], Sequence[str]]
-Text: TypeAlias = str | Callable[[ResultTable], str]
-"""A text, or what writes it for a table."""
+Text: TypeAlias = str | Callable[[ResultTable], str]  # a text, or what writes it for a table
 
 
 class TableColumn(NamedTuple):

@@ -87,15 +87,13 @@ def _cell(text: str) -> str:
     return inert_markdown(text).replace("|", r"\|")
 
 
-LONGEST = 2800
-"""Characters of the rows of a table; its head and its end come on top."""
+LONGEST = 2800  # characters of the rows of a table; its head and its end come on top
 
 
 class FrameTable:
     """A table with a data frame; a derived dataclass has no `__repr__` of its own."""
 
-    whole: Sequence[str] = ()
-    """Columns of whole numbers that may be missing."""
+    whole: Sequence[str] = ()  # columns of whole numbers that may be missing
 
     @property
     def content(self) -> Columns:
