@@ -83,8 +83,7 @@ class DesignCache:
         return self._designs[key]
 
 
-START = ("x_hat", "P", "M")
-"""Keys under `initial` that say where the estimators start."""
+START = ("x_hat", "P", "M")  # keys under `initial` that say where the estimators start
 
 
 class MethodBuilder:
@@ -97,10 +96,8 @@ class MethodBuilder:
         self.draft, self.cache = draft, cache
         self.time = draft.values["time"]
         self.n_steps: int = self.time.n_steps
-        self.plant: Plant | None = None
-        """The nominal plant, for models made from it; set once it has been built."""
-        self.angles: Mapping[str, float] = {}
-        """Places of its angles with their periods."""
+        self.plant: Plant | None = None  # the nominal plant, for models made from it; set once it has been built
+        self.angles: Mapping[str, float] = {}  # places of its angles with their periods
 
     def key(
         self, role: str, parts: Sequence[Component | None], *, of_plant: bool = False, start: Sequence[str] = START

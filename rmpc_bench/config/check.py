@@ -43,14 +43,10 @@ if TYPE_CHECKING:
     from rmpc_bench.components.first_call import Sample
 
 
-TURNS = 2
-"""Turns from 0 beyond which an angle of the reference is suspected to be in degrees."""
-LARGEST_FACTOR = 5.0
-"""Factor of `perturb`, or its inverse, beyond which it is suspected to be an absolute value."""
-UNSTABLE = 1.0 + 1e-9
-"""Modulus of an eigenvalue beyond which its mode is unstable; integrators are not."""
-RANK = 1e-9
-"""Smallest singular value, relative to the largest one, at which a mode counts as connected."""
+TURNS = 2  # turns from 0 beyond which an angle of the reference is suspected to be in degrees
+LARGEST_FACTOR = 5.0  # factor of `perturb`, or its inverse, beyond which it is suspected to be an absolute value
+UNSTABLE = 1.0 + 1e-9  # modulus of an eigenvalue beyond which its mode is unstable; integrators are not
+RANK = 1e-9  # smallest singular value, relative to the largest one, at which a mode counts as connected
 NOISE_KEYS: Mapping[str, tuple[str, str]] = {
     "linear": ("P_w", "P_v"),
     "uncertain-linear": ("W", "V"),
@@ -59,11 +55,9 @@ NOISE_KEYS: Mapping[str, tuple[str, str]] = {
 
 _LARGEST_RATIO = 1e14
 """Ratio of variances up to which the roots of covariances give nine digits, see numerics/square_root.py."""
-_SAME = 1e-9
-"""Relative difference of covariances that count as the same."""
+_SAME = 1e-9  # relative difference of covariances that count as the same
 
-Finding = tuple[list[str | int], str]
-"""A path of the configuration and a message."""
+Finding = tuple[list[str | int], str]  # a path of the configuration and a message
 
 
 def warnings_of(
@@ -370,8 +364,7 @@ def _keep(design: Plant | Estimator | Controller, seconds: float | None, warning
 
 
 _Row = tuple[str, ...]
-_NAMED = 3
-"""Keys that the message on a path without effect names."""
+_NAMED = 3  # keys that the message on a path without effect names
 
 
 def check(

@@ -121,22 +121,18 @@ class TunedMethod(NamedTuple):
     """What tuning chooses of a method."""
 
     parameters: tuple[TunedParameter, ...]
-    default: tuple[float | None, ...]
-    """Value of each parameter without tuning; None where it is no number."""
+    default: tuple[float | None, ...]  # value of each parameter without tuning; None where it is no number
     lowest: MethodComponents
     """The method at the lower end of all ranges: what identifies it does not depend on the values of the file."""
-    values: Mapping[str, float | int] | None
-    """Path -> value that was chosen; None where none was yet."""
-    untuned: MethodComponents
-    """The method without these values."""
+    values: Mapping[str, float | int] | None  # path -> value that was chosen; None where none was yet
+    untuned: MethodComponents  # the method without these values
 
 
 @dataclass
 class PointTuning:
     """Tuning at one point of the sweep: values that are known, and the methods that have ranges."""
 
-    rows: Sequence[ValueRow] = ()
-    """Known values that the file has."""
+    rows: Sequence[ValueRow] = ()  # known values that the file has
     chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Method -> path -> known value, of the file or of a search."""
     methods: dict[str, TunedMethod] = field(default_factory=dict)
@@ -170,19 +166,14 @@ class DraftConfig:
 
     tree: Map
     problems: list[Problem]
-    coordinates: Mapping[str, str] = field(default_factory=dict)
-    """Swept path -> text of its value."""
-    title: str = ""
-    """The point in words."""
-    access: CodeAccess = NO_ACCESS
-    """Which files of the user may be loaded."""
-    inherited: Inherited | None = None
-    """What is inherited; nothing where it is None."""
+    coordinates: Mapping[str, str] = field(default_factory=dict)  # swept path -> text of its value
+    title: str = ""  # the point in words
+    access: CodeAccess = NO_ACCESS  # which files of the user may be loaded
+    inherited: Inherited | None = None  # what is inherited; nothing where it is None
     values: dict[str, Any] = field(default_factory=dict)
     laws: dict[str, distributions.UncertainLaw] = field(default_factory=dict)
     """Laws of the uncertain quantities as given."""
-    scale: float = 1.0
-    """Factor on the spread of all of them."""
+    scale: float = 1.0  # factor on the spread of all of them
     parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
     plant: Component | None = None
     plant_range: dict[str, Any] = field(default_factory=dict)
@@ -193,10 +184,8 @@ class DraftConfig:
     """Units that stand behind the numbers of the initial state; empty where there is none."""
     model: Component | None = None
     reference: Component | None = None
-    input: Component | None = None
-    """Input in open loop; None where there is a controller, or u = 0."""
-    noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)
-    """Channel -> the terms of its noise."""
+    input: Component | None = None  # input in open loop; None where there is a controller, or u = 0
+    noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)  # channel -> the terms of its noise
     cross: Any = None
     """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
@@ -204,20 +193,15 @@ class DraftConfig:
     tuning: PointTuning = field(default_factory=PointTuning)
     sources: dict[str, str] = field(default_factory=dict)
     """Method -> where its parameters come from, as its key `parameters` says."""
-    labels: dict[str, str] = field(default_factory=dict)
-    """Method -> its label with the values of the parameters."""
-    warnings: list[Problem] = field(default_factory=list)
-    """What is valid but probably not meant."""
-    left_out: list[str] = field(default_factory=list)
-    """What is inherited and does not fit, in words."""
-    model_facts: tuple[ModelFacts, ...] = ()
-    """Properties of the design models, once they are built."""
+    labels: dict[str, str] = field(default_factory=dict)  # method -> its label with the values of the parameters
+    warnings: list[Problem] = field(default_factory=list)  # what is valid but probably not meant
+    left_out: list[str] = field(default_factory=list)  # what is inherited and does not fit, in words
+    model_facts: tuple[ModelFacts, ...] = ()  # properties of the design models, once they are built
     metrics: list[Component | None] = field(default_factory=list)
     calibrated: list[Component] = field(default_factory=list)
     """Metrics that the key `calibration` adds to them, once the number of states is known."""
     figures: list[Component | None] = field(default_factory=list)
-    claims: list[Any] = field(default_factory=list)
-    """The keys of every claim (ClaimKeys); None where it has an error."""
+    claims: list[Any] = field(default_factory=list)  # the keys of every claim (ClaimKeys); None where it has an error
 
     @property
     def uncertainty(self) -> dict[str, distributions.UncertainLaw]:

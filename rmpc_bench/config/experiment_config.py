@@ -34,8 +34,7 @@ from rmpc_bench.types.tuning import NOTHING_TUNED, OTHER_SETTINGS, TunedParamete
 class Origin(NamedTuple):
     """What a configuration was made from, to try values in it and to load it with those that are chosen."""
 
-    points: Sequence[SweptTree]
-    """The tree of every point of the sweep, before its validation."""
+    points: Sequence[SweptTree]  # the tree of every point of the sweep, before its validation
     access: CodeAccess
     smoke: bool
     load: Callable[[Chosen], Any]
@@ -54,8 +53,7 @@ class WantedSearch:
     key: str  # what identifies the search; equal searches have equal keys
     # path -> chosen value; None where none is known, empty where nothing could be tuned
     values: Mapping[str, float | int] | None
-    settings: str
-    """What identifies the search but for the code: config.resolved.yaml keeps it with the values."""
+    settings: str  # what identifies the search but for the code: config.resolved.yaml keeps it with the values
     carried: str
     """The same of the search that has found the values; the one of this search where the file has no values."""
 

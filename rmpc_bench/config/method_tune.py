@@ -21,8 +21,7 @@ from rmpc_bench.types.tuning import MOST_PARAMETERS, TunedParameter, ValueRow
 
 Reader = Callable[[Map], MethodComponents]
 """Validates the components of a method; the errors are added to the problems of the draft."""
-DIGITS = 12
-"""Significant digits of the sum of an offset and a number of the range."""
+DIGITS = 12  # significant digits of the sum of an offset and a number of the range
 
 
 def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark: Mark) -> Map:

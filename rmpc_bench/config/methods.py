@@ -49,8 +49,7 @@ class TunedKeys:
     runs: Count
 
 
-Source: Any = Literal[AS_PUBLISHED, DEFAULT] | TunedKeys
-"""What the key `parameters` of a method may say."""
+Source: Any = Literal[AS_PUBLISHED, DEFAULT] | TunedKeys  # what the key `parameters` of a method may say
 
 
 def read_method_section(draft: DraftConfig) -> None:
@@ -160,8 +159,7 @@ def short_value(value: Any) -> str:
     return one_line(plain(value)) if isinstance(value, list) else " ".join(dump(plain(value)).split())
 
 
-MAX_ADDED = 2
-"""Parameters that a label without template repeats at most."""
+MAX_ADDED = 2  # parameters that a label without template repeats at most
 DIGITS = 6
 _PARAMETER = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -175,8 +173,7 @@ class Parameter(NamedTuple):
     is_default: bool
 
 
-_Kinds = frozenset[tuple[str, str]]
-"""Path and kind of every component of a method."""
+_Kinds = frozenset[tuple[str, str]]  # path and kind of every component of a method
 
 
 class LabelError(ValueError):

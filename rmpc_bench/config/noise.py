@@ -45,8 +45,7 @@ GROUPS: dict[str, type] = {"normal": distributions.NormalGroup, "choice": distri
 _CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", *quantity.RESERVED)
-SCALE = "scale"
-"""Key of `uncertainty` that is no quantity: the factor on the spread of all of them."""
+SCALE = "scale"  # key of `uncertainty` that is no quantity: the factor on the spread of all of them
 
 
 def uncertain_names(draft: DraftConfig) -> list[str]:

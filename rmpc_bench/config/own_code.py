@@ -49,8 +49,7 @@ class OwnCode:
     of_program: set[str] = field(default_factory=set)
     _replacing: dict[bool, dict[Problem, None]] = field(default_factory=lambda: {True: {}, False: {}})
     """Whether a component is that of a method or a figure -> what such components replace for all others."""
-    _with_data: set[Path] = field(default_factory=set)
-    """Python files of components of which keys name data files."""
+    _with_data: set[Path] = field(default_factory=set)  # Python files of components of which keys name data files
 
     def identity(self, components: Mapping[str, Component | None], *, whole: bool = True) -> dict[str, Any]:
         """Return role -> hashes of files or names of packages, for ``sources``, ``installed`` and ``data``.

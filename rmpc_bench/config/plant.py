@@ -52,8 +52,7 @@ class UncertainParameter(RunParameter):
         return super().of_runs(columns, n_runs) if values is None else self.factor * values
 
 
-DATA = "data"
-"""Kind of a plant that replays recorded runs."""
+DATA = "data"  # kind of a plant that replays recorded runs
 
 
 def refuse_sections(draft: DraftConfig) -> None:
@@ -114,8 +113,7 @@ def gap_warnings(draft: DraftConfig, experiment: Experiment) -> Iterator[tuple[l
         yield ["plant"], f"{message} does not bridge them: these runs diverge there"
 
 
-RANGE_KEYS = ("bounds", "diverged", "angles")
-"""Keys of a plant that are no parameters of its design."""
+RANGE_KEYS = ("bounds", "diverged", "angles")  # keys of a plant that are no parameters of its design
 
 
 class _Number(NamedTuple):
@@ -209,8 +207,7 @@ def refuse_start(draft: DraftConfig, plant: Plant) -> None:
         draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
 
 
-AT_POINT = 1e-6
-"""Relative difference up to which a reference is the output of an operating point."""
+AT_POINT = 1e-6  # relative difference up to which a reference is the output of an operating point
 
 
 def refuse_reference(draft: DraftConfig, r: Float[Array, "samples ny"], methods: Sequence[Method]) -> None:

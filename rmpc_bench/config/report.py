@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 
 Names = Annotated[list[str], Len(1)]
-MOST_ROWS = 1_000_000
-"""Rows of trials.csv that are written unasked, about 100 MB."""
+MOST_ROWS = 1_000_000  # rows of trials.csv that are written unasked, about 100 MB
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from rmpc_bench.types import Count, Positive
 from rmpc_bench.types.basics import MAX_STEPS
 from rmpc_bench.types.metric import CalibrationKeys
 
-MAX_RUNS = 10_000_000
-"""A larger number is out of the supported range: its arrays would not fit into memory."""
+MAX_RUNS = 10_000_000  # a larger number is out of the supported range: its arrays would not fit into memory
 
 Name = Annotated[str, Field(pattern=EXPERIMENT)]
 Text = Annotated[str, Len(1)]

@@ -25,8 +25,7 @@ DEFAULT_RELEVANT = 0.01
 Relevant: Any = Annotated[float, Ge(0), Lt(1)] | dict[str, NonNegative]
 
 
-BEST_AT = {"zero": 0, "one": 1}
-"""Direction of a metric that has its best value inside of its range -> this value."""
+BEST_AT = {"zero": 0, "one": 1}  # direction of a metric that has its best value inside of its range -> this value
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _METRIC = "metric of this configuration"
 _NO_LAW = "has no independent law that is known"

@@ -13,8 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.types import Count
 
-EVERY = 50
-"""Runs between two looks at the width of the intervals, where `every` is not given."""
+EVERY = 50  # runs between two looks at the width of the intervals, where `every` is not given
 
 
 @dataclass(frozen=True)

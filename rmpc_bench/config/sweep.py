@@ -37,8 +37,7 @@ SWEPT = (
 METHOD_COMPONENTS = ("model", "estimator", "controller")
 """Components of a method whose paths may be swept; the same keys at the top level are the defaults of all methods."""
 
-NAME = "name"
-"""Key of a zip that names its points; it is no path."""
+NAME = "name"  # key of a zip that names its points; it is no path
 
 MAX_POINTS = 10_000
 
@@ -296,8 +295,7 @@ class SweptTree(NamedTuple):
 class Sweep(NamedTuple):
     """A configuration at every point of its sweep."""
 
-    tree: Map
-    """The configuration with its sweep."""
+    tree: Map  # the configuration with its sweep
     points: list[SweptTree]
     axes: tuple[tuple[str, ...], ...]
     """Swept paths, those that change together as one axis; empty where there are problems."""

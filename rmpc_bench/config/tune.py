@@ -22,8 +22,7 @@ def _statistic(text: str) -> str:
 
 
 Statistic = Annotated[Text, AfterValidator(_statistic)]
-SMOKE_BUDGET = 3
-"""Values that a smoke run tries for each method."""
+SMOKE_BUDGET = 3  # values that a smoke run tries for each method
 
 
 Chosen = Mapping[tuple[str, str], Mapping[str, float]]

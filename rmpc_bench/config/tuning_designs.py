@@ -42,10 +42,8 @@ def with_tuning(config: ExperimentConfig, drafts: Sequence[DraftConfig], origin:
     return replace(config, tuning=plan, origin=origin, resolved=resolved, first_point=first)
 
 
-SEPARATOR = "~"
-"""Between the name of a method and the number of a value."""
-MOST_DESIGNS = 1000
-"""Designs that are kept from one round to the next; some are large."""
+SEPARATOR = "~"  # between the name of a method and the number of a value
+MOST_DESIGNS = 1000  # designs that are kept from one round to the next; some are large
 _WITHOUT = ("claims", "statistics", "stop", "report", "record", "tune", "evaluate")
 """Sections that the runs of tuning do without."""
 
@@ -66,8 +64,7 @@ class Trial(NamedTuple):
 class Round(NamedTuple):
     """What a round computes."""
 
-    config: ExperimentConfig
-    """A configuration of the points that take part, each with the methods that it needs."""
+    config: ExperimentConfig  # a configuration of the points that take part, each with the methods that it needs
     places: Mapping[Trial, int]
     """Trial -> position of its point in this configuration; those whose design cannot be made are missing."""
 

@@ -28,8 +28,7 @@ from rmpc_bench.types import Controller, DesignError, Estimator, Matrix, Model, 
 from rmpc_bench.types.basics import Steps
 from rmpc_bench.types.errors import Problem, unknown
 
-_HERE = Mark("", 1, 1)
-"""Place of a value in a program: its text counts from the current directory."""
+_HERE = Mark("", 1, 1)  # place of a value in a program: its text counts from the current directory
 _CLASSES: Mapping[str, tuple[type, str]] = {
     "model": (Model, "a design model, such as LinearModel(A, B, C, Q_w, R_v) or model(kind, ..)"),
     "estimator": (Estimator, "an estimator, such as estimator(kind, ..)"),

@@ -26,8 +26,7 @@ from rmpc_bench.types import ConfigError, Problem
 SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference", "input")
 """Sections of the file that a plant comes from, which hold where a configuration has none."""
 
-FILE = "file"
-"""Key beside the sections of a file that has been read: its name as given."""
+FILE = "file"  # key beside the sections of a file that has been read: its name as given
 
 PATH = "plant.from"
 
@@ -72,8 +71,7 @@ class _FileReader:
 
     def __init__(self, path: Path, including: tuple[Path, ...], problems: list[Problem]) -> None:
         self.path, self.problems = path, problems
-        self.including = (*including, path.resolve())
-        """This file and those that led to it."""
+        self.including = (*including, path.resolve())  # this file and those that led to it
 
     def read_all(self, tree: Map) -> Map:
         """Read the files that plant and sweep of the configuration name, relative to its own file."""

@@ -16,8 +16,7 @@ from rmpc_bench.received.plain_files import note_absent
 
 FOLDER = "configs"
 SUFFIX = ".yaml"
-MAX_NAME = 1000
-"""Largest number of characters of a file name."""
+MAX_NAME = 1000  # largest number of characters of a file name
 
 
 def installed_folder() -> Path:

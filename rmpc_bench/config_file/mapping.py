@@ -49,8 +49,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
-        self._named: dict[tuple[str, str], Any] = {}
-        """The classes of the mapping, by group and name."""
+        self._named: dict[tuple[str, str], Any] = {}  # the classes of the mapping, by group and name
         self._open: set[int] = set()
         """Lists and mappings around the value that is read: one that contains itself has no end."""
 

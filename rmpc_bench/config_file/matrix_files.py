@@ -25,15 +25,13 @@ from rmpc_bench.types import Array, ConfigError, Problem
 from rmpc_bench.types.errors import unknown
 
 SUFFIXES = (".mat", ".npz", ".csv")
-SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
-"""Sections in which the key `file` has another meaning."""
+SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")  # sections in which the key `file` has another meaning
 SYSTEM = {
     "models": {"A": "A", "B": "B", "C": "C", "D": "D", "Q": "P_w", "R": "P_v"},
     "plants": dict(zip("ABCD", "ABCD", strict=True)),
 }
 """Group of the component ``linear`` -> name in the file -> key of the component."""
-SAME_STEP = 1e-9
-"""Relative difference of two sampling times that are meant to be equal."""
+SAME_STEP = 1e-9  # relative difference of two sampling times that are meant to be equal
 
 
 class _FileError(Exception):

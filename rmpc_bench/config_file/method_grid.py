@@ -27,8 +27,7 @@ from rmpc_bench.types import Problem
 GRID, EXCLUDE = "grid", "exclude"
 AXES = ("model", "estimator", "controller")
 MAX_METHODS = 5000
-JOINT = "+"
-"""Between the names of the entries in the name of a method."""
+JOINT = "+"  # between the names of the entries in the name of a method
 _TYPES: dict[str, Any] = {
     GRID: Annotated[dict[str, Annotated[dict[str, dict[str, Any]], Len(1)]], Len(1)],
     EXCLUDE: list[Annotated[dict[str, str], Len(1)]] | None,

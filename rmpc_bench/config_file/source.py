@@ -78,8 +78,7 @@ def read(
     return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added, content)
 
 
-NOT_INHERITED = ("name", "claims")
-"""Top-level keys that every configuration has of its own."""
+NOT_INHERITED = ("name", "claims")  # top-level keys that every configuration has of its own
 
 REQUIRES = "requires"
 """Top-level key whose list is joined with the inherited one: inherited components need their libraries, too."""

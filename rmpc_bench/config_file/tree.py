@@ -15,8 +15,7 @@ from rmpc_bench.types import ConfigError, Problem
 
 MAX_DEPTH = 50
 MAX_DIGITS = 1000
-OPTIONS = ("-s ", "--add-method ")
-"""Starts of the file name in the place of a value that was given on the command line."""
+OPTIONS = ("-s ", "--add-method ")  # starts of the file name in the place of a value that was given on the command line
 _CONSTANTS: dict[str, bool | None] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
 _CONSTANTS |= dict.fromkeys(("true", "True", "TRUE"), True) | dict.fromkeys(("false", "False", "FALSE"), False)
 _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
@@ -247,8 +246,7 @@ def _assigned(node: Any, steps: list[str], done: int, value: Any, marks: tuple[M
     return new
 
 
-FILE = "file"
-"""Key that stands for `kind` in a component from a Python file."""
+FILE = "file"  # key that stands for `kind` in a component from a Python file
 
 SHORT_FORMS: Mapping[str, tuple[str, ...]] = {
     "plants": ("ode", "casadi", "data", "env", "control", "scipy", "fmu"),

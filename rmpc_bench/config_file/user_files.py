@@ -103,8 +103,7 @@ SECTIONS_WITH_CODE = (
 )
 """Top-level keys in which components stand."""
 
-_TEXTS = ("label", "title", "name")
-"""Keys whose values are texts for people."""
+_TEXTS = ("label", "title", "name")  # keys whose values are texts for people
 
 
 def named_in(tree: Map, access: CodeAccess) -> list[CodeReference]:

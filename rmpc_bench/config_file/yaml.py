@@ -30,8 +30,7 @@ MAX_BYTES = 3_000_000
 _CORE = "tag:yaml.org,2002:"
 _DELETE = "!delete"
 _BEHIND_DELETE = "\0 \t\r\n\x85\u2028\u2029,}]"
-EXTENDS = "extends"
-"""Key of the file that a configuration extends."""
+EXTENDS = "extends"  # key of the file that a configuration extends
 
 
 def parse(text: str, file: str, *, column: int = 1, may_extend: bool = False) -> Any:
@@ -122,8 +121,7 @@ class _TreeBuilder:
         self.starts = [0, *(end.end() for end in re.finditer(r"\r\n|\r|\n", text))]
         self.events = self._events(text)
         self.problems: list[Problem] = []
-        self.deletions: list[Problem] = []
-        """Errors for every `!delete`, in a file that extends no other."""
+        self.deletions: list[Problem] = []  # errors for every `!delete`, in a file that extends no other
         self.anchors: dict[str, _Node] = {}
         self.steps: list[str | None] = []
         """Path of the value that is read; None in place of a key that is read or dropped."""

@@ -113,8 +113,7 @@ def unit_of(meaning: str) -> str:
     return next((found for found in _UNIT.findall(meaning) if _IS_UNIT.fullmatch(found)), "")
 
 
-_SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)
-"""Heading of a section of a numpydoc docstring."""
+_SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)  # heading of a section of a numpydoc docstring
 
 
 _NUMERIC = {"number", "numbers", "matrix"}
