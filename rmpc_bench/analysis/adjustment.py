@@ -34,16 +34,12 @@ from rmpc_bench.types.metric import AdjustKeys
 PAIRS_PER_TERM = 10
 """With so many pairs per term an adjustment for draws that explain nothing widens an interval by 10 % at most."""
 FORMS = ("degree 4", "quadratic", "without interactions", "linear")
-HIGHEST = 4
-"""Largest degree of a polynomial."""
-LARGEST_LEVERAGE, SMALLEST_EIGENVALUE = 0.95, 0.02
-"""Beyond these the drawn values do not determine the terms of a form."""
+HIGHEST = 4  # largest degree of a polynomial
+LARGEST_LEVERAGE, SMALLEST_EIGENVALUE = 0.95, 0.02  # beyond these the drawn values do not determine the terms of a form
 WIDEST = 2.0
 """Standard deviations from the mean beyond which a normal law is too wide: a rare draw then has a large residual."""
-BEYOND = 10.0
-"""Standard deviations from the mean beyond which a normal law has no draw."""
-ROWS = 20_000
-"""Runs whose terms are in memory together."""
+BEYOND = 10.0  # standard deviations from the mean beyond which a normal law has no draw
+ROWS = 20_000  # runs whose terms are in memory together
 NO_LAW = "no uncertain quantity with a known law"
 
 
@@ -120,8 +116,7 @@ class Quantity(NamedTuple):
     centre: float
     scale: float
     a: tuple[float, ...]
-    b: tuple[float, ...]
-    """b_(k+1) p_(k+1)(t) = (t - a_k) p_k(t) - b_k p_(k-1)(t), t = (u - centre) / scale."""
+    b: tuple[float, ...]  # b_(k+1) p_(k+1)(t) = (t - a_k) p_k(t) - b_k p_(k-1)(t), t = (u - centre) / scale
 
     @property
     def degree(self) -> int:
@@ -152,8 +147,7 @@ def quantity_of(name: str, law: Law) -> Quantity:
     return Quantity(name, centre, scale, tuple(a), tuple(b))
 
 
-Term = tuple[int, ...]
-"""Degree of every quantity in a product."""
+Term = tuple[int, ...]  # degree of every quantity in a product
 
 
 def terms_of(degrees: Sequence[int], form: str) -> list[Term]:
@@ -182,8 +176,7 @@ class Basis:
 
     form: str
     quantities: tuple[Quantity, ...]
-    values: Array
-    """(n, quantities) drawn values."""
+    values: Array  # (n, quantities) drawn values
 
     @cached_property
     def p(self) -> int:
@@ -253,12 +246,9 @@ class Values(NamedTuple):
     """Numbers whose mean is an average."""
 
     values: Array
-    runs: Array
-    """Indices of their runs."""
-    df: int
-    """Degrees of freedom of their standard error."""
-    basis: Basis | None = None
-    """None for the paired values as they are."""
+    runs: Array  # indices of their runs
+    df: int  # degrees of freedom of their standard error
+    basis: Basis | None = None  # None for the paired values as they are
 
     def interval(self, average: str, level: float, seed: int) -> Interval:
         """Interval of the mean; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""

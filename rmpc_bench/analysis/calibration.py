@@ -32,10 +32,8 @@ from rmpc_bench.types import Array
 
 CALIBRATED, OVERCONFIDENT, CONSERVATIVE, INCONCLUSIVE = "calibrated", "overconfident", "conservative", "inconclusive"
 UNCERTAIN = ", size uncertain"
-FEW = 10
-"""Runs below 1, or above 0, below which the interval is that of Wilson."""
-OF_TAILS = 0.975
-"""Level of each of the two intervals whose order says that tails are heavy or light."""
+FEW = 10  # runs below 1, or above 0, below which the interval is that of Wilson
+OF_TAILS = 0.975  # level of each of the two intervals whose order says that tails are heavy or light
 COLUMNS = "method of level covered low high n factor factor_low factor_high verdict".split()
 """Columns of calibration.csv; `of` is joint for all states, or one such as x.0."""
 

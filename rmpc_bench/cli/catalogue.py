@@ -18,10 +18,8 @@ from rmpc_bench.extras import NEEDED_BY, missing_for
 if TYPE_CHECKING:
     pass
 
-WIDTH = 80
-"""Columns of a line at most."""
-MOST_NAME = 26
-"""Columns of a name, which an installed component with a longer one exceeds."""
+WIDTH = 80  # columns of a line at most
+MOST_NAME = 26  # columns of a name, which an installed component with a longer one exceeds
 _LISTS = (*registry.BUILT_IN, "functions", "configs")
 
 

@@ -23,20 +23,13 @@ if TYPE_CHECKING:
     from rmpc_bench.types import Noise
 
 
-MOST_METHODS, FIRST_METHODS = 40, 30
-"""Methods that have a line; of more the first ones."""
-MOST_REMARKS = 5
-"""Remarks that the short text shows."""
-MOST_NAMED = 6
-"""Methods that a remark names."""
-MAX_VALUES = 100
-"""Characters of the values of a swept path that are shown."""
-NAME = 24
-"""Characters of a method's name."""
-WIDTH = 80
-"""Columns up to which methods stand in columns."""
-CELL = 34
-"""Characters of a line of the columns of plant and design model."""
+MOST_METHODS, FIRST_METHODS = 40, 30  # methods that have a line; of more the first ones
+MOST_REMARKS = 5  # remarks that the short text shows
+MOST_NAMED = 6  # methods that a remark names
+MAX_VALUES = 100  # characters of the values of a swept path that are shown
+NAME = 24  # characters of a method's name
+WIDTH = 80  # columns up to which methods stand in columns
+CELL = 34  # characters of a line of the columns of plant and design model
 _FACTOR = re.compile(r"1 \+ (\w+)")
 
 
@@ -303,8 +296,7 @@ def tuning_line(config: ExperimentConfig, only: Collection[str] | None = None) -
     return [f"at most {tuning:,} trials ({size})" + (f", and {tested:,} for the regret" if tested else "")]
 
 
-MAX_POINTS = 12
-"""Points of a sweep that are examined, the first ones."""
+MAX_POINTS = 12  # points of a sweep that are examined, the first ones
 
 
 def warning_texts(config: ExperimentConfig) -> list[str]:

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Array
 
-MAX_POINTS = 12
-"""Points of a sweep that are analysed, the first ones."""
+MAX_POINTS = 12  # points of a sweep that are analysed, the first ones
 DIVERGENCE = "  divergence of the plant from the design model, a guide for the tolerance c"
 LOOPS = "  linear closed loop without friction, limits, delays and gaps: spectral radius, convergence of the gain"
 CAPTION = (
@@ -38,11 +37,9 @@ NOISE = {
     "none": "no noise, so s = 0",
     "unknown": "s is not known for this noise law",
 }
-WIDTH = 110
-"""Characters of a line on own components."""
+WIDTH = 110  # characters of a line on own components
 TITLE = "  own components, checked on the linear system of their design model (all checks: check --component)"
-RESERVE = 1.5
-"""Ratio of the time limit of a shard to its estimated time, before a minute is added."""
+RESERVE = 1.5  # ratio of the time limit of a shard to its estimated time, before a minute is added
 MINUTE = 60.0
 
 

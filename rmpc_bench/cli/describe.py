@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from rmpc_bench.schema.manual import KeyEntry
 
 
-NOMINAL = {"Ts": 0.1, "n_steps": 1}
-"""Values for the plot of a plant, which does not depend on them."""
-NEAR = 0.7
-"""Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
+NOMINAL = {"Ts": 0.1, "n_steps": 1}  # values for the plot of a plant, which does not depend on them
+NEAR = 0.7  # similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group
 
 
 @click.command()

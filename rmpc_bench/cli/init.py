@@ -10,10 +10,8 @@ import click
 
 from rmpc_bench.cli import exits
 
-ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}
-"""Choice of `--estimator` -> class in its template."""
-CONTROLLERS = {"plain": "PI"}
-"""Choice of `--controller` -> class in its template."""
+ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}  # choice of `--estimator` -> class in its template
+CONTROLLERS = {"plain": "PI"}  # choice of `--controller` -> class in its template
 
 
 @click.command()

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from rmpc_bench.publishing.pages import KeptClaims, Publication
 
 DIRECTORY = TypedPath(exists=True, file_okay=False)
-OPTIONS = {"metrics": "--metric"}
-"""Key of the section `report` -> its option, where that is not the key itself."""
+OPTIONS = {"metrics": "--metric"}  # key of the section `report` -> its option, where that is not the key itself
 
 
 @click.command()

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from rmpc_bench.publishing.published import Shown
     from rmpc_bench.results.record import StoredStop
 
-_RARELY = (400_000, 50, 10)
-"""Thresholds of the garbage collection while a report is made: a figure leaves some cycles."""
+_RARELY = (400_000, 50, 10)  # thresholds of the garbage collection while a report is made: a figure leaves some cycles
 
 
 @click.command()

@@ -21,8 +21,7 @@ class ChosenShard(NamedTuple):
     """The option --shard."""
 
     shard: Shard
-    automatic: bool = False
-    """Whether it was given as `auto`: the position of a task in its array job."""
+    automatic: bool = False  # whether it was given as `auto`: the position of a task in its array job
 
 
 class ShardOption(click.ParamType[ChosenShard]):
@@ -69,8 +68,7 @@ class Request:
     no_report: bool
     quiet: bool
     verbose: bool
-    said: list[str] = field(default_factory=list)
-    """What was noted."""
+    said: list[str] = field(default_factory=list)  # what was noted
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""

@@ -10,8 +10,7 @@ from typing import Any
 
 import click
 
-imported: list[str] = []
-"""Modules that `--import` has imported, which a process of its own imports too."""
+imported: list[str] = []  # modules that `--import` has imported, which a process of its own imports too
 
 
 class TypedPath(click.Path):

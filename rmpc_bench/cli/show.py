@@ -14,8 +14,7 @@ from rmpc_bench.cli.shared_options import TypedPath
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay
 
-SHOWN = 10
-"""Samples of a trace on the screen, the last ones."""
+SHOWN = 10  # samples of a trace on the screen, the last ones
 EXPORTS = (".csv", ".npz", ".mat")
 PICTURES = (".svg", ".png", ".pdf")
 

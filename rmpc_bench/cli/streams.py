@@ -15,8 +15,7 @@ import shutil
 import sys
 from typing import Any
 
-WIDTHS = (40, 80)
-"""Fewest and most columns for which texts are laid out."""
+WIDTHS = (40, 80)  # fewest and most columns for which texts are laid out
 
 
 def screen_width() -> int:

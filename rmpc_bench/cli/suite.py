@@ -15,8 +15,7 @@ from rmpc_bench.cli.run import run
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.config_file.known_files import known_configs, located, short_names
 
-SETS = "configs/suite/"
-"""Where the sets of the suite are."""
+SETS = "configs/suite/"  # where the sets of the suite are
 
 
 @click.command()

@@ -23,11 +23,9 @@ NUMBERS = "compared, equal to 1e-9"
 HASHED = "only hashed"
 UNSEEN = "not looked at"
 DIFFERENT = "different"
-TOLERANCE = 1e-9
-"""Largest relative difference of equal values on two machines."""
+TOLERANCE = 1e-9  # largest relative difference of equal values on two machines
 _TEXT = ("method", "metric", "status", "quantity", "component", "phase", "worst_step")
-_DIGITS = 5.1e-6
-"""Largest relative difference of two numbers with equal six digits, one of them unrounded."""
+_DIGITS = 5.1e-6  # largest relative difference of two numbers with equal six digits, one of them unrounded
 _COUNTS = ("run", "k", "n", "calls", "held_steps", "failed_steps")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
 _LENGTH = re.compile(rb"(/Length |\bobj\n)(\d{1,12})(?= /| >>|\nendobj)")
@@ -38,10 +36,8 @@ _FONT_PLACE = re.compile(rb"/(?:FontFile2|CIDToGIDMap) (\d{1,12}) 0 R")
 """Where a PDF file names the object with the outlines of a font, or with its order of glyphs."""
 _OBJECT = re.compile(r"\n(\d{1,12}) 0 obj\n[^\n]*\nstream\n$")
 _FONT_LENGTH = re.compile(r"(/Length1 )\d{1,12}")
-_MOST_BYTES = 100_000_000
-"""Length of a stream of a PDF file that is read."""
-_SHOWN = 50
-"""Characters of a difference that are shown."""
+_MOST_BYTES = 100_000_000  # length of a stream of a PDF file that is read
+_SHOWN = 50  # characters of a difference that are shown
 
 
 def read_rows(path: Path, most: int = 1_000_000) -> pd.DataFrame:
@@ -154,8 +150,7 @@ class FileOutcome(NamedTuple):
     name: str
     word: str
     """`BYTES`, `NUMBERS`, `HASHED`, `UNSEEN`, `DIFFERENT`, or by what it was made where that is why it has no other."""
-    note: str = ""
-    """The first difference, or why it was not compared."""
+    note: str = ""  # the first difference, or why it was not compared
 
     def __str__(self) -> str:
         return f"{self.word}: {self.note}" if self.note else self.word

@@ -61,8 +61,7 @@ _TYPES = {
     ".txt": "text/plain",
 }
 _INPUTS = ("config.resolved.yaml", "source.csv.gz", "source.parquet")
-_NO_RESULTS = ("config.yaml", *_INPUTS, CITATION)
-"""Files at the top that no computation has made."""
+_NO_RESULTS = ("config.yaml", *_INPUTS, CITATION)  # files at the top that no computation has made
 
 
 class Contents(NamedTuple):

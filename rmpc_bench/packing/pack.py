@@ -40,11 +40,9 @@ from rmpc_bench.types import DesignError
 from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
-DATA = "data"
-"""Directory of the user's data files in an archive."""
+DATA = "data"  # directory of the user's data files in an archive
 SECONDS = f"{FOLDER}/{TIMES}"
-ROWS = "trials.csv"
-"""The rows of all runs, which an archive has in any case."""
+ROWS = "trials.csv"  # the rows of all runs, which an archive has in any case
 NEEDED = (CONFIG, RESOLVED, manifest.FILE, ROWS, "summary.csv", "comparisons.csv", "report.html")
 """Files without which a directory is not packed."""
 FILES = (
@@ -54,10 +52,8 @@ FILES = (
     *("lost.csv", "two-way.csv", "tuning.csv", "tuning.json", SECONDS, "claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""
-SOURCES = ("source.csv.gz", "source.parquet")
-"""The table of runs that were made elsewhere."""
-FOLDERS = ("tables", "figures", "failures", COPIES)
-"""Directories of which all files are packed."""
+SOURCES = ("source.csv.gz", "source.parquet")  # the table of runs that were made elsewhere
+FOLDERS = ("tables", "figures", "failures", COPIES)  # directories of which all files are packed
 
 
 @dataclass(frozen=True)

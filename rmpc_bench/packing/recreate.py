@@ -46,17 +46,14 @@ from rmpc_bench.results.tuning import FILE as TUNING
 from rmpc_bench.types import ConfigError, DesignError
 from rmpc_bench.types.result_layout import CONFIG, COPIES, RESOLVED
 
-MOST_ROWS = 20_000_000
-"""Rows of a packed table that are read where no configuration says how many there are."""
+MOST_ROWS = 20_000_000  # rows of a packed table that are read where no configuration says how many there are
 TIMINGS = "timings.csv"
 DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
 """Columns of timings.csv that differ from computation to computation."""
-COMPARED = ("name", "experiment", "seed", "modified")
-"""Fields of manifest.json that follow from the configuration."""
+COMPARED = ("name", "experiment", "seed", "modified")  # fields of manifest.json that follow from the configuration
 STATED = ("versions", "libraries", "blas", "git", "platform", "file", "looks", "report", "sessions")
 """Fields of manifest.json that say where, when and how; the files are made with them as they are."""
-DRAWN = (".svg", ".pdf", ".png", ".pgf", ".html")
-"""Endings of files that have drawings in them."""
+DRAWN = (".svg", ".pdf", ".png", ".pgf", ".html")  # endings of files that have drawings in them
 
 
 class PackedFiles:

@@ -18,8 +18,7 @@ from rmpc_bench.packing.comparison import BYTES, NUMBERS, FileOutcome
 from rmpc_bench.results import manifest
 from rmpc_bench.results.other_code import OF_THE_BENCH
 
-MOST_LINES = 10
-"""Differences of one kind that are named; the rest is counted."""
+MOST_LINES = 10  # differences of one kind that are named; the rest is counted
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from rmpc_bench.results.evaluate import figure_component, figure_of
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError, Figure
 
-PRINTED = ("pdf", "pgf")
-"""Formats for papers."""
+PRINTED = ("pdf", "pgf")  # formats for papers
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
 
 

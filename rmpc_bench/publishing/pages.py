@@ -126,8 +126,7 @@ SHARED = {
     "input": "Input",
 }
 """Keys that hold for all methods -> their name on the page."""
-LONGEST = 300
-"""Characters of a value that the page shows; config.resolved.yaml has all."""
+LONGEST = 300  # characters of a value that the page shows; config.resolved.yaml has all
 
 
 def write_page(

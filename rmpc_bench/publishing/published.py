@@ -35,8 +35,7 @@ FILE = "published.json"
 PROGRESS = "progress.json"
 KEPT = ("config.yaml", "config.resolved.yaml", "manifest.json")
 """Files that are not derived from trials, but written with them."""
-TUNING = "tuning.json"
-"""Record of a tuning, from which values of the configuration come."""
+TUNING = "tuning.json"  # record of a tuning, from which values of the configuration come
 _LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
 """Libraries that decide what is in the configuration and in the derived files."""
 _SHAPE = {
@@ -46,8 +45,7 @@ _SHAPE = {
     "shown": {"said": list, "notes": list, "lines": list, "width": int, "uncompared": bool, "codes": [int]},
     "files": {str: [int]},
 }
-_COUNTER = slice(24, 28)
-"""Bytes of an SQLite file that count its changes."""
+_COUNTER = slice(24, 28)  # bytes of an SQLite file that count its changes
 
 
 @dataclass(frozen=True)

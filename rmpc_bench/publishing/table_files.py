@@ -35,8 +35,7 @@ from rmpc_bench.results.manifest import read
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import Array
 
-POINTS = 72.27
-"""Points of LaTeX in an inch."""
+POINTS = 72.27  # points of LaTeX in an inch
 WRITTEN = "% written by rmpc-bench"
 """Beginning of these files; a file that begins otherwise belongs to the user and is kept."""
 

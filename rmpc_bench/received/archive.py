@@ -24,14 +24,11 @@ from rmpc_bench.received.plain_files import checked
 from rmpc_bench.replaced_file import replaced
 
 METADATA = "ro-crate-metadata.json"
-DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of every entry, so that equal results give equal archives."""
+DATE = (1980, 1, 1, 0, 0, 0)  # date of every entry, so that equal results give equal archives
 MOST_ENTRIES = 20_000
-MOST_METADATA = 10_000_000
-"""Largest size of a file that is read as JSON [bytes]."""
+MOST_METADATA = 10_000_000  # largest size of a file that is read as JSON [bytes]
 LONGEST_NAME = 500
-DEEPEST_NAME = 20
-"""Directories, one in the other, and the file in them."""
+DEEPEST_NAME = 20  # directories, one in the other, and the file in them
 MOST_BYTES = 8_000_000_000
 MOST_EXPANSION = 30
 """Largest ratio of content to archive, for archives with more than `ALWAYS_ALLOWED` bytes of content."""

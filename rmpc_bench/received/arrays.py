@@ -22,8 +22,7 @@ from rmpc_bench.types import Array
 
 MAX_UNPACKED = 100_000_000
 """Largest size of all arrays of a file [bytes]; files larger than a tenth of it may expand tenfold."""
-MAX_ENTRIES = 100_000
-"""Largest number of entries of a matrix of a configuration."""
+MAX_ENTRIES = 100_000  # largest number of entries of a matrix of a configuration
 MAX_COLUMNS = 10_000
 _MOST_ARRAYS = 10_000
 _MATRIX, _COMPRESSED, _OPAQUE, _IS_COMPLEX = 14, 15, 17, 0x800
@@ -31,8 +30,7 @@ _MATRIX, _COMPRESSED, _OPAQUE, _IS_COMPLEX = 14, 15, 17, 0x800
 _CLASSES = dict(zip(range(6, 16), ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"), strict=True))
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _PRECISIONS = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
-_LARGEST_TYPE = 5000
-"""Above the types of matrices of version 4, so that the order of the bytes is seen."""
+_LARGEST_TYPE = 5000  # above the types of matrices of version 4, so that the order of the bytes is seen
 
 
 class ArrayFileError(ValueError):

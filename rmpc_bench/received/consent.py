@@ -26,8 +26,7 @@ from urllib.parse import unquote, urlparse
 
 from rmpc_bench.received.plain_files import text_of
 
-NO_CODE = "RMPC_BENCH_NO_CODE"
-"""Environment variable that refuses everything that could execute when it is 1."""
+NO_CODE = "RMPC_BENCH_NO_CODE"  # environment variable that refuses everything that could execute when it is 1
 ENDINGS = (".py", ".pyc", ".pyw", ".pyd", ".so", ".dll", ".dylib", ".pth", ".fmu")
 _STARTS = (b"\x7fELF", b"MZ", b"#!", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa", b"\xce\xfa\xed\xfe", b"\xcf\xfa\xed\xfe")
 """First bytes of programs and libraries of Linux, Windows and macOS, and of scripts."""
@@ -35,11 +34,9 @@ VERIFIED = "verified_on.json"
 """The file to which every verification of an archive appends a record; its directory came from elsewhere."""
 UNKNOWN = {"commit": "unknown"}
 _GIT_SECONDS = 10
-_LONGEST = 1000
-"""Largest size of a file that names a commit [bytes]."""
+_LONGEST = 1000  # largest size of a file that names a commit [bytes]
 
-accepted: set[Path] = set()
-"""Files with code that this process has named on stderr."""
+accepted: set[Path] = set()  # files with code that this process has named on stderr
 
 
 def is_code(path: Path) -> bool:

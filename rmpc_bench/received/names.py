@@ -8,10 +8,8 @@ from __future__ import annotations
 import re
 import unicodedata
 
-EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
-"""Name of an experiment or a paper, which is that of a directory."""
-METRIC = re.compile(r"[A-Za-z_]\w{0,99}")
-"""Name of a metric, which is that of a table."""
+EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"  # name of an experiment or a paper, which is that of a directory
+METRIC = re.compile(r"[A-Za-z_]\w{0,99}")  # name of a metric, which is that of a table
 HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Characters that no text may contain, those of `types.texts`, which imports NumPy: controls and directions."""
 _IN_METHOD = re.compile(r"[\[\],\n\t]")

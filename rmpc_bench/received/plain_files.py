@@ -90,12 +90,9 @@ def wrong_span(value: Any) -> str:
     )
 
 
-MAX_BYTES = 10_000_000
-"""Largest size of a file of a configuration or of an experiment's record [bytes]."""
-MAX_DEPTH = 60
-"""Levels of lists and objects of a JSON text."""
-COUNT = range(2**53)
-"""Numbers of runs, steps and calls."""
+MAX_BYTES = 10_000_000  # largest size of a file of a configuration or of an experiment's record [bytes]
+MAX_DEPTH = 60  # levels of lists and objects of a JSON text
+COUNT = range(2**53)  # numbers of runs, steps and calls
 _SUSPECT = re.compile(
     rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xaa-\xae]|\xe2\x81[\xa6-\xa9]"
 )

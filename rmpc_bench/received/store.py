@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from rmpc_bench.types import Array
 
 FILE = "trials.sqlite"
-APPLICATION = 0x524D5043
-"""Number in the header of the file that marks a trial store (the letters RMPC)."""
-FORMAT = 2
-"""Number of the format, which the header of the file holds."""
+APPLICATION = 0x524D5043  # number in the header of the file that marks a trial store (the letters RMPC)
+FORMAT = 2  # number of the format, which the header of the file holds
 LATER = """
 CREATE TABLE IF NOT EXISTS failed_steps (method INTEGER, run INTEGER, status INTEGER, n INTEGER NOT NULL,
     PRIMARY KEY (method, run, status)) WITHOUT ROWID
@@ -55,8 +53,7 @@ CREATE TABLE warnings (method INTEGER, first INTEGER, stop INTEGER, text TEXT, n
 CREATE TABLE durations (method INTEGER, first INTEGER, stop INTEGER, phase TEXT, largest REAL NOT NULL,
     counts TEXT NOT NULL, PRIMARY KEY (method, first, stop, phase)) WITHOUT ROWID;
 """
-MOST_RUNS = 10_000_000
-"""Largest number of runs of a configuration."""
+MOST_RUNS = 10_000_000  # largest number of runs of a configuration
 _RANGES = {
     **dict.fromkeys(("number", "method", "signal", "owner", "column"), range(1, 2**53)),
     **dict.fromkeys(("n", "length"), range(2**53)),
@@ -73,8 +70,7 @@ _TYPES: dict[str, set[type]] = {
     "largest": {float},
 }
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
-_FIRST_TABLES = {"meta", "trials", "metrics", "uncertainty"}
-"""Tables of the first format, which did not number itself."""
+_FIRST_TABLES = {"meta", "trials", "metrics", "uncertainty"}  # tables of the first format, which did not number itself
 
 
 class OccupiedError(StoreError):
