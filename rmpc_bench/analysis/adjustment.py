@@ -267,11 +267,7 @@ class Values(NamedTuple):
 def leave_one_out(basis: Basis, averages: Collection[str], a: Array, b: Array) -> dict[str, Array]:
     """Return average -> values V over all drawn runs; one whose adjusted means are not positive is left out.
 
-    Parameters
-    ----------
-    basis : of the n drawn runs
-    averages : ``geometric``, ``mean``, ``difference``
-    a, b : (n,) values of the two methods; NaN where one of the two failed or has none
+    `a` and `b` are the (n,) values of the two methods over these runs, NaN where one of the two failed or has none.
     """
     n, both = len(a), ~(np.isnan(a) | np.isnan(b))
     a, b = np.where(both, a, 1.0), np.where(both, b, 1.0)
@@ -298,26 +294,15 @@ def leave_one_out(basis: Basis, averages: Collection[str], a: Array, b: Array) -
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """What is adjusted for at one point of a sweep.
+    """What is adjusted for at one point of a sweep."""
 
-    Parameters
-    ----------
-    runs : (n,) indices of the drawn runs
-    quantities : those of the basis
-    values : (n, quantities) drawn values; empty without any
-    forms : forms that may be chosen, the largest first
-    reason : why there is no basis; empty where there may be one
-    left_out : quantity -> why `auto` takes it for noise
-    wide : quantities that are asked for although their normal law is too wide
-    """
-
-    runs: Array
-    quantities: tuple[Quantity, ...] = ()
-    values: Array = field(default_factory=lambda: np.empty((0, 0)))
-    forms: tuple[str, ...] = ()
-    reason: str = ""
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    wide: tuple[str, ...] = ()
+    runs: Array  # (n,) indices of the drawn runs
+    quantities: tuple[Quantity, ...] = ()  # those of the basis
+    values: Array = field(default_factory=lambda: np.empty((0, 0)))  # (n, quantities) drawn values; empty without any
+    forms: tuple[str, ...] = ()  # forms that may be chosen, the largest first
+    reason: str = ""  # why there is no basis; empty where there may be one
+    left_out: Mapping[str, str] = field(default_factory=dict)  # quantity -> why `auto` takes it for noise
+    wide: tuple[str, ...] = ()  # quantities that are asked for although their normal law is too wide
 
     @cached_property
     def _bases(self) -> dict[str, Basis]:

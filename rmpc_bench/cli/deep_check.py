@@ -210,8 +210,6 @@ def _duration(seconds: float) -> str:
 def clock(seconds: float) -> str:
     """Write a time as a batch scheduler takes it.
 
-    Examples
-    --------
     >>> clock(5400), clock(360_000)
     ('01:30:00', '100:00:00')
     """

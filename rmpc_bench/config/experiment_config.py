@@ -103,8 +103,6 @@ class TuningPlan:
 def tuning_seed(seed: int, number: int) -> int:
     """Return the seed of the tuning runs of an experiment by the number of their stream.
 
-    Examples
-    --------
     >>> tuning_seed(1, 0) != tuning_seed(1, 1) != 1
     True
     """

@@ -144,8 +144,6 @@ def _differing_leaves(tree: Any, path: str = "") -> list[tuple[str, Any]]:
 def short_value(value: Any) -> str:
     """Write a value of a configuration on one line.
 
-    Examples
-    --------
     >>> short_value([{"B_d": [[1.0], [0.0]]}, "input"])
     '[{B_d: [[1.0], [0.0]]}, input]'
     """
@@ -232,8 +230,6 @@ def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) 
 def written(value: Any, *, math: bool) -> str:
     r"""Write plain data as papers do: powers of ten below 1, plain decimals, else a mantissa and a power.
 
-    Examples
-    --------
     >>> [written(value, math=True) for value in (0.1, 1.0, 0.03, 1.5e-4)]
     ['10^{-1}', '1', '0.03', '1.5 \\cdot 10^{-4}']
     >>> [written(value, math=False) for value in (0.1, 1e-3, [0.5, 4])]

@@ -94,8 +94,6 @@ def parameter_of(path: str, given: list[float] | RangeKeys) -> TunedParameter:
 
     Raises a ValueError if there is nothing between the ends, or the scale or the integers do not fit them.
 
-    Examples
-    --------
     >>> parameter_of("estimator.radius", [0.01, 10.0]).scale
     'log'
     """

@@ -27,8 +27,6 @@ _GROUPS = {**COMPONENTS, "metrics": "metrics", "figures": "figures", "noise": "n
 def canonical_text(given: Mapping[str, Any]) -> str:
     r"""Write a mapping as the text of a configuration file; a ConfigError names the keys whose values have no form.
 
-    Examples
-    --------
     >>> canonical_text({"runs": np.int64(4), "time": {"step": 0.1, "steps": 20}, "initial": {"x": (0.0, 1.0)}})
     'runs: 4\ntime: {step: 0.1, steps: 20}\ninitial: {x: [0.0, 1.0]}\n'
     """

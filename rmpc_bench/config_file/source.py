@@ -276,8 +276,6 @@ def with_methods(tree: Map, added: Map, problems: list[Problem]) -> Map:
 def texts_of(added: Map) -> Mapping[str, str]:
     """Return name -> the method as the command line takes it, on one line.
 
-    Examples
-    --------
     >>> dict(texts_of(read_methods(["A: {estimator: {kind: kalman}}"], [])))
     {'A': 'A: {estimator: {kind: kalman}}'}
     """

@@ -273,8 +273,6 @@ def with_kind(group: str, tree: Any) -> Any:
 def names_data(text: Any) -> bool:
     """Whether a text names files of data and not of code.
 
-    Examples
-    --------
     >>> names_data("u.csv"), names_data("signals.py:Chirp")
     (True, False)
     """
@@ -284,8 +282,6 @@ def names_data(text: Any) -> bool:
 def kind_of(data: Mapping[str, Any]) -> str:
     """Return the kind, or the file and name, of a component as plain data.
 
-    Examples
-    --------
     >>> kind_of({"file": "tanks.py:MHE", "Ne": 6})
     'tanks.py:MHE'
     """

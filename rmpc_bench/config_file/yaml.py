@@ -307,8 +307,6 @@ def dump(value: Any) -> str:
 def one_line(value: Any) -> str:
     """Write plain data as a YAML 1.2 text on one line that ``parse`` reads back to the same data.
 
-    Examples
-    --------
     >>> one_line({"R-MPC": {"estimator": {"kind": "robust-kalman", "c": 0.03}}})
     '{R-MPC: {estimator: {kind: robust-kalman, c: 0.03}}}'
     """

@@ -219,8 +219,6 @@ def make_logarithmic(axes: Axes, *, horizontal: bool = False) -> None:
 def _tick(value: float, _place: int | None = None) -> str:
     r"""Write a tick of a logarithmic axis: plain where that is short, else as a multiple of a power of ten.
 
-    Examples
-    --------
     >>> _tick(0.02), _tick(5e-5), _tick(1e-5)
     ('0.02', '$5\\times 10^{-5}$', '$10^{-5}$')
     """

@@ -246,8 +246,6 @@ def short_title(point: Trials) -> str:
 def printed(title: str) -> str:
     """Write the signs of a title as they are printed: a minus in front of a number, a cross between factors.
 
-    Examples
-    --------
     >>> printed("delta from -1 to 1, noise x 0.01, 1e-5, run-2")
     'delta from −1 to 1, noise × 0.01, 1e-5, run-2'
     """

@@ -82,24 +82,14 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
-    """How all figures of a report are rendered.
+    """How all figures of a report are rendered."""
 
-    Parameters
-    ----------
-    width : width of every figure [in]; that of its configuration if None
-    font : family of the texts and formulas
-    style : ``bench`` for the screen, ``paper`` for a printed column
-    formats : endings of the files to write
-    labels : whether methods have their labels in place of their keys, as in files for papers
-    place : where to draw in a picture of the user; a picture of its own if None
-    """
-
-    width: float | None = None
-    font: Font = "dejavu"
-    style: Style = "bench"
-    formats: tuple[Format, ...] = DEFAULT_FORMATS
-    labels: bool = False
-    place: Place | None = None
+    width: float | None = None  # width of every figure [in]; that of its configuration if None
+    font: Font = "dejavu"  # family of the texts and formulas
+    style: Style = "bench"  # ``bench`` for the screen, ``paper`` for a printed column
+    formats: tuple[Format, ...] = DEFAULT_FORMATS  # endings of the files to write
+    labels: bool = False  # whether methods have their labels in place of their keys, as in files for papers
+    place: Place | None = None  # where to draw in a picture of the user; a picture of its own if None
 
 
 DEJAVU, STIX = "DejaVu Sans", "STIXGeneral"  # both come with matplotlib

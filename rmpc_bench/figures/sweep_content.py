@@ -253,8 +253,6 @@ def panel_title(point: Mapping[str, str], paths: Sequence[str]) -> str:
 def in_words(path: str) -> str:
     """Say which key a path means, such as ``Hp of the controller``.
 
-    Examples
-    --------
     >>> in_words("controller.Hp"), in_words("methods.R-MPC.estimator.c"), in_words("runs")
     ('Hp of the controller', 'c of the estimator of R-MPC', 'runs')
     """

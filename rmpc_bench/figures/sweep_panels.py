@@ -155,8 +155,6 @@ def _move_apart(axes: Axes, texts: Sequence[Annotation]) -> None:
 def apart(places: Sequence[float], gap: float) -> list[float]:
     """Move places from 0 to 1 as little as possible, so that neighbours have a distance; they must fit.
 
-    Examples
-    --------
     >>> apart([0.5, 0.5, 0.0], 0.25)
     [0.375, 0.625, 0.0]
     """

@@ -250,8 +250,6 @@ def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) 
 def split_pattern(text: str) -> tuple[str, str]:
     """Split a path or pattern into the directory before the first wildcard and the rest, which has a name.
 
-    Examples
-    --------
     >>> split_pattern("../logs/2024-*/run.csv"), split_pattern("pump.csv")
     (('../logs', '2024-*/run.csv'), ('', 'pump.csv'))
     """

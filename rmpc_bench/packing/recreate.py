@@ -286,8 +286,6 @@ def _text(file: Path) -> str:
 def _options(overrides: Sequence[str]) -> dict[str, Any]:
     """Read the options of a command line that have changed a configuration.
 
-    Examples
-    --------
     >>> _options(["-s 'runs=3'", "--runs 4", "--smoke"])
     {'overrides': ['runs=3'], 'runs': 4, 'smoke': True}
     """

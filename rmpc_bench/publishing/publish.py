@@ -69,8 +69,6 @@ def choose(results: Results, **keys: Any) -> Results:
     The keys replace those of the section `report`: order, width, metrics, columns, style, font, format, trials.  None
     leaves a key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
 
-    Examples
-    --------
     >>> import rmpc_bench, tempfile
     >>> directory = tempfile.mkdtemp()
     >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)

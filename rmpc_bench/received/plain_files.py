@@ -244,14 +244,10 @@ def json_of(path: Path, shape: Any, way_out: str, max_bytes: int = MAX_BYTES) ->
 def checked(content: bytes, shape: Any, *, any_text: bool = False) -> Any:
     """Return the value of a JSON text; `ValueError` with the field where it does not have its shape.
 
-    Parameters
-    ----------
-    content : the text
-    shape : `int`, `float`, `str`, `bool`, `list`, `dict` or None; a range of integers; a function that says what is
-        wrong; ``[shape]`` for a list; ``{str: shape}`` for a mapping, where a function may
-        stand for `str`; ``{name: shape}`` for an object with these entries, optional where the name ends with ``?``,
-        and any others; a tuple of shapes, one of which it has
-    any_text : whether texts may have control characters, as messages of other programs do
+    A shape is `int`, `float`, `str`, `bool`, `list`, `dict` or None; a range of integers; a function that says what is
+    wrong; ``[shape]`` for a list; ``{str: shape}`` for a mapping, where a function may stand for `str`;
+    ``{name: shape}`` for an object with these entries, optional where the name ends with ``?``, and any others; a tuple
+    of shapes, one of which it has.  With `any_text` texts may have control characters, as messages of other programs.
     """
     _check_nesting(content)
     try:

@@ -24,8 +24,6 @@ def key_meanings(design: Any) -> dict[str, str]:
 def meanings_in(doc: str) -> dict[str, str]:
     r"""Return the meaning of every parameter in a numpydoc section.
 
-    Examples
-    --------
     >>> meanings_in("Parameters\n----------\nc : radius of the ball\nHp, Hu : horizons\n    [samples]")
     {'c': 'radius of the ball', 'Hp': 'horizons [samples]', 'Hu': 'horizons [samples]'}
     """
@@ -66,8 +64,6 @@ MATRIX: Schema = {
 def schema_of(annotation: Any) -> Schema:
     """Return the schema of the values that an annotation allows.
 
-    Examples
-    --------
     >>> schema_of(Annotated[float, Gt(0)])
     {'type': ['number', 'string'], 'exclusiveMinimum': 0}
     >>> schema_of(Literal["filter", "predictor"] | None)

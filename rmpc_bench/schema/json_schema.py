@@ -206,8 +206,6 @@ _EXTRA = {
 def json_schema() -> Schema:
     """Return the schema of a configuration, as plain data.
 
-    Examples
-    --------
     >>> json_schema()["properties"]["seed"]["default"]
     0
     """

@@ -37,8 +37,6 @@ _IS_UNIT = re.compile(rf"{_SYMBOLS}(?:\^-?\d+)?(?:[ /]{_SYMBOLS}(?:\^-?\d+)?)*")
 def type_words(schema: Schema) -> str:
     """Return the values that a schema allows, with their limits.
 
-    Examples
-    --------
     >>> type_words({"type": ["number", "string"], "exclusiveMinimum": 0})
     'number > 0'
     >>> type_words({"anyOf": [{"enum": ["none", "all"]}, {"type": "null"}]})
@@ -103,8 +101,6 @@ def _shown(limit: Any) -> str:
 def unit_of(meaning: str) -> str:
     """Return the unit that stands in brackets in a meaning; empty without one.
 
-    Examples
-    --------
     >>> unit_of("sampling time [s]"), unit_of("viscous friction [N m s/rad]"), unit_of("limits [low, high]")
     ('s', 'N m s/rad', '')
     >>> unit_of("pressure [Pa]"), unit_of("bandwidth [Hz]"), unit_of("losses [W/K]"), unit_of("gain [L]")
@@ -221,8 +217,6 @@ def _inside(annotation: Any) -> Iterable[Any]:
 def default_text(value: Any) -> str:
     """Show a default as a configuration would write it; empty where a missing key has no value.
 
-    Examples
-    --------
     >>> default_text(None), default_text((1.0, 3.0)), default_text("quartiles"), default_text(True)
     ('', '[1, 3]', 'quartiles', 'true')
     """

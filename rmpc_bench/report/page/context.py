@@ -81,8 +81,7 @@ def _line(text: str) -> str:
     return " ".join(text.split())
 
 
-PAPERS = ("zenere2018", "zenere2017", "souto2011", "ma2025", "belda2017")
-"""Papers that come first, in this order."""
+PAPERS = ("zenere2018", "zenere2017", "souto2011", "ma2025", "belda2017")  # papers that come first, in this order
 KINDS = {
     "statement of the paper": "What the paper says",
     "additional result": "Additional results",
