@@ -39,8 +39,7 @@ MEANINGS: Mapping[int, str] = {
     "two experiments different, `verify` finds computed results different from packed ones, a replay differs from what "
     "is stored, or a check of a component fails",
     0: "otherwise",
-}
-"""Meaning of every exit code, in the order of precedence."""
+}  # meaning of every exit code, in the order of precedence
 
 _LEFT: Mapping[str, str] = {
     "run": "finished blocks are stored, the same command continues",
@@ -49,8 +48,7 @@ _LEFT: Mapping[str, str] = {
     "report": "stored trials are unchanged, the same command writes the report again",
     "pack": "the results are unchanged, the same command packs them again",
     "verify": "nothing was verified, the same command starts again",
-}
-"""What an interrupted command leaves."""
+}  # what an interrupted command leaves
 _UNCHANGED = "this command changes no results"
 
 P = ParamSpec("P")

@@ -61,8 +61,8 @@ class _Messages(io.FileIO):
 class _Visible(io.TextIOWrapper):
     """A text stream that writes escapes for control and direction characters."""
 
+    # stream on the same file for the bar, which moves the cursor and filters its texts itself
     unfiltered: io.TextIOWrapper
-    """Stream on the same file for the bar, which moves the cursor and filters its texts itself."""
 
     def write(self, text: str) -> int:
         """Write what a terminal can show."""

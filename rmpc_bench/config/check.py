@@ -50,8 +50,7 @@ RANK = 1e-9  # smallest singular value, relative to the largest one, at which a 
 NOISE_KEYS: Mapping[str, tuple[str, str]] = {
     "linear": ("P_w", "P_v"),
     "uncertain-linear": ("W", "V"),
-}
-"""Kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`."""
+}  # kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`
 
 _LARGEST_RATIO = 1e14
 """Ratio of variances up to which the roots of covariances give nine digits, see numerics/square_root.py."""

@@ -122,8 +122,8 @@ class TunedMethod(NamedTuple):
 
     parameters: tuple[TunedParameter, ...]
     default: tuple[float | None, ...]  # value of each parameter without tuning; None where it is no number
+    # the method at the lower end of all ranges: what identifies it does not depend on the values of the file
     lowest: MethodComponents
-    """The method at the lower end of all ranges: what identifies it does not depend on the values of the file."""
     values: Mapping[str, float | int] | None  # path -> value that was chosen; None where none was yet
     untuned: MethodComponents  # the method without these values
 
@@ -133,8 +133,8 @@ class PointTuning:
     """Tuning at one point of the sweep: values that are known, and the methods that have ranges."""
 
     rows: Sequence[ValueRow] = ()  # known values that the file has
+    # method -> path -> known value, of the file or of a search
     chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Method -> path -> known value, of the file or of a search."""
     methods: dict[str, TunedMethod] = field(default_factory=dict)
 
 
@@ -171,35 +171,35 @@ class DraftConfig:
     access: CodeAccess = NO_ACCESS  # which files of the user may be loaded
     inherited: Inherited | None = None  # what is inherited; nothing where it is None
     values: dict[str, Any] = field(default_factory=dict)
+    # laws of the uncertain quantities as given
     laws: dict[str, distributions.UncertainLaw] = field(default_factory=dict)
-    """Laws of the uncertain quantities as given."""
     scale: float = 1.0  # factor on the spread of all of them
     parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
     plant: Component | None = None
+    # limits of the true state, the keys `bounds` and `diverged` of the plant
     plant_range: dict[str, Any] = field(default_factory=dict)
-    """Limits of the true state, the keys `bounds` and `diverged` of the plant."""
+    # name under `bounds` -> units that stand behind its numbers
     bound_units: dict[str, set[str]] = field(default_factory=dict)
-    """Name under `bounds` -> units that stand behind its numbers."""
+    # units that stand behind the numbers of the initial state; empty where there is none
     start_units: list[str] = field(default_factory=list)
-    """Units that stand behind the numbers of the initial state; empty where there is none."""
     model: Component | None = None
     reference: Component | None = None
     input: Component | None = None  # input in open loop; None where there is a controller, or u = 0
     noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)  # channel -> the terms of its noise
+    # cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model
     cross: Any = None
-    """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
     tuning: PointTuning = field(default_factory=PointTuning)
+    # method -> where its parameters come from, as its key `parameters` says
     sources: dict[str, str] = field(default_factory=dict)
-    """Method -> where its parameters come from, as its key `parameters` says."""
     labels: dict[str, str] = field(default_factory=dict)  # method -> its label with the values of the parameters
     warnings: list[Problem] = field(default_factory=list)  # what is valid but probably not meant
     left_out: list[str] = field(default_factory=list)  # what is inherited and does not fit, in words
     model_facts: tuple[ModelFacts, ...] = ()  # properties of the design models, once they are built
     metrics: list[Component | None] = field(default_factory=list)
+    # metrics that the key `calibration` adds to them, once the number of states is known
     calibrated: list[Component] = field(default_factory=list)
-    """Metrics that the key `calibration` adds to them, once the number of states is known."""
     figures: list[Component | None] = field(default_factory=list)
     claims: list[Any] = field(default_factory=list)  # the keys of every claim (ClaimKeys); None where it has an error
 

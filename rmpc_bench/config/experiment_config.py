@@ -37,8 +37,8 @@ class Origin(NamedTuple):
     points: Sequence[SweptTree]  # the tree of every point of the sweep, before its validation
     access: CodeAccess
     smoke: bool
+    # loads the configuration with chosen values and returns an ExperimentConfig; ConfigError as `load_config`
     load: Callable[[Chosen], Any]
-    """Loads the configuration with chosen values and returns an ExperimentConfig; ConfigError as `load_config`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ class WantedSearch:
     # path -> chosen value; None where none is known, empty where nothing could be tuned
     values: Mapping[str, float | int] | None
     settings: str  # what identifies the search but for the code: config.resolved.yaml keeps it with the values
+    # the same of the search that has found the values; the one of this search where the file has no values
     carried: str
-    """The same of the search that has found the values; the one of this search where the file has no values."""
 
 
 @dataclass(frozen=True, eq=False)

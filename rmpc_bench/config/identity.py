@@ -126,8 +126,7 @@ ADDED_LATER: Mapping[tuple[str, str], Any] = {
 hash, so earlier trials stay valid."""
 RENAMED: Mapping[str, Mapping[str, str]] = {
     "metrics": {"only": "components"},
-}
-"""Group -> key -> its name in the hash, under which trials were stored before it was renamed."""
+}  # group -> key -> its name in the hash, under which trials were stored before it was renamed
 
 
 def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:

@@ -36,8 +36,7 @@ DISTRIBUTIONS: dict[str, type] = {
     "fixed": distributions.Fixed,
     "lognormal": distributions.Lognormal,
     "triangular": distributions.Triangular,
-}
-"""Laws of an uncertain quantity by their `dist`."""
+}  # laws of an uncertain quantity by their `dist`
 GROUPS: dict[str, type] = {"normal": distributions.NormalGroup, "choice": distributions.ChoiceGroup}
 """Laws of several quantities with the key `of`, by their `dist`."""
 

@@ -47,8 +47,8 @@ class OwnCode:
     parts: dict[str, Source] = field(default_factory=dict)
     # components that a program or a notebook has registered, which no other process knows
     of_program: set[str] = field(default_factory=set)
+    # whether a component is that of a method or a figure -> what such components replace for all others
     _replacing: dict[bool, dict[Problem, None]] = field(default_factory=lambda: {True: {}, False: {}})
-    """Whether a component is that of a method or a figure -> what such components replace for all others."""
     _with_data: set[Path] = field(default_factory=set)  # Python files of components of which keys name data files
 
     def identity(self, components: Mapping[str, Component | None], *, whole: bool = True) -> dict[str, Any]:

@@ -31,8 +31,7 @@ from rmpc_bench.types.sweep_points import lies_at, value_text
 SWEPT = (
     *("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "input"),
     *("estimator", "controller"),
-)
-"""Top-level keys whose paths may be swept, beside those of a method."""
+)  # top-level keys whose paths may be swept, beside those of a method
 
 METHOD_COMPONENTS = ("model", "estimator", "controller")
 """Components of a method whose paths may be swept; the same keys at the top level are the defaults of all methods."""
@@ -297,8 +296,8 @@ class Sweep(NamedTuple):
 
     tree: Map  # the configuration with its sweep
     points: list[SweptTree]
+    # swept paths, those that change together as one axis; empty where there are problems
     axes: tuple[tuple[str, ...], ...]
-    """Swept paths, those that change together as one axis; empty where there are problems."""
     problems: list[Problem]
     """Where there are some, the points have no coordinates: they only contain each value of the sweep once, so that
     later stages find the other problems of the file."""

@@ -65,8 +65,8 @@ class Round(NamedTuple):
     """What a round computes."""
 
     config: ExperimentConfig  # a configuration of the points that take part, each with the methods that it needs
+    # trial -> position of its point in this configuration; those whose design cannot be made are missing
     places: Mapping[Trial, int]
-    """Trial -> position of its point in this configuration; those whose design cannot be made are missing."""
 
 
 class RoundBuilder:

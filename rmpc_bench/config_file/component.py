@@ -38,8 +38,7 @@ SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {
     "models": {"disturbance": Disturbance, "delay": DelayKey},
     "controllers": {"every": Count, "preview": bool},
     "inputs": {"only": Annotated[list[str | int], Len(1)], "known": bool},
-}
-"""Group -> keys that every component of it has, with what validates them."""
+}  # group -> keys that every component of it has, with what validates them
 HELD = ("control-lqr", "gpc", "lqg", "lqr", "mpc", "pid")
 """Kinds of controllers that may be called at every m-th sample; others count with the noise of single samples."""
 NONE = "none"

@@ -34,14 +34,12 @@ _CLASSES: Mapping[str, tuple[type, str]] = {
     "estimator": (Estimator, "an estimator, such as estimator(kind, ..)"),
     "plant": (Plant, "a plant, such as plant(kind, ..)"),
     "plant_info": (PlantInfo, "a plant"),
-}
-"""Argument -> its class, and what is valid."""
+}  # argument -> its class, and what is valid
 _NUMBERS: Mapping[str, tuple[Any, Callable[[Any, int], Any]]] = {
     "x0": (float | list[float], initial_state),
     "P0": (Matrix, initial_covariance),
     "M0": (Matrix, initial_covariance),
-}
-"""Argument of an estimator -> annotation of a short form, and what expands it to the size of the model."""
+}  # argument of an estimator -> annotation of a short form, and what expands it to the size of the model
 
 
 def plant(kind: str, *args: Any, **parameters: Any) -> Plant:

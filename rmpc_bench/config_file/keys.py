@@ -52,14 +52,12 @@ PROVIDED: dict[str, frozenset[str]] = {
     "noises": frozenset({"n", "ny", "Ts", "signal_names", "sampled"}),
     "metrics": frozenset(),
     "figures": frozenset(),
-}
-"""Parameters of a design that the bench fills in, by group."""
+}  # parameters of a design that the bench fills in, by group
 
 PROVIDED_TO_OWN: dict[str, frozenset[str]] = {
     "estimators": frozenset({"limits"}),
     "controllers": frozenset({"limits"}),
-}
-"""The same for components that are not built in; a built-in controller has a key `limits`."""
+}  # the same for components that are not built in; a built-in controller has a key `limits`
 PROVIDED_TO_BUILT_IN = frozenset({"measured", "sampled"})
 """Those that the bench fills in for built-in components only; others may have keys of these names."""
 
@@ -102,8 +100,7 @@ _READERS: dict[type, Callable[[Any], Any]] = {
     FromCodeOrText: read_function_or_text,
     FromCode: read_function,
     FromData: read_data,
-}
-"""Mark of an annotation -> what reads a value."""
+}  # mark of an annotation -> what reads a value
 
 
 def with_quantities(annotation: Any) -> Any:

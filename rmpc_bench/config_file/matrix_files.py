@@ -29,8 +29,7 @@ SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")  # sections in which 
 SYSTEM = {
     "models": {"A": "A", "B": "B", "C": "C", "D": "D", "Q": "P_w", "R": "P_v"},
     "plants": dict(zip("ABCD", "ABCD", strict=True)),
-}
-"""Group of the component ``linear`` -> name in the file -> key of the component."""
+}  # group of the component ``linear`` -> name in the file -> key of the component
 SAME_STEP = 1e-9  # relative difference of two sampling times that are meant to be equal
 
 

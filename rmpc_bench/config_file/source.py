@@ -86,8 +86,7 @@ REQUIRES = "requires"
 COMPONENTS = {
     **{"plant": "plants", "model": "models", "estimator": "estimators", "controller": "controllers"},
     **{"reference": "references", "input": "inputs"},
-}
-"""Keys of components -> their groups."""
+}  # keys of components -> their groups
 
 
 def read_extended(path: str | Path, extended: tuple[Path, ...] = (), content: str | None = None) -> Any:

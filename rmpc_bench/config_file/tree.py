@@ -251,8 +251,7 @@ FILE = "file"  # key that stands for `kind` in a component from a Python file
 SHORT_FORMS: Mapping[str, tuple[str, ...]] = {
     "plants": ("ode", "casadi", "data", "env", "control", "scipy", "fmu"),
     "models": ("linearise", "nonlinear", "ode", "control", "scipy"),
-}
-"""Group -> kinds that may stand as a key; their keys of the same name are keys of these kinds."""
+}  # group -> kinds that may stand as a key; their keys of the same name are keys of these kinds
 
 
 def with_kind(group: str, tree: Any) -> Any:

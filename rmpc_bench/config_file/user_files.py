@@ -100,8 +100,7 @@ def _field_names_files(kind: type) -> bool:
 SECTIONS_WITH_CODE = (
     *("plant", "model", "noise", "initial", "reference", "estimator", "controller", "methods"),
     *("sweep", "metrics", "figures"),
-)
-"""Top-level keys in which components stand."""
+)  # top-level keys in which components stand
 
 _TEXTS = ("label", "title", "name")  # keys whose values are texts for people
 

@@ -96,8 +96,7 @@ RINGS: tuple[dict[str, Any], ...] = (
     {"ls": (0, (4, 2)), "lw": 0.9},
     {"ls": (0, (1.2, 1.2)), "lw": 0.9},
     {"ls": (0, (7, 1.5, 1.2, 1.5)), "lw": 0.7},
-)
-"""Lines of the radii, the first one first."""
+)  # lines of the radii, the first one first
 Radii = Annotated[tuple[Positive, ...], Len(1, len(RINGS))]
 DOTS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 1.7, "mew": 0.0}
 BROAD = 2.0  # factor of the width of the lines of a segment, which a thin ellipse is not

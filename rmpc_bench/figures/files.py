@@ -179,8 +179,7 @@ FORMATS: dict[str, dict[str, Any]] = {
     ".png": {"metadata": {"Software": None}, "dpi": 200},
     ".pdf": {"metadata": {"CreationDate": None, "Creator": None, "Producer": None}},
     ".pgf": {},
-}
-"""Endings of files, with the settings that make their bytes the same every time."""
+}  # endings of files, with the settings that make their bytes the same every time
 
 
 def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | None = None) -> list[Path]:

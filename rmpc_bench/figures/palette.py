@@ -39,8 +39,7 @@ _GROUNDS = {
     "m5": ("#112288", "#77ffee"),
     "m6": ("#996666", "#999977"),
     "m7": ("#442244", "#ccff99"),
-}
-"""Name -> colour on a light and on a dark ground; readers with any colour vision can tell m1 to m7 apart."""
+}  # name -> colour on a light and on a dark ground; readers with any colour vision can tell m1 to m7 apart
 LIGHT: Mapping[str, str] = {name: light for name, (light, _) in _GROUNDS.items()}
 DARK: Mapping[str, str] = {name: dark for name, (_, dark) in _GROUNDS.items()}
 PRINT: Mapping[str, str] = {**LIGHT, "fg": "#000000"}

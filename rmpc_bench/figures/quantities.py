@@ -33,8 +33,7 @@ DERIVED = {
     "record: {runs: 1, signals: [x, x_hat]}",
     "nees": "needs the errors x_hat - x and a reported covariance P: record: {runs: 20, signals: [x, x_hat, P]}",
     "nis": "needs recorded e and S of some method that reports both: record: {runs: 20, signals: [e, S]}",
-}
-"""Quantities that are computed from others -> what is lacking where no method has them."""
+}  # quantities that are computed from others -> what is lacking where no method has them
 
 
 class Quantity(NamedTuple):

@@ -42,8 +42,7 @@ CAPTIONS = {
     "mean": "means with {level} intervals",
     "share": "shares of the runs with {level} Wilson intervals",
     "rank": "ranks over all points as intervals",
-}
-"""Column -> what it shows."""
+}  # column -> what it shows
 
 
 @dataclass(frozen=True, kw_only=True)

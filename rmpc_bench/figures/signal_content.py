@@ -56,13 +56,11 @@ WORDS: Mapping[str, Look] = {
     "consistent": Look("grey", "band of a consistent estimator", {"color": paler(DIM, 0.75), "zorder": 0.5}),
     "set M": Look("area", "set $M$", {"color": OWN, "zorder": 1.5}),
     "set P": Look("area", "of $P$", {"color": OWN, "zorder": 1.5}),
-}
-"""Kinds of lines and areas in the order of the legend."""
+}  # kinds of lines and areas in the order of the legend
 QUIET: Mapping[str, Mapping[str, Any]] = {
     "zero": {"color": DIM, "lw": 0.6, "zorder": 2.1},
     "one": {"color": INK, "lw": 0.7, "zorder": 2.1},
-}
-"""Levels that need no entry in a legend."""
+}  # levels that need no entry in a legend
 EDGES = {"reported": (0, (4, 2)), "set P": (0, (3, 1.5)), "set M": "-"}
 """Dashes of the lines around areas that have some."""
 

@@ -107,8 +107,8 @@ class SweepContent(NamedTuple):
     """Rows of all points that a figure shows."""
 
     axis: SweepAxis
+    # title of a panel, or value of the second path -> value of the axis -> rows
     panels: Mapping[str, Mapping[str, ResultTable]]
-    """Title of a panel, or value of the second path -> value of the axis -> rows."""
     methods: tuple[str, ...]
     form: Form
     down: SweepAxis | None = None  # the second path of a grid

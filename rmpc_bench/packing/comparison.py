@@ -148,8 +148,8 @@ class FileOutcome(NamedTuple):
     """What was found about a file of an archive."""
 
     name: str
+    # `BYTES`, `NUMBERS`, `HASHED`, `UNSEEN`, `DIFFERENT`, or by what it was made where that is why it has no other
     word: str
-    """`BYTES`, `NUMBERS`, `HASHED`, `UNSEEN`, `DIFFERENT`, or by what it was made where that is why it has no other."""
     note: str = ""  # the first difference, or why it was not compared
 
     def __str__(self) -> str:

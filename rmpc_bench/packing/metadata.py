@@ -52,8 +52,7 @@ FOLDERS: Mapping[str, str] = {
     "failures": "A failed run, with the command that computes it again",
     "code": "Python file of the user, as it was when the runs were computed",
     "data": "Data file of the user",
-}
-"""Directory -> description of its files."""
+}  # directory -> description of its files
 _TYPES = {
     **{".yaml": "application/yaml", ".cff": "application/yaml", ".md": "text/markdown", ".py": "text/x-python"},
     **{".npz": "application/zip", ".csv": "text/csv", ".tex": "application/x-tex", ".html": "text/html"},

@@ -50,8 +50,7 @@ FILES = (
     *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv", "ranks.csv"),
     "calibration.csv",
     *("lost.csv", "two-way.csv", "tuning.csv", "tuning.json", SECONDS, "claims.json", "claims.md", "report.md"),
-)
-"""Files of a directory that are packed where they exist; nothing else at its top is."""
+)  # files of a directory that are packed where they exist; nothing else at its top is
 SOURCES = ("source.csv.gz", "source.parquet")  # the table of runs that were made elsewhere
 FOLDERS = ("tables", "figures", "failures", COPIES)  # directories of which all files are packed
 

@@ -124,8 +124,7 @@ SHARED = {
     "initial": "Initial values",
     "reference": "Reference",
     "input": "Input",
-}
-"""Keys that hold for all methods -> their name on the page."""
+}  # keys that hold for all methods -> their name on the page
 LONGEST = 300  # characters of a value that the page shows; config.resolved.yaml has all
 
 

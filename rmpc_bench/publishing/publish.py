@@ -42,8 +42,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "format": get_args(Format),
     "font": get_args(Font),
     "style": get_args(Style),
-}
-"""Key -> its values."""
+}  # key -> its values
 NOUNS = {"order": "method", "metrics": "metric of this experiment"}
 
 

@@ -95,8 +95,7 @@ MAX_DEPTH = 60  # levels of lists and objects of a JSON text
 COUNT = range(2**53)  # numbers of runs, steps and calls
 _SUSPECT = re.compile(
     rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xaa-\xae]|\xe2\x81[\xa6-\xa9]"
-)
-"""Where a JSON text may have characters that a name must not contain."""
+)  # where a JSON text may have characters that a name must not contain
 _NO_BRACKETS = bytes(each for each in range(256) if each not in b"[]{}")
 _WORDS = {
     int: "a whole number",
@@ -171,8 +170,7 @@ STORED: dict[str, Any] = {
         "trace?": wrong_message,
         "values?": dict,
     },
-}
-"""JSON texts in a trial store: those of its table `meta` by their key, and others by their column."""
+}  # JSON texts in a trial store: those of its table `meta` by their key, and others by their column
 _NOTES: ContextVar[dict[str, str] | None] = ContextVar("_NOTES", default=None)
 
 

@@ -61,8 +61,7 @@ _RANGES = {
     "status": range(128),
     "width": range(1, MOST_RUNS),
     "chunk": range(MOST_RUNS // 1000 + 1),
-}
-"""Column of a query -> its values, where they are whole numbers; all others but these are texts."""
+}  # column of a query -> its values, where they are whole numbers; all others but these are texts
 _TYPES: dict[str, set[type]] = {
     **dict.fromkeys(("data", "mean", "second"), {bytes}),
     **dict.fromkeys(_RANGES, {int}),

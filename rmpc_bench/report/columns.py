@@ -246,5 +246,4 @@ COLUMNS: dict[str, TableColumn] = {
         definition="Pairs: runs that both methods finished.",
         compares=True,
     ),
-}
-"""Key -> column, in the order of page and Markdown."""
+}  # key -> column, in the order of page and Markdown

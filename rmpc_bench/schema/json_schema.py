@@ -63,8 +63,7 @@ PLANT_KEYS: dict[str, Schema] = {
         "type": ["array", "object"],
         "description": "states and outputs that are angles, [theta, angle] with period 2 pi, or periods {theta: 360}",
     },
-}
-"""Keys of every plant."""
+}  # keys of every plant
 PLANT_OF: Schema = {"type": "string", "description": "a configuration whose plant is taken; see `plant`"}
 MODEL_KEYS: dict[str, Schema] = {
     "from": {"const": "plant", "description": "takes the parameters of the plant, which further keys may change"},
@@ -79,8 +78,7 @@ MODEL_KEYS: dict[str, Schema] = {
         "description": "delays that estimator and controller know: `same` as in the noise, `none`, or numbers of "
         "samples; `same` for models made from the plant (`from`, `linearise`, `nonlinear`), else `none`",
     },
-}
-"""Keys of every model."""
+}  # keys of every model
 CONTROLLER_KEYS: dict[str, Schema] = {
     "every": {
         "type": "integer",
@@ -94,8 +92,7 @@ CONTROLLER_KEYS: dict[str, Schema] = {
         "default": True,
         "description": "whether mpc and gpc know the reference ahead; otherwise they predict with r(k+j) = r(k)",
     },
-}
-"""Keys of every controller."""
+}  # keys of every controller
 INPUT_KEYS: dict[str, Schema] = {
     "only": {
         "type": "array",
@@ -108,8 +105,7 @@ INPUT_KEYS: dict[str, Schema] = {
         "default": True,
         "description": "whether estimator and controller know these inputs now; only beside a controller",
     },
-}
-"""Keys of every input."""
+}  # keys of every input
 
 
 def _uncertainty() -> Schema:
