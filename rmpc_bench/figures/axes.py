@@ -107,10 +107,7 @@ def spaced(ticks: Sequence[Tick], are_apart: Callable[[Tick, Tick], bool]) -> tu
 
 
 def value_axis(values: Sequence[float], most: int = 5, *, wide: float = WIDE) -> Axis:
-    """Choose the axis of values: logarithmic if all are positive and the largest exceeds `wide` times the smallest.
-
-    Values that are not finite have no place on it.
-    """
+    """Choose the axis of the finite values: logarithmic if all are positive and the range exceeds the factor `wide`."""
     finite = [float(value) for value in values if math.isfinite(value)] or [0.0, 1.0]
     lowest, highest = min(finite), max(finite)
     log = lowest > 0 and highest / lowest > wide

@@ -108,10 +108,7 @@ class CoverageFigure(OnePointFigure):
 
 
 def covered_over_time(point: Trials, method: str, level: float) -> list[Array]:
-    """Return over k the share of the recorded runs whose error is covered, NaN without P, and the ends of its interval.
-
-    Nothing where their errors or covariances are not known.
-    """
+    """Return over k the share of recorded runs that are covered, NaN without P, and its interval; empty if unknown."""
     from scipy.special import gammaincinv
 
     found = recorded_errors(point, method)

@@ -204,10 +204,7 @@ class Dots(NamedTuple):
 def ellipses_of(
     point: Trials, methods: Sequence[str], pair: tuple[int, int], k: int | None
 ) -> tuple[int, dict[str, Ellipse]]:
-    """Find the ellipses of methods that have P and mean(x_hat), at sample k or at the last one that all have.
-
-    Raises a DesignError when there is no such sample.
-    """
+    """Find the ellipses of methods at sample k, or the last where all have P and mean(x_hat); DesignError if none."""
     entries = [*map(str, pair), *(f"{i},{j}" for i in pair for j in pair)]
     found: dict[str, list[Curve]] = {}
     for name in methods:

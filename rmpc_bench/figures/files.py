@@ -41,10 +41,7 @@ def latex_program() -> str | None:
 
 @contextmanager
 def as_latex() -> Iterator[None]:
-    """Let matplotlib measure texts with the LaTeX that is there, and write their special characters as text.
-
-    Raises a FileNotFoundError if no LaTeX is installed.
-    """
+    """Let the LaTeX that is there measure texts, with special characters as text; FileNotFoundError without LaTeX."""
     import matplotlib
     from matplotlib.backends.backend_pgf import RendererPgf
 
@@ -183,10 +180,7 @@ FORMATS: dict[str, dict[str, Any]] = {
 
 
 def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | None = None) -> list[Path]:
-    """Write a picture in the formats of the rendering, PNG with 200 dpi, with the same bytes every time.
-
-    The directory is made if it does not exist.
-    """
+    """Write a picture in the formats of the rendering, with the same bytes every time; the directory is made."""
     rendering = rendering or Rendering()
     files = [directory / f"{stem}.{ending}" for ending in rendering.formats]
     if files:

@@ -43,10 +43,7 @@ def unit_of(trials: Trials, component: str) -> str:
 
 
 def component_label(trials: Trials, signal: str, component: int, place: str) -> str:
-    """Label an axis with a component of a signal and its unit: by its name, else ``$y_0$``.
-
-    The place is the index as it is written, empty for a signal of one component.
-    """
+    """Label an axis with a component of a signal, by its index as written, and its unit: by name, else ``$y_0$``."""
     key = f"{signal}.{component}"
     name = f"{literal(trials.names[key])}{ESTIMATE * (signal == 'x_hat')}" if key in trials.names else ""
     return with_unit(name or symbol(signal, place), unit_of(trials, key))
@@ -149,10 +146,7 @@ def on_two_lines(name: str, limit: float) -> str:
 
 
 def names_of_columns(names: Sequence[str], slot: float) -> tuple[list[str], dict[str, Any], float]:
-    """Write names below columns of `slot` points: on three lines at most where all fit, else turned.
-
-    Returns the texts, how the ticks have them, and their height in points.
-    """
+    """Write names below columns of `slot` points, on 3 lines or turned; also how ticks have them, and height [pt]."""
     heads = [wrapped(typeset(name), slot - COLUMN_PAD) for name in names]
     most = max(map(len, heads))
     if most <= MOST_LINES and all(width(line) <= slot - COLUMN_PAD for head in heads for line in head):

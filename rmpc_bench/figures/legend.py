@@ -122,10 +122,7 @@ class Label(NamedTuple):
 
 
 def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Array]], *, color: str = "black") -> bool:
-    """Write labels next to points of a panel whose layout and limits are final; return whether none covers anything.
-
-    Earlier labels are placed first; they avoid the given lines.
-    """
+    """Write labels next to points, the first ones first, beside the lines; return whether none covers anything."""
     panel = _points_per_pixel(axes) * np.asarray(axes.bbox.extents)
     places = [_on_paper(axes, np.array([label.x, label.y])) for label in labels]
     solid = np.array([np.concatenate([place - DOT, place + DOT]) for place in places])

@@ -67,10 +67,7 @@ class Dot(NamedTuple):
 def dots_of(
     points: Sequence[Trials], methods: Sequence[str], infos: tuple[MetricInfo, MetricInfo], bars: str
 ) -> list[Dot]:
-    """Find the dots of every method in the order of the sweep; trials that points share make one dot.
-
-    Raises a DesignError when no method has a value of both metrics.
-    """
+    """Find the dots of every method in the order of the sweep, shared trials once; a DesignError if there is none."""
     found: dict[tuple[str, str], Dot] = {}
     for name in methods:
         for point in points:

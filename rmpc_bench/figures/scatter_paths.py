@@ -218,10 +218,7 @@ def _write_times(axes: Axes, made: PathContent) -> None:
 
 
 def marks_of(window: TimeWindow, marks: float) -> list[int]:
-    """Find the samples of the time marks, counted from the first one that is shown; none if their distance is 0.
-
-    Raises a DesignError when they are too close.
-    """
+    """Find the samples of the time marks, from the first shown one; none for distance 0, a DesignError if too close."""
     if not marks:
         return []
     first, last = (end / marks for end in window.limits)

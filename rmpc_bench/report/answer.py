@@ -61,7 +61,7 @@ def answer(
         text = " ".join(filter(None, [claims[-1], nothing]))
     elif len(tables) > 1:
         found = next((text for text in claims if len(text.split()) + ENOUGH <= room), claims[-1])
-        text = f"{found} {_of_points(in_order(tables), n_blank, room - len(found.split()))}".strip()
+        text = f"{found} {_of_points(tables, n_blank, room - len(found.split()))}".strip()
     else:
         # One wording of each part, the first ones that fit together; the first part is the first to be shortened.
         choices = sorted(
@@ -217,6 +217,9 @@ def _few(names: Sequence[str], n: int) -> str:
 
 def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     """Answer for a sweep: where each method is better or worse than the baseline."""
+    axis = _axis(tables)
+    if axis is not None and axis.numbers is not None:
+        tables = sorted(tables, key=lambda table: axis.place(table.trials.point[axis.path]))
     first, sweep = tables[0], sweep_of(tables)
     computed = [any(row.n + row.n_failed for row in table.rows) for table in tables]
     found = {row.method: [table.row_of(row.method) for table in tables] for row in first.compared}
@@ -242,14 +245,6 @@ def _of_points(tables: Sequence[ResultTable], n_blank: int, room: int) -> str:
     missing = computed.count(False) + n_blank
     parts[-1] += f", {missing} not computed" if missing and left > 2 else ""
     return " ".join(f"{part}." for part in parts)
-
-
-def in_order(tables: Sequence[ResultTable]) -> Sequence[ResultTable]:
-    """Sort the points of a sweep over numbers of one path by these."""
-    axis = _axis(tables)
-    if axis is None or axis.numbers is None:
-        return tables
-    return sorted(tables, key=lambda table: axis.place(table.trials.point[axis.path]))
 
 
 def sweep_of(tables: Sequence[ResultTable]) -> Sweep:

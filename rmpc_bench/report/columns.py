@@ -91,11 +91,6 @@ def _unit(table: ResultTable) -> str:
     return table.info.unit if table.average_key == "difference" else "%"
 
 
-def _plain_change(table: ResultTable, rows: Sequence[ResultRow]) -> list[str]:
-    """Write the change of adjusted rows without the adjustment."""
-    return [table.change_text(row._replace(change=row.plain)) if row.is_adjusted else "" for row in rows]
-
-
 def _superiority(row: ResultRow) -> str:
     value, low, high = (number(each, 0) for each in row.superiority)
     interval = "" if math.isnan(row.superiority.half) else f" [{low}, {high}]"
@@ -215,7 +210,10 @@ COLUMNS: dict[str, TableColumn] = {
         compares=True,
     ),
     "plain": TableColumn(
-        _plain_change,
+        # The change of adjusted rows without the adjustment.
+        lambda table, rows: [
+            table.change_text(row._replace(change=row.plain)) if row.is_adjusted else "" for row in rows
+        ],
         head="change, not adjusted",
         latex=lambda table: "Not adjusted\n" + bracketed(_unit(table)),
         unit=lambda table: f" {_unit(table)}",
