@@ -73,10 +73,7 @@ class DesignCache:
         return len(self._designs)
 
     def get(self, description: Any, make: Callable[[], Any]) -> Any:
-        """Return the design that plain data determine, made only once.
-
-        Where `make` returns None it is called again next time, so that every error is reported.
-        """
+        """Return the design that plain data determine, made once; after None again, so that errors are reported."""
         key = json.dumps(description, sort_keys=True)
         if self._designs.get(key) is None:
             self._designs[key] = make()

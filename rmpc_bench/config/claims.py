@@ -295,13 +295,10 @@ class _Checker:
                 if 0 not in counts and len(set(counts)) > 1:
                     self._note(key, "the terms are about different numbers of points")
         if self.n_errors == before and self.results is not None and not self.misplaced:
-            for message in self._dry_run(claim, tree):
+            how: dict[str, Any] = {"pooled": claim.pooled, "short": self.smoke}
+            found = [dry_run(tree, self.results, at, **how) for at in claim.at or ({},)]
+            for message in dict.fromkeys(message for messages in found for message in messages):
                 self._note(key, message)
-
-    def _dry_run(self, claim: Claim, tree: Node) -> list[str]:
-        assert self.results is not None
-        points = [dry_run(tree, self.results, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
-        return list(dict.fromkeys(message for messages in points for message in messages))
 
     def _moment(self, term: Term, function: str) -> str:
         """Say what is wrong with a signal, or with what stands in a function of signals; "" for nothing."""

@@ -100,10 +100,7 @@ def _kind(draft: DraftConfig, number: int) -> str:
 
 
 def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited) -> tuple[Map, list[str]]:
-    """Leave out inherited metrics that cannot be computed, such as one of a window behind the end of a shorter run.
-
-    Also return a line for each; none where no metric would be left.
-    """
+    """Leave out inherited metrics that cannot be computed, unless none would be left; also return a line for each."""
     given = tree.get("metrics")
     if not isinstance(given, Items):
         return tree, []
@@ -122,10 +119,7 @@ def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited
 
 
 def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
-    """Leave out inherited paths of the sweep into methods that do not exist any more; they change nothing else.
-
-    Also return a line for all these paths.
-    """
+    """Leave out inherited swept paths into methods that are gone; they change nothing else.  Also return a line."""
     sweep, methods = tree.get("sweep"), tree.get("methods")
     if not isinstance(sweep, Map) or not isinstance(methods, Map):
         return tree, []

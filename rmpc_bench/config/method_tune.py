@@ -25,10 +25,7 @@ DIGITS = 12  # significant digits of the sum of an offset and a number of the ra
 
 
 def with_values(draft: DraftConfig, own: Map, values: Mapping[str, float], mark: Mark) -> Map:
-    """Return a method with other values by path; what it inherits there from the draft is laid below first.
-
-    Raises a ConfigError if a path leads through something that is neither a mapping nor a list.
-    """
+    """Return a method with other values by path, over what it inherits there; a ConfigError for a path into a text."""
     for root in dict.fromkeys(split(path, mark)[0] for path in values):
         default, given = (with_kind(f"{root}s", tree.get(root)) for tree in (draft.tree, own))
         laid = merge(default, given) if isinstance(default, Map) and isinstance(given, Map) else given or default

@@ -179,10 +179,7 @@ class LabelError(ValueError):
 
 
 def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
-    """Return the label of every method at all points; an error in a template is a problem of the first draft.
-
-    A template at an inherited place is dropped where it cannot be filled in.
-    """
+    """Return the label of every method at all points; a wrong template is a problem, or dropped where inherited."""
     first = drafts[0]
     labels = {}
     points = {name: [_parameters(draft.methods[name]) for draft in drafts if name in draft.methods]

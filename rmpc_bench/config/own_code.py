@@ -111,10 +111,7 @@ class OwnCode:
         return self.sources[path]
 
     def modules(self, components: Iterable[Component | None]) -> set[str]:
-        """Return the names of the installed modules with which some components compute.
-
-        They are those that the user's files import, and the libraries of built-in components that need one.
-        """
+        """Return the installed modules that components compute with: imports of their files, and needed libraries."""
         given = [each for each in components if each is not None]
         own = (source for each in given if not each.is_built_in for source in self.sources_of(each))
         found = {name for source in own for name in source.modules}
@@ -154,13 +151,13 @@ class OwnCode:
         relative = os.path.relpath(problem.file)
         return replace(problem, file=relative) if len(relative) < len(problem.file) else problem
 
-    def _data_files(self, component: Component) -> tuple[Path, ...]:
+    def _data_files(self, component: Component) -> list[Path]:
         self.patterns |= {each.text for each in component.data()}
         for each in component.data():
             # A directory of results has copies of files that execute, since nobody has agreed to those elsewhere.
             if len(each.paths) == 1 and is_code(each.paths[0]):
                 self.read(each.text, each.paths[0])
-        files = component.data_files()
+        files = sorted({path for each in component.data() for path in each.paths})
         if files:
             self._with_data |= {reference.path for reference in component.references()}
         return files

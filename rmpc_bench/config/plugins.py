@@ -73,19 +73,13 @@ def reported_once(problems: Sequence[Problem]) -> list[Problem]:
 
 
 def skipped(config: str | Path) -> str:
-    """Say why a configuration is skipped; empty where all libraries that it requires are installed.
-
-    Raises a ConfigError if the file cannot be read.
-    """
+    """Say why a configuration is skipped, empty where all libraries are there; a ConfigError if it cannot be read."""
     names = missing_extras(config)
     return f"skipped {config}: needs {', '.join(names)} ({extras.install(*names)})" if names else ""
 
 
 def missing_extras(config: str | Path) -> list[str]:
-    """Return the extras that a configuration requires and that are not installed; no code is loaded.
-
-    Raises a ConfigError if the file cannot be read.
-    """
+    """Return the required extras that are not installed, without loading code; a ConfigError if it cannot be read."""
     tree = read_extended(located(config))
     names = tree.get(REQUIRES) if isinstance(tree, Map) else None
     given = names if isinstance(names, Items) else ()

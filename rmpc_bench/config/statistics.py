@@ -169,10 +169,7 @@ def _check_names(draft: DraftConfig, given: Map) -> None:
 
 
 def read_requirement(text: str, metrics: Collection[str]) -> Requirement:
-    """Read a requirement such as ``settling_time < 20`` of known metrics.
-
-    Raises an ExpressionError with the column, and for an unknown metric the nearest one.
-    """
+    """Read a requirement such as ``settling_time < 20``; an ExpressionError has column and nearest known metric."""
     return _Parser(text, metrics).requirement()
 
 

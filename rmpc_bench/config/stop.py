@@ -66,10 +66,7 @@ class StopKeys:
 
 
 def apply_stop(draft: DraftConfig, *, fixed: bool) -> None:
-    """Fill in the defaults of the rule, and take its largest number of runs in place of that of the file.
-
-    If the command line gives the number of runs (`fixed`), there is no rule.
-    """
+    """Fill in the defaults of the rule and take its largest number of runs; no rule where the runs are `fixed`."""
     values = draft.values
     stop, runs = values["stop"], values["runs"]
     if stop is None or runs is None:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -74,10 +73,7 @@ class Component:
     shared: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:
-        """Call the design function with those provided objects that are its parameters.
-
-        A DesignError becomes a problem at the parameter to blame, and the design is None.
-        """
+        """Call the design function with those provided objects that it takes; None, and a problem, on a DesignError."""
         return self._guarded(lambda: self.made(provided), problems)
 
     def made(self, provided: Mapping[str, Any]) -> Any:
@@ -184,10 +180,6 @@ class Component:
     def references(self) -> tuple[CodeReference, ...]:
         """Return what the component uses in Python files of the user: its own file, and those that its keys name."""
         return tuple(dict.fromkeys(each for each in self._named if isinstance(each, CodeReference)))
-
-    def data_files(self) -> tuple[Path, ...]:
-        """Return the data files that its keys name, absolute and sorted."""
-        return tuple(sorted({path for each in self.data() for path in each.paths}))
 
     def data(self) -> tuple[DataReference, ...]:
         """Return the paths and patterns of data files that its keys name."""

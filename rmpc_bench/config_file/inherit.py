@@ -158,10 +158,7 @@ def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
 
 
 def lay_over_source(tree: Map) -> Map:
-    """Lay a plant over the one of its file, and take the other sections of that file where there are none.
-
-    Raises a ConfigError if ``from`` is not the name of a file.
-    """
+    """Lay a plant over the one of its file, with the sections that are missing; a ConfigError if it names no file."""
     plant = tree.get("plant")
     if not isinstance(plant, Map) or "from" not in plant:
         return tree

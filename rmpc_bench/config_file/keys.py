@@ -87,12 +87,7 @@ def _system_matrix(value: Any) -> Any:
     return expression if expression.names else expression()
 
 
-def _number_or_integer(value: Any) -> Any:
-    """Read a number that is written as text; a whole number stays one, and anything else is left as it is."""
-    return _integer(value) if isinstance(value, str) else value
-
-
-_PLAIN = Annotated[Any, BeforeValidator(_number_or_integer)]
+_PLAIN = Annotated[Any, BeforeValidator(lambda value: _integer(value) if isinstance(value, str) else value)]
 """A key without an annotation whose default is a number: its value may be written as a quantity."""
 
 _READERS: dict[type, Callable[[Any], Any]] = {

@@ -38,10 +38,7 @@ def short_names(place: str) -> list[str]:
 
 
 def files_of(name: str) -> list[Path]:
-    """Return the files that a place below configs or a short name may mean.
-
-    Those of the current directory come before the installed ones.
-    """
+    """Return the files that a place below configs or a short name may mean, those of the current directory first."""
     for folder in (Path(FOLDER), installed_folder()):
         found = [place for place in _places(folder) if name == place or name in short_names(place)]
         if found:

@@ -120,10 +120,7 @@ def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
 
 
 def read_named(key: str, text: Any, mark: Mark, directory: Path, leading: tuple[Path, ...]) -> tuple[Path, Any]:
-    """Return the file that a key names and its content; a ConfigError at the name where it cannot be used.
-
-    `leading` has the resolved files that lead to it.
-    """
+    """Return the file that a key names, reached by the `leading` ones, and its content; a ConfigError at the name."""
     if not is_file_name(text):
         raise ConfigError([Problem(*mark, key, f"must be the name of a configuration (got {shown(text)})")])
     file, extends = file_beside(directory, text), key == EXTENDS
@@ -227,10 +224,7 @@ OPTION = "--add-method"
 
 
 def read_methods(texts: Sequence[str], problems: list[Problem]) -> Map:
-    """Read methods from YAML mappings of the command line, such as ``NAME: {estimator: {kind: kalman}}``.
-
-    The values keep their places in the texts.
-    """
+    """Read methods from texts such as ``NAME: {estimator: {kind: kalman}}``, in which the values keep their places."""
     found = Map(mark=Mark(OPTION, 1, 1))
     for text in texts:
         file = f"{OPTION} {text}"

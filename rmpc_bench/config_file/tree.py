@@ -105,10 +105,7 @@ class Items(list[Any]):
 
 
 def scalar(text: str) -> Any:
-    """Read an unquoted scalar by the YAML 1.2 core schema; anything else is text.
-
-    Raises a ValueError if an integer has more than MAX_DIGITS digits.
-    """
+    """Read an unquoted scalar by the YAML 1.2 core schema, else as text; ValueError above MAX_DIGITS digits."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
     if _INT.fullmatch(text):
@@ -130,10 +127,7 @@ def _fail(mark: Mark, path: Sequence[str | int], message: str) -> NoReturn:
 
 
 def split(path: str, mark: Mark) -> list[str]:
-    """Return the steps of a dotted path; a step that contains a dot stands in double quotes.
-
-    Raises a ConfigError if the text is no path.
-    """
+    """Return the steps of a dotted path, one that contains a dot in double quotes; a ConfigError if it is no path."""
     steps, end = [], 0
     while (step := _STEP.match(path, end)) and end < len(path):
         steps.append(step[1] if step[2] is None else step[2])

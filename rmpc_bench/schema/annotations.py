@@ -155,10 +155,6 @@ def _tuple(arguments: tuple[Any, ...]) -> Schema:
     return {"type": "array", "items": [schema_of(each) for each in arguments], "minItems": n, "maxItems": n}
 
 
-def _dict(arguments: tuple[Any, ...]) -> Schema:
-    return {"type": "object", "additionalProperties": schema_of(arguments[1])}
-
-
 _SIMPLE: Mapping[Any, Schema] = {
     float: {"type": ["number", "string"]},
     int: {"type": ["integer", "string"]},
@@ -167,7 +163,11 @@ _SIMPLE: Mapping[Any, Schema] = {
     NoneType: {"type": "null"},
     None: {"type": "null"},
 }
-_CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {list: _list, tuple: _tuple, dict: _dict}
+_CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {
+    list: _list,
+    tuple: _tuple,
+    dict: lambda arguments: {"type": "object", "additionalProperties": schema_of(arguments[1])},
+}
 _MARKED: Mapping[type, Schema] = {
     FromCodeOrText: {"type": "string"},
     FromCode: CODE,
