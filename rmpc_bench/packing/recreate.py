@@ -99,7 +99,9 @@ class PackedFiles:
         found[TIMINGS] = _timings(timed.durations, results.durations)
         results = chosen(timed, self._way, self._path)
         if n_runs is None:
-            self._publish(results, config, computed, made)
+            self._name_files(results.directory / RESOLVED, config.own.patterns)
+            shown = results if self._way.get("own_figures", True) else replace(results, components={})
+            self._publish(shown, computed, made)
         else:
             write_tables_of_rows(results, made, str(self._way.get("file", "")))
             found["trials.csv"] = FileOutcome("trials.csv", HASHED, f"rows of runs 0 to {n_runs - 1} are compared")
@@ -134,12 +136,8 @@ class PackedFiles:
         made.mkdir()
         found = {name: FileOutcome(name, HASHED, "input") for name in (CONFIG, *SOURCES)}
         found |= {VERIFIED: FileOutcome(VERIFIED, UNSEEN, "records of other verifications")}
-        known = {name: self._stated[name] for name in STATED if name in self._stated}
-        (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
         results = chosen(results, self._way, self._path)
-        publish(results, to=made, place=self._way.get("place", ""))
-        if not (made / ROWS).is_file():
-            trials_csv(results.stored, made / ROWS)
+        self._publish(results, computed, made)
         same = all(self._stated.get(name) == computed.get(name) for name in (*COMPARED, "origin", "warnings"))
         found[manifest.FILE] = FileOutcome(manifest.FILE, *((HASHED, "") if same else (DIFFERENT, "other runs")))
         found[METADATA], found[CITATION] = self._metadata(results)
@@ -148,13 +146,10 @@ class PackedFiles:
         found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in here - {*self._names}}
         return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
 
-    def _publish(self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], made: Path) -> None:
+    def _publish(self, results: Results, computed: Mapping[str, Any], made: Path) -> None:
         """Write all files in the way that the archive states, for its machine and its times."""
         known = {name: self._stated[name] for name in STATED if name in self._stated}
         (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
-        self._name_files(results.directory / RESOLVED, config.own.patterns)
-        if not self._way.get("own_figures", True):
-            results = replace(results, components={})
         publish(results, to=made, place=self._way.get("place", ""))
         # The archive has it also where the report leaves it out.
         if not (made / ROWS).is_file():

@@ -85,7 +85,8 @@ class Verification:
     def _sections(self) -> Iterator[tuple[str, Sequence[str]]]:
         yield "hashes", self.hashes
         if self.trials is not None:
-            yield "statuses", _statuses(self.trials)
+            statuses = [(_where(each.point, each.method), each) for each in self.trials.statuses]
+            yield "statuses", [f"{where} run {each.run}: packed {each.a}, here {each.b}" for where, each in statuses]
             yield "metrics", _metrics(self.trials)
             yield "rows", _alone(self.trials)
         yield "numbers of summary.csv", self.digits
@@ -93,7 +94,8 @@ class Verification:
         yield "files that differ", [f"{each.name}: {each.note}" for each in self.files if each.is_different]
 
     def __str__(self) -> str:
-        return "\n".join(_printable(line) for line in self._lines())
+        # With escapes in place of what would end a line or is not seen.
+        return "\n".join("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line) for line in self._lines())
 
     def _lines(self) -> Iterator[str]:
         yield f"{self.path}: {self.result}   {self.scope}"
@@ -125,11 +127,6 @@ class Verification:
         return f"{len(self.files)} files: " + "; ".join(f"{counts[word]} {word}" for word in words if counts[word])
 
 
-def _printable(line: str) -> str:
-    """Write a line with escapes in place of what would end it or is not seen."""
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line)
-
-
 def _largest(trials: TrialDifferences) -> str:
     """Say how large the largest difference is, also where it is allowed."""
     size = max((each.relative.size for each in trials.values), default=0.0)
@@ -138,12 +135,6 @@ def _largest(trials: TrialDifferences) -> str:
 
 def _where(point: str, method: str) -> str:
     return f"{point}: {method}" if point else method
-
-
-def _statuses(trials: TrialDifferences) -> list[str]:
-    return [
-        f"{_where(each.point, each.method)} run {each.run}: packed {each.a}, here {each.b}" for each in trials.statuses
-    ]
 
 
 def _metrics(trials: TrialDifferences) -> list[str]:

@@ -158,10 +158,7 @@ def keep_state(
 
 
 def _fingerprint(config: ExperimentConfig, directory: Path, options: Collection[str]) -> str | None:
-    """Hash everything that the derived files are made from.
-
-    None where own code or another library takes part, or a writer was killed.
-    """
+    """Hash all that derived files are made from; None with own code, another library or a writer that was killed."""
     # They import NumPy.
     from rmpc_bench.config_file.tree import plain
     from rmpc_bench.engines.tasks import has_own_code
