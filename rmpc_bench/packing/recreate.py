@@ -76,7 +76,9 @@ class PackedFiles:
         for name, text in self._way.get("labels", {}).items():
             given = text.startswith(f"{name}, ") if self._loaded is None else self._loaded.labels.get(name) == text
             labels |= {name: text} if name in labels and given else {}
-        return replace(config, overrides=self._overrides, labels=labels)
+        # A version that adjusted nothing has stated nothing of it.
+        statistics = config.statistics if "adjust" in self._way else replace(config.statistics, adjust="none")
+        return replace(config, overrides=self._overrides, labels=labels, statistics=statistics)
 
     def prepare(self, place: Path) -> None:
         """Give the directory of the new computation what it cannot find again: earlier looks, and what tuning chose."""
@@ -253,8 +255,8 @@ class PackedFiles:
         if not here.is_file():
             return FileOutcome(name, DIFFERENT if name in FILES else UNSEEN, "is not made here")
         found = compared(name, packed, here, exact=self.exact)
-        other_fonts = name.endswith(".pdf") and self._way.get("fonttools") != version("fonttools")
-        if found.is_different and other_fonts and same_but_fonts(packed, here):
+        same_fonts = self._way.get("fonttools") == version("fonttools") and "font_tables" in self._way
+        if found.is_different and name.endswith(".pdf") and not same_fonts and same_but_fonts(packed, here):
             return FileOutcome(name, UNSEEN, "the same drawing, its fonts embedded by another version")
         if not found.is_different or self.exact:
             return found

@@ -217,9 +217,11 @@ def _way(results: Results, place: str, file: str) -> dict[str, Any]:
         **({"file": file} if file else {}),
         "keys": keys,
         "labels": dict(results.experiment.labels),
+        "adjust": asdict(results.experiment)["adjust"],
         "own_figures": bool(results.components),
         "matplotlib": version_of("matplotlib"),
         "fonttools": version_of("fonttools"),
+        "font_tables": "outlines and metrics",  # not stated by versions that also embedded others
     }
 
 
