@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -105,6 +106,26 @@ def test_the_same_trials_give_the_same_tables(native, tmp_path, form):
     rmpc_bench.publish(results)
     assert published_tables(tmp_path / "o") == published_tables(place)
     assert results.is_final
+
+
+def test_runs_with_known_laws_are_adjusted_for(tmp_path):
+    text = Path("README.md").read_text(encoding="utf-8").split("```yaml servo.yaml\n")[1].split("```")[0]
+    (tmp_path / "servo.yaml").write_text(text, encoding="utf-8")
+    place, laws = tmp_path / "native", {"eps": "+-20%", "eps_load": "+-80%"}
+    rmpc_bench.publish(rmpc_bench.run(rmpc_bench.load_config(tmp_path / "servo.yaml"), directory=place, jobs=1))
+    drawn = pd.read_csv(place / "uncertainty.csv", **EXACT_NUMBERS)
+    rows = pd.read_csv(place / "trials.csv", **EXACT_NUMBERS).merge(drawn, on="run")
+    given, found = settings_of(place), {}
+    for name, changes in {"all": {}, "noise": {"random_besides": ["noise"]}, "no laws": {"uncertainty": {}}}.items():
+        settings = {**given, "uncertainty": laws} | changes
+        rmpc_bench.publish(rmpc_bench.import_runs(rows, directory=tmp_path / name, settings=settings))
+        found[name] = pd.read_csv(tmp_path / name / "comparisons.csv").iloc[0]
+    assert published_tables(tmp_path / "all") == published_tables(place)
+    assert (found["all"]["rests_on"], found["all"]["adjusted_for"]) == ("adjusted", "eps eps_load")
+    assert found["all"]["change_pct"] == pytest.approx(-9.836, abs=5e-4)
+    assert found["no laws"]["rests_on"] == "plain"
+    # Two degrees do not depend on what else is random.
+    assert found["noise"]["ci_low"] == found["all"]["ci_low"] < found["no laws"]["ci_high"]
 
 
 def test_a_data_frame_and_a_file_of_parquet_are_tables(native, tmp_path):
