@@ -3,7 +3,8 @@
 Model   x(k+1) = A x(k) + B u(k) + B_d d(k) + f0 + w(k),  y(k) = C x(k) + C_d d(k) + d0 + v(k),
         d(k+1) = d(k) + xi(k),  xi ~ N(0, drift), white, independent of w and v;  d(0) ~ N(0, D0).
         The state of the augmented model is [x; d].  Predictions with it hold d, so that a control law needs no change.
-Places  `input` B_d = B;  `output` C_d = I;  further names are those of the model, such as `load` of the servomechanism.
+Places  `input` B_d = B, C_d = D;  `output` C_d = I;  further names are those of the model, such as `load` of the
+        servomechanism.
 Source  Pannocchia and Rawlings (2003): the augmented model of a detectable (A, C) is detectable if and only if
         rank [A - I, B_d; C, C_d] = nx + nd.  The matrix has nx + ny rows, so that nd <= ny is necessary.
 Limit   drift = 0 and D0 = 0 give the estimates of the model without disturbance.
@@ -82,6 +83,11 @@ class Entry(NamedTuple):
         """Return how the disturbances enter x(k+1), for an input matrix or one per run."""
         # Every column of S has a single 1, or none: the product has the numbers of B.
         gain: Array = np.einsum("...ij,jk->...ik", B, self.S) + self.N
+        return gain
+
+    def of_output(self, D: Float[Array, "*k ny nu"]) -> Float[Array, "*k ny nd"]:
+        """Return how the disturbances enter y(k): those of the input through its feedthrough, too."""
+        gain: Array = np.einsum("...ij,jk->...ik", D, self.S) + self.C_d
         return gain
 
 
@@ -166,7 +172,7 @@ def augmented(now: LinearModel, entry: Entry) -> LinearModel:
     return LinearModel(
         np.block([[now.A, entry.B_d(now.B)], [np.zeros((nd, nx)), np.eye(nd)]]),
         np.vstack([now.B, np.zeros((nd, now.nu))]),
-        np.hstack([now.C, entry.C_d]),
+        np.hstack([now.C, entry.of_output(now.D)]),
         block_diagonal(now.Q_w, entry.drift),
         now.R_v,
         S_wv=np.vstack([now.S_wv, np.zeros((nd, now.ny))]),
@@ -212,7 +218,7 @@ def rank_and_size(
 
 def refuse_undetectable(models: Sequence[LinearModel], entry: Entry) -> tuple[int, int]:
     """Refuse disturbances that no estimator can tell apart from the state, and return the rank and the one needed."""
-    rank, needed = max(rank_and_size(now.A, entry.B_d(now.B), now.C, entry.C_d) for now in models)
+    rank, needed = max(rank_and_size(now.A, entry.B_d(now.B), now.C, entry.of_output(now.D)) for now in models)
     if rank == needed:
         return rank, needed
     ny = models[0].ny

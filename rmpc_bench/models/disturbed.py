@@ -2,7 +2,7 @@
 
 Kinds   linear            the augmented matrices (models/disturbance.py)
         varying with k    those of every k
-        nonlinear         f(x, u + S d) + N d, h(x) + C_d d
+        nonlinear         f(x, u + S d) + N d, h(x, u + S d) + C_d d
 """
 
 from __future__ import annotations
@@ -206,19 +206,25 @@ class DisturbedNonlinear(DisturbedModel):
         moved = self.undisturbed.f(x, np.atleast_1d(np.asarray(u, dtype=float)) + d @ self.entry.S.T, k, at)
         return np.concatenate([moved + d @ self.entry.N.T, d], axis=-1)
 
-    def h(self, x: ArrayLike) -> Float[Array, "*m ny"]:
-        """Return y without noise, of one state or of one per row."""
+    def h(self, x: ArrayLike, u: ArrayLike = ()) -> Float[Array, "*m ny"]:
+        """Return y without noise, of a state or of one per row; u, the same for all, where the output takes it."""
         x, d = self._parts(x)
-        measured: Array = self.undisturbed.h(x) + d @ self.entry.C_d.T
+        if self.feedthrough:
+            acting = np.atleast_2d(np.atleast_1d(np.asarray(u, dtype=float)) + d @ self.entry.S.T)
+            rows = [self.undisturbed.h(*each) for each in zip(np.atleast_2d(x), acting, strict=True)]
+            of_x = np.reshape(rows, (*x.shape[:-1], self.ny))
+        else:
+            of_x = self.undisturbed.h(x)
+        measured: Array = of_x + d @ self.entry.C_d.T
         return measured
 
     def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "n n"]:
         """Return the Jacobian of f with respect to [x; d]."""
         return jacobian(lambda z: self.f(z, u, k, (x, u)), np.asarray(x, dtype=float))
 
-    def H(self, x: ArrayLike) -> Float[Array, "ny n"]:
-        """Return the Jacobian of h."""
-        return jacobian(self.h, np.asarray(x, dtype=float))
+    def H(self, x: ArrayLike, u: ArrayLike = ()) -> Float[Array, "ny n"]:
+        """Return the Jacobian of h with respect to [x; d]."""
+        return jacobian(lambda z: self.h(z, u), np.asarray(x, dtype=float))
 
     def _parts(self, x: ArrayLike) -> tuple[Array, Array]:
         both, nx = np.asarray(x, dtype=float), self.undisturbed.nx
@@ -331,7 +337,7 @@ def augmented_system(system: UncertainSystem, entry: Entry) -> UncertainSystem:
     A, B_d = _same_times(m.A, entry.B_d(m.B))
     below = np.zeros((len(A), nd, A.shape[2]))
     kept = np.broadcast_to(np.eye(nd), (len(A), nd, nd))
-    C, C_d = m.C, np.broadcast_to(entry.C_d, (len(m.C), *entry.C_d.shape))
+    C, C_d = _same_times(m.C, entry.of_output(m.D))
     changed = {
         "A": np.concatenate([np.concatenate([A, B_d], axis=2), np.concatenate([below, kept], axis=2)], axis=1),
         "C": np.concatenate([C, C_d], axis=2),
@@ -403,9 +409,9 @@ def _linear_models(model: Model, n_steps: int, x0: Float[Array, " nx"]) -> list[
         fits = all(np.isfinite(part).all() for part in (A, B, C))
         return [LinearModel(A, B, C, model.Q_w, model.R_v, f0=f0, d0=d0)] if fits else []
     if isinstance(model, NonlinearModel) and model.linear_keys is None:
-        F = model.F(x0, np.zeros(model.nu))
-        B = jacobian(lambda u: model.f(x0, u, near=(x0, np.zeros(model.nu))), np.zeros(model.nu))
-        C = model.H(x0)
-        fits = all(np.isfinite(part).all() for part in (F, B, C))
-        return [LinearModel(F, B, C, model.Q_w, model.R_v)] if fits else []
+        u0 = np.zeros(model.nu)
+        F, B = model.F(x0, u0), jacobian(lambda u: model.f(x0, u, near=(x0, u0)), u0)
+        C, D = model.dynamics.seen(x0, u0)
+        fits = all(np.isfinite(part).all() for part in (F, B, C, D))
+        return [LinearModel(F, B, C, model.Q_w, model.R_v, D=D if model.feedthrough else None)] if fits else []
     return [model.at(k) for k in range(n_steps + 1 if model.varies else 1)]

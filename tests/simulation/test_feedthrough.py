@@ -9,7 +9,11 @@ from scipy.linalg import solve_discrete_are
 
 from rmpc_bench import estimator, filter_data, load_config
 from rmpc_bench.controllers import lqg, mpc
+from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.models.disturbed import with_disturbance
+from rmpc_bench.models.dynamics import dynamics_of
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.plants.nominal_step import NominalStep
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
 from rmpc_bench.simulation.episode import Episode
@@ -344,6 +348,39 @@ def test_a_feedthrough_of_zero_has_no_effect(load):
     np.testing.assert_array_equal(record(first).y, record(second).y)
     open_ = [load(plant=plant, noise=NOISY, runs=200_000).experiment for plant in plants]
     assert [applies(each, each.methods[0]) for each in open_][1:] == [applies(open_[0], open_[0].methods[0]), False]
+
+
+UNCERTAIN = {"kind": "uncertain-linear", "A": [[0.5]], "B": [[1]], "C": [[2]], "D": [[3]], "W": [[0.01]], "V": [[0.04]]}
+
+
+@pytest.mark.parametrize(
+    ("plant", "model"),
+    [
+        (LINEAR, MODEL),
+        (ODE, {"nonlinear": "plant", "at": {"u": [0]}, **DESIGN}),
+        (LINEAR, UNCERTAIN | {"delay": "same"}),
+    ],
+)
+def test_a_disturbance_of_the_input_enters_the_output(load, plant, model):
+    """Limit: of an input that is larger by 0.5 than it is known to be the state is found, and y is r."""
+    model = {**model, "disturbance": {"at": "input", "drift": 0.01}}
+    keys = closed(MPC, plant=plant, model=model, reference={"kind": "constant", "value": 2}, time={"steps": 200})
+    keys["noise"] = {**QUIET, "input": {"sum": [{"gaussian": {"mean": 0.5, "std": 0}}, {"delayed": 1}]}}
+    experiment = load(**keys).experiment
+    found = record(experiment)
+    np.testing.assert_allclose(found.x_hat[0, -1], found.x[0, -1], rtol=1e-9)  # both have settled
+    np.testing.assert_allclose(found.y[0, -1], 2.0, rtol=1e-9)
+
+
+def test_functions_of_a_nonlinear_model_with_a_disturbance_of_the_input(load):
+    """Closed form: y = 2 x + 3 (u + d) and its derivative, of one state or several."""
+    model = {"nonlinear": "plant", "at": {"u": [0]}, **DESIGN}
+    plant, one = load(plant=ODE, model=model, methods=design("extended-kalman")).experiment.plant, np.eye(1)
+    within = NonlinearModel(dynamics_of(plant), 1.0, 0, one, one)
+    made = with_disturbance(within, Disturbance("input", 0.01), 1, np.zeros(1))
+    np.testing.assert_allclose(made.h([1.0, 0.5], [2.0]), [9.5], **ROUND)
+    np.testing.assert_allclose(made.h([[1.0, 0.5], [0.0, 1.0]], [2.0]), [[9.5], [9.0]], **ROUND)
+    np.testing.assert_allclose(made.H([1.0, 0.5], [2.0]), [[2.0, 3.0]], **SOLVER)
 
 
 def test_recorded_data(load, tmp_path):
