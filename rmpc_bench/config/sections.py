@@ -9,11 +9,15 @@ from typing import Annotated, Any, Literal, NamedTuple
 from annotated_types import Ge, Le, Len
 from pydantic import AfterValidator, Field
 
+from rmpc_bench import registry
+from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.config.statistics import Statistics
 from rmpc_bench.config.stop import StopKeys
 from rmpc_bench.config.tune import TuneKeys
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map, Mark, locate
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, Positive
@@ -263,3 +267,21 @@ def section_of(draft: DraftConfig, name: str) -> Any:
     if name == "figures" and name not in draft.tree and draft.coordinates:
         return ["sweep"]
     return draft.tree[name] if name in draft.tree else SECTIONS[name].default
+
+
+def components_of(draft: DraftConfig, group: str) -> list[Component | None]:
+    """Validate a list whose entries are names or mappings with a `kind`."""
+    components: list[Component | None] = []
+    entries = section_of(draft, group)
+    if group == "metrics" and isinstance(entries, list) and not entries:
+        draft.note([group], "there must be at least one metric")
+    for number, entry in enumerate(entries if isinstance(entries, list) else []):
+        path: list[str | int] = [group, number]
+        if not isinstance(entry, str):
+            components.append(draft.component(group, entry, path))
+        elif registry.is_known(group, entry) or is_reference(entry):
+            tree = Map(mark=Mark(*locate(draft.tree, path)))
+            components.append(draft.component(group, tree, path, kind=entry))
+        else:
+            draft.note(path, registry.unknown_kind(entry, group))
+    return components

@@ -13,7 +13,6 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.components.reference import is_reference
 from rmpc_bench.config.calibration import read_calibration
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
@@ -23,12 +22,12 @@ from rmpc_bench.config.methods import read_method_section
 from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
 from rmpc_bench.config.plant import RANGE_KEYS, read_plant_keys, refuse_sections
 from rmpc_bench.config.plugins import check_required
-from rmpc_bench.config.sections import SECTIONS, Time, section_of
+from rmpc_bench.config.sections import SECTIONS, Time, components_of, section_of
 from rmpc_bench.config.stop import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen
 from rmpc_bench.config_file.component import Component
-from rmpc_bench.config_file.tree import Map, Mark, locate
+from rmpc_bench.config_file.tree import Map
 
 _NOTHING: Chosen = MappingProxyType({})
 
@@ -91,11 +90,11 @@ def _sections(
     read_method_section(draft)
     refuse_sections(draft)
     _refuse_unit(draft)
-    draft.metrics = [each and _named(each) for each in named_components(draft, "metrics")]
+    draft.metrics = [each and _named(each) for each in components_of(draft, "metrics")]
     read_calibration(draft)
     # The default figure needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:
-        draft.figures = named_components(draft, "figures")
+        draft.figures = components_of(draft, "figures")
     draft.claims = [
         draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(draft.values["claims"] or [])
     ]
@@ -177,21 +176,3 @@ def _named(metric: Component) -> Component:
         return metric
     words = [re.sub(r"\W", "_", str(each)) for each in only]
     return replace(metric, parameters={**keys, "name": "_".join([keys["name"], *words])})
-
-
-def named_components(draft: DraftConfig, group: str) -> list[Component | None]:
-    """Validate a list whose entries are names or mappings with a `kind`."""
-    components: list[Component | None] = []
-    entries = section_of(draft, group)
-    if group == "metrics" and isinstance(entries, list) and not entries:
-        draft.note([group], "there must be at least one metric")
-    for number, entry in enumerate(entries if isinstance(entries, list) else []):
-        path: list[str | int] = [group, number]
-        if not isinstance(entry, str):
-            components.append(draft.component(group, entry, path))
-        elif registry.is_known(group, entry) or is_reference(entry):
-            tree = Map(mark=Mark(*locate(draft.tree, path)))
-            components.append(draft.component(group, tree, path, kind=entry))
-        else:
-            draft.note(path, registry.unknown_kind(entry, group))
-    return components

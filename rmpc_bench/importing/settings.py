@@ -17,9 +17,8 @@ from rmpc_bench.config.claims import ClaimKeys, check_figures, read_claims
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.noise import read_uncertainty, uncertain_names
 from rmpc_bench.config.report import check_report
-from rmpc_bench.config.sections import SECTIONS
+from rmpc_bench.config.sections import SECTIONS, components_of
 from rmpc_bench.config.statistics import check_statistics
-from rmpc_bench.config.validate import named_components
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.mapping import canonical_text
 from rmpc_bench.config_file.tree import Items, Map, Mark, assign, plain
@@ -207,7 +206,7 @@ class Settings:
         draft.methods = dict.fromkeys(methods, MethodComponents(None, None, None, None))
         draft.metrics = [_named(each.name) for each in infos]
         draft.coordinates, draft.values["evaluate"] = points[0], ["runs"]
-        draft.figures = named_components(draft, "figures")
+        draft.figures = components_of(draft, "figures")
         claims = draft.values["claims"] or []
         draft.claims = [draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(claims)]
         trials = tuple({name: f"{number} {name}" for name in methods} for number, _ in enumerate(points))
