@@ -247,13 +247,14 @@ class Values(NamedTuple):
 
     values: Array
     runs: Array  # indices of their runs
-    df: int  # degrees of freedom of their standard error
+    df: float  # degrees of freedom of their standard error
     basis: Basis | None = None  # None for the paired values as they are
+    unpaired: bool = False  # whether they are those of two samples, see `pairs.Samples`; their interval is then Welch's
 
     def interval(self, average: str, level: float, seed: int) -> Interval:
         """Interval of the mean; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
-        mean = average == "mean"
-        low, high = student(self.values, level) if mean else mean_interval(self.values, level, seed)
+        plain = average == "mean" or self.unpaired
+        low, high = student(self.values, level) if plain else mean_interval(self.values, level, seed)
         if self.df == len(self.values) - 1:
             return low, high
         from scipy import special

@@ -22,6 +22,7 @@ from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, two_way, worst_finished
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, significant, without_noise
 from rmpc_bench.analysis.superiority import (
+    independent_shares,
     runs_for_count,
     runs_for_direction,
     runs_for_equivalence,
@@ -55,7 +56,8 @@ class Comparison:
     mean_pct, mean_low, mean_high : ratio of the means - 1 [%]; NaN where it is not asked for
     difference, difference_low, difference_high : mean difference in the unit of a signed metric
     superiority_low, superiority_high : interval of `superiority`
-    failed_only, baseline_failed_only : runs in which one of the two failed and the other did not
+    failed_only, baseline_failed_only : runs in which one of the two failed and the other did not; without pairs, see
+        `pairs.Samples`, its failed runs
     failed_low, failed_high : interval of the difference of the shares of failed runs
     far_worse_runs, far_worse_upper : runs that failed or are worse than their partner by a factor, that of
         `statistics.lost` or 10, and the exact 95 % bound of their share; failed ones only for a signed metric, none
@@ -130,6 +132,9 @@ ADJUSTED = COLUMNS[COLUMNS.index("rests_on") :]
 """Columns of an adjustment; tables of experiments with `adjust: none` do not have them."""
 WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
 """Whole numbers that may be missing: NaN in a `Comparison`, None in its row."""
+IN_PAIRS: dict[str, Any] = dict.fromkeys(("won", "lost", "tied", "n_pairs")) | {"p_wilcoxon_holm": ""}
+IN_PAIRS |= dict.fromkeys(("superiority", "superiority_low", "superiority_high"), math.nan)
+"""Columns that runs without pairs do not have, with the cells that they have then."""
 MANY = 1e15
 """Numbers of runs from which on none is given: the average differs from 0 by rounding only."""
 
@@ -149,7 +154,10 @@ class Levels(NamedTuple):
 @lru_cache(maxsize=2)
 @np.errstate(over="ignore", invalid="ignore")
 def levels(trials: Trials) -> Levels:
-    """Find levels at which the intervals of the primary metric hold together; those of later looks are higher."""
+    """Find levels at which the intervals of the primary metric hold together; those of later looks are higher.
+
+    Without pairs it is that of Bonferroni, which holds although the comparisons share the runs of the baseline.
+    """
     whole = unplanned_level(trials.confidence, trials.look)
     runs = np.unique(np.concatenate([point.runs for point in trials.each]))
     columns, n_failing = [], 0
@@ -161,14 +169,17 @@ def levels(trials: Trials) -> Levels:
             pairs = pairs_of(point, method, info)
             n_failing += any(pairs.failed)
             column = np.full(len(runs), np.nan)
-            chosen, values = _deciding(point, pairs)
-            column[np.searchsorted(runs, chosen)] = values
+            if not trials.unpaired:
+                chosen, values = _deciding(point, pairs)
+                column[np.searchsorted(runs, chosen)] = values
             columns.append(column)
         if info is not None and (grid := two_way(point, info)) is not None:
             for values in grid.effects.values():
                 columns.append(np.full(len(runs), np.nan))
                 columns[-1][np.searchsorted(runs, grid.runs)] = values
-    held = held_level(np.stack(columns, axis=1), whole, trials.seed) if columns else whole
+    held = 1 - (1 - whole) / max(len(columns), 1)
+    if columns and not trials.unpaired:
+        held = held_level(np.stack(columns, axis=1), whole, trials.seed)
     return Levels(trials.confidence, held, 1 - (1 - whole) / max(n_failing, 1))
 
 
@@ -198,7 +209,7 @@ def _averages(point: Trials, pairs: Pairs) -> dict[str, Values]:
     if point.average != "both":
         found = {name: values for name, values in found.items() if name in (point.average, "difference")} or found
     ordered, runs = sorted(found.items(), key=lambda item: item[0] != point.headline), pairs.runs[pairs.both]
-    return {name: Values(values, runs, len(values) - 1) for name, values in ordered}
+    return {name: pairs.values_of(values, runs) for name, values in ordered}
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -210,7 +221,8 @@ def comparisons(trials: Trials, of: Levels | None = None) -> Rows:
         family = compared(trials, info, of)
         adjusted = holm([signed_rank_p(pairs.ranked()) for pairs, _ in family])
         rows += [asdict(row) | {"p_wilcoxon_holm": p_text(p)} for (_, row), p in zip(family, adjusted, strict=True)]
-    return [row | {name: None if math.isnan(row[name]) else int(row[name]) for name in WHOLE} for row in rows]
+    rows = [row | {name: None if math.isnan(row[name]) else int(row[name]) for name in WHOLE} for row in rows]
+    return [row | IN_PAIRS for row in rows] if trials.unpaired else rows
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -231,7 +243,10 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     intervals = of_plain | _intervals(
         trials, {name: averages[name] for name in averages if averages[name].basis}, level
     )
-    failed = shares_interval(*pairs.failed, len(scores), of.failures if is_primary else of.plain)
+    n, of_failures = len(scores), of.failures if is_primary else of.plain
+    failed = shares_interval(*pairs.failed, n, of_failures)
+    if trials.unpaired:
+        failed = independent_shares(pairs.failed, (n, n), of_failures)
     word, planning, evidence = "", {}, _evidence(pairs, intervals, scores, level)
     if is_primary:
         failures = None
@@ -243,7 +258,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
         if word == Verdict.FAILS_MORE or word == verdict(evidence):
             first = next((each.values for each in averages.values()), scores)
             planning = _planning(first, pairs, averages, word, level)
-        planning |= _far_worse_columns(pairs, trials.lost or FACTOR)
+        planning |= {} if trials.unpaired else _far_worse_columns(pairs, trials.lost or FACTOR)
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(
         method=method,
@@ -356,6 +371,9 @@ def _planning(
 ) -> dict[str, float]:
     """Return about how many runs would decide, from the numbers whose mean decides now."""
     sd, n_runs = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(pairs.runs)
+    if averages and next(iter(averages.values())).unpaired:
+        # The values are those of the runs of both methods.
+        sd *= math.sqrt(n_runs / len(values))
     found = {"runs_for_equivalence": runs_for_equivalence(sd, pairs.margin, level) if averages else math.nan}
     if word != Verdict.INCONCLUSIVE:
         return found

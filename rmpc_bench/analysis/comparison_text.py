@@ -21,6 +21,8 @@ AVERAGE_WORDS = {
     "difference": "mean difference",
 }
 """What an average change is called in a sentence, a caption or a legend."""
+UNPAIRED = AVERAGE_WORDS | {"geometric": "ratio of the geometric means"}
+"""What it is called where runs are not paired."""
 MOST_RUNS = 1e6
 """Runs beyond which a number of runs that would decide is not given."""
 
@@ -119,6 +121,8 @@ def _inconclusive(row: Mapping[str, Any]) -> str:
 
 def _failed_alone(row: Mapping[str, Any]) -> str:
     """Name the runs in which one of the two failed and the other did not."""
+    if row["n_pairs"] is None:
+        return f"{row['failed_only']} runs, {row['baseline']} {row['baseline_failed_only']}"
     return f"alone in {row['failed_only']} runs, {row['baseline']} alone in {row['baseline_failed_only']}"
 
 

@@ -21,11 +21,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rmpc_bench.analysis.adjustment import Basis, Values
-from rmpc_bench.analysis.intervals import FEW, NONE, Interval, welch, wilson
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, welch
 from rmpc_bench.analysis.levels import held_level, unplanned_level
-from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, relative_change, worst_finished
+from rmpc_bench.analysis.pairs import Pairs, Samples, is_signed, pairs_of, relative_change, worst_finished
 from rmpc_bench.analysis.shown_numbers import Estimate
-from rmpc_bench.analysis.superiority import runs_for_direction, runs_for_equivalence, shares_interval
+from rmpc_bench.analysis.superiority import (
+    independent_shares,
+    runs_for_direction,
+    runs_for_equivalence,
+    shares_interval,
+)
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Evidence, Failures, Verdict, verdict
 from rmpc_bench.types import Array, MetricInfo
@@ -202,7 +207,7 @@ def _values(sample: _Sample) -> dict[str, tuple[Values, Values]]:
     names, tables = sample.plain, (sample.trials, sample.other)
     runs = [each.runs[each.both] for each in (sample.a, sample.b)]
     runs = [np.intersect1d(runs[0], runs[1])] * 2 if sample.paired else runs
-    found = {name: (Values(a, runs[0], len(a) - 1), Values(b, runs[1], len(b) - 1)) for name, (a, b) in names.items()}
+    found = {name: (sample.a.values_of(a, runs[0]), sample.b.values_of(b, runs[1])) for name, (a, b) in names.items()}
     if sample.trials.adjust == "none" or (sample.paired and any(_rarely(*each) for each in names.values())):
         return found
     one, other = (table.adjustment for table in tables)
@@ -306,7 +311,7 @@ def _per_cent(log_ratio: Estimate) -> Estimate:
 
 
 def _interval(
-    values: _Both, sample: _Sample, average: str, level: float, df: tuple[int, int] | None = None
+    values: _Both, sample: _Sample, average: str, level: float, df: tuple[float, float] | None = None
 ) -> Interval:
     """Interval of the difference of two means; none where most runs are equal and few differ."""
     a, b = values
@@ -337,7 +342,7 @@ def _verdict(sample: _Sample, level: float) -> Verdict:
 
 def _alone(pairs: Pairs) -> Array:
     """(n,) whether the method failed and the baseline did not."""
-    return np.asarray(np.isnan(pairs.a) & ~np.isnan(pairs.b))
+    return np.asarray(np.isnan(pairs.a) & (~np.isnan(pairs.b) | isinstance(pairs, Samples)))
 
 
 def _failed(failed: _Both, sample: _Sample, level: float) -> tuple[tuple[int, int], Interval]:
@@ -346,15 +351,8 @@ def _failed(failed: _Both, sample: _Sample, level: float) -> tuple[tuple[int, in
     if sample.paired:
         alone = int((a & ~b).sum()), int((b & ~a).sum())
         return alone, shares_interval(*alone, len(a), level)
-    n_a, n_b = int(a.sum()), int(b.sum())
-    if not len(a) or not len(b):
-        return (n_a, n_b), NONE
-    # Newcombe, Statistics in Medicine 17 (1998) 873, method 10.
-    p, q = n_a / len(a), n_b / len(b)
-    low_p, high_p = wilson(n_a, len(a), level)
-    low_q, high_q = wilson(n_b, len(b), level)
-    gap = p - q
-    return (n_a, n_b), (gap - math.hypot(p - low_p, high_q - q), gap + math.hypot(high_p - p, q - low_q))
+    alone = int(a.sum()), int(b.sum())
+    return alone, independent_shares(alone, (len(a), len(b)), level)
 
 
 def _evidence(sample: _Sample, level: float) -> Evidence:

@@ -41,7 +41,7 @@ def student(values: Array, confidence: float) -> Interval:
     return mean - reach, mean + reach
 
 
-def welch(a: Array, b: Array, confidence: float, df: tuple[int, int]) -> Interval:
+def welch(a: Array, b: Array, confidence: float, df: tuple[float, float]) -> Interval:
     """Welch interval of the difference of the means of two independent samples, with these degrees of freedom.
 
     NaN below two values of either or where one is infinite; the difference itself where neither has spread.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.adjustment import Values
 from rmpc_bench.analysis.intervals import FEW, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.verdict import FACTOR, far_worse, worst_of
@@ -159,6 +160,10 @@ class Pairs:
             found["mean"] = _jackknifed(a, b)
         return found
 
+    def values_of(self, values: Array, runs: Array) -> Values:
+        """Return the numbers of an average, which belong to these runs, with their degrees of freedom."""
+        return Values(values, runs, len(values) - 1)
+
     def ranked(self) -> Array:
         """(n_pairs,) differences of the runs that both finished, so rounded that equal ones tie on every CPU."""
         both = self.both
@@ -170,6 +175,68 @@ class Pairs:
     def scale(self) -> float:
         """Size of the numbers that differences are computed from: 1 for ratios."""
         return _mean_size(self.a[self.both], self.b[self.both]) if self.signed else 1.0
+
+
+class Samples(Pairs):
+    """Runs of a method and of the baseline that are not paired: row i of both has nothing in common.
+
+    Method  The values of `averages` are the difference theta of two means plus the deviations of both samples, n(1) and
+            n(2) of them, those of sample j times +-sqrt(N (N - 1) / (n(j) (n(j) - 1))), N = n(1) + n(2).  Their mean is
+            theta, their standard error is that of Welch.
+    """
+
+    @property
+    def _finished(self) -> tuple[Array, Array]:
+        return self.a[~np.isnan(self.a)], self.b[~np.isnan(self.b)]
+
+    @property
+    def both(self) -> Array:
+        """(n,) as many true entries as there are finished runs of the method that has fewer."""
+        return np.arange(len(self.a)) < min(map(len, self._finished))
+
+    @property
+    def failed(self) -> tuple[int, int]:
+        """Failed runs of the method and of the baseline."""
+        return int(np.isnan(self.a).sum()), int(np.isnan(self.b).sum())
+
+    @property
+    def rarely_differ(self) -> bool:
+        """No two runs belong together."""
+        return False
+
+    @property
+    def scores(self) -> Array:
+        """(n,) NaN: no run is won, lost or tied."""
+        return np.full(len(self.a), np.nan)
+
+    def averages(self) -> dict[str, Array]:
+        """Return the averages that exist -> numbers whose mean is the difference of the two samples."""
+        pair, both = self._finished, np.concatenate(self._finished)
+        if not (self.with_average and all(map(len, pair)) and np.isfinite(both).all()):
+            return {}
+        if self.signed:
+            return {"difference": _apart(*pair)}
+        found = {"geometric": _apart(*map(np.log, pair))} if (both > 0).all() else {}
+        if (both >= 0).all() and all(each.any() for each in pair):
+            found["mean"] = _apart(*(_jackknifed(each, np.ones(len(each))) for each in pair))
+        return found
+
+    def values_of(self, values: Array, runs: Array) -> Values:
+        """Return the numbers of an average with the degrees of freedom of Welch and Satterthwaite."""
+        n, squares = len(self._finished[0]), (values - values.mean()) ** 2
+        parts = [(float(each.sum()), len(each) - 1) for each in (squares[:n], squares[n:]) if len(each) > 1]
+        below = sum(square**2 / df for square, df in parts)
+        df = float(squares.sum()) ** 2 / below if below else len(values) - 1
+        return Values(values, runs, df, unpaired=True)
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """Return the values of two samples, see `Samples`; the difference alone where one of them has no spread to see."""
+    gap, n = float(a.mean() - b.mean()), len(a) + len(b)
+    if min(len(a), len(b)) < 2:
+        return np.array([gap])
+    both = [(each - each.mean()) * math.sqrt(n * (n - 1) / (len(each) * (len(each) - 1))) for each in (a, -b)]
+    return gap + np.concatenate(both)
 
 
 def pairs_of(trials: Trials, method: str, info: MetricInfo) -> Pairs:
@@ -185,7 +252,7 @@ def pairs_of(trials: Trials, method: str, info: MetricInfo) -> Pairs:
         close = np.isfinite(a - b) & (np.abs(a - b) <= NEGLIGIBLE * np.maximum(np.abs(a), np.abs(b)))
     signed = is_signed(trials, info)
     d = trials.relevant_of(info.name, default=0.0 if signed else None)
-    return Pairs(
+    return (Samples if trials.unpaired else Pairs)(
         a=np.where(close, b, a),
         b=b,
         runs=trials.runs[known],

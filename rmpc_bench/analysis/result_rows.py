@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.columns import Rows
-from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, change_of, margin_of, plain_change_of
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, UNPAIRED, change_of, margin_of, plain_change_of
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.shown_numbers import (
@@ -103,8 +103,8 @@ class ResultRow(NamedTuple):
 
     @property
     def counts(self) -> str:
-        """Runs won, lost and tied; empty for the baseline."""
-        return "{won}/{lost}/{tied}".format(**self.compared) if self.compared else ""
+        """Runs won, lost and tied; empty for the baseline, and without pairs."""
+        return "{won}/{lost}/{tied}".format(**self.compared) if self.compared.get("n_pairs") is not None else ""
 
 
 class ResultTable(NamedTuple):
@@ -135,7 +135,7 @@ class ResultTable(NamedTuple):
     @property
     def average(self) -> str:
         """What a change is an average of, in words; empty where nothing is averaged."""
-        return AVERAGE_WORDS.get(self.average_key, "")
+        return (UNPAIRED if self.trials.unpaired else AVERAGE_WORDS).get(self.average_key, "")
 
     @property
     def average_key(self) -> str:
@@ -232,7 +232,8 @@ def result_table(trials: Trials, described: Rows, compared: Rows, info: MetricIn
     of_pairs = {row["method"]: row for row in compared if row["metric"] == info.name}
     may_not_occur = info.may_not_occur or any(row["did_not_occur"] for row in of_summary.values())
     rows = [_row(trials, info, name, of_summary.get(name, _NONE), of_pairs.get(name, {})) for name in _names(trials)]
-    return ResultTable(trials, info, rows, _form(of_pairs), may_not_occur)
+    # Without pairs there is no share of the runs.
+    return ResultTable(trials, info, rows, _form(of_pairs, "alone" if trials.unpaired else "share"), may_not_occur)
 
 
 def in_one_form(tables: Sequence[ResultTable]) -> list[ResultTable]:
@@ -260,12 +261,12 @@ def _names(trials: Trials) -> list[str]:
     return [*trials.methods, *(name for name in trials.all_methods if name not in trials.methods)]
 
 
-def _form(compared: Mapping[str, Mapping[str, Any]]) -> Form:
+def _form(compared: Mapping[str, Mapping[str, Any]], without_average: Form) -> Form:
     averages = {str(row["average"]) for row in compared.values()}
     if not averages:
         return "alone"
     if averages == {""}:
-        return "share"
+        return without_average
     return "difference" if "difference" in averages else "ratio"
 
 

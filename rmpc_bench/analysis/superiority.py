@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from rmpc_bench.analysis.intervals import FEW, NONE, Interval
+from rmpc_bench.analysis.intervals import FEW, NONE, Interval, wilson
 from rmpc_bench.analysis.verdict import mcnemar
 
 _BISECTIONS = 60
@@ -60,6 +60,15 @@ def shares_interval(first_only: int, second_only: int, n: int, confidence: float
     low, high = _score_interval(first_only, second_only, n, confidence)
     exact = mcnemar(first_only, second_only, n, confidence)
     return (min(low, 0.0), max(high, 0.0)) if exact[0] <= 0 <= exact[1] else (low, high)
+
+
+def independent_shares(k: tuple[int, int], n: tuple[int, int], confidence: float) -> Interval:
+    """Interval of the difference of two independent shares: Newcombe, Statistics in Medicine 17 (1998) 873, no. 10."""
+    if not all(n):
+        return NONE
+    p, q = k[0] / n[0], k[1] / n[1]
+    (low_p, high_p), (low_q, high_q) = (wilson(*each, confidence) for each in zip(k, n, strict=True))
+    return p - q - math.hypot(p - low_p, high_q - q), p - q + math.hypot(high_p - p, q - low_q)
 
 
 def _score_interval(won: int, lost: int, n: int, confidence: float) -> Interval:

@@ -80,6 +80,7 @@ class Trials(ComparisonKeys):
     calibration : how reported covariances are compared with the errors; None where they are not
     bounds : methods whose P is an upper bound of the covariance
     run_names : original names of the runs by their index, where another program has made them
+    unpaired : whether run i of two methods has nothing in common, so that methods are compared without pairs
     """
 
     name: str
@@ -126,6 +127,7 @@ class Trials(ComparisonKeys):
     calibration: CalibrationKeys | None = None
     bounds: frozenset[str] = frozenset()
     run_names: Sequence[int | str] = ()
+    unpaired: bool = False
 
     def __repr__(self) -> str:
         return f"<Trials of {self.name!r}: {len(self.runs)} runs of {len(self.methods)} methods>"

@@ -52,6 +52,7 @@ class Roles(click.ParamType[dict[str, str]]):
 @click.option(
     "--keep-last", default="", metavar="COLUMN", help="Of several rows of a run, keep the largest value here."
 )
+@click.option("--unpaired", is_flag=True, help="Run i of two methods had other draws: compare without pairs.")
 @click.option("--add", is_flag=True, help="Add methods or runs to those of the directory (-o).")
 @click.option("-n", "--dry-run", is_flag=True, help="Print what would be imported, and stop.")
 @click.option("--max-rows", type=click.IntRange(min=1), default=1_000_000, show_default=True, help="Most rows.")

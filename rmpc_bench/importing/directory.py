@@ -136,7 +136,7 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
         points=points,
         parameters=settings.draft.sources,
         requirements=tuple(read_requirement(text, names) for text in statistics.requirements),
-        **statistics.comparison_keys(),
+        **statistics.comparison_keys() | ({"adjust": "none"} if options.unpaired else {}),
         imported=Imported(
             table=table.name,
             names=() if runs.names == [*range(len(runs.names or ()))] else tuple(runs.names or ()),
@@ -183,6 +183,7 @@ def import_runs(
     separator: str = ",",
     missing: Literal["error", "drop", "failed"] = "error",
     keep_last: str = "",
+    unpaired: bool = False,
     add: bool = False,
     max_rows: int = 1_000_000,
 ) -> Results:
@@ -202,6 +203,7 @@ def import_runs(
     missing : what to do with runs that a method lacks and with empty metrics: ``error``, leave the run out (``drop``),
         or count it as ``failed``
     keep_last : column whose largest value says which row of a run and method counts
+    unpaired : whether run i of two methods had other draws: they are compared without pairs, with Welch's intervals
     add : whether methods or runs are added to those of the directory, whose settings stay
     max_rows : largest number of rows
 
@@ -263,7 +265,10 @@ def added(source: Any, place: Path, metrics: Sequence[str], options: Options) ->
     if before is None:
         raise StoreError(f"{place} holds an experiment that was simulated; `rmpc-bench run --add-method` adds to it")
     wanted = {"metrics": [*metrics] or [each.name for each in point.metrics]}
-    more = prepare(source, None, wanted, replace(options, parameters=point.uncertainty))
+    if options.unpaired and not before.unpaired:
+        raise StoreError(f"{place} holds runs in pairs; import all methods together with --unpaired")
+    options = replace(options, parameters=point.uncertainty, unpaired=before.unpaired)
+    more = prepare(source, None, wanted, options)
     stored = [_stored_frame(each) for each in results.stored.each]
     both = pd.concat([*stored, _frame(more.runs)], ignore_index=True).drop_duplicates()
     key = [name for name in both if name in ("run", "method") or name.startswith("sweep:")]
@@ -273,9 +278,11 @@ def added(source: Any, place: Path, metrics: Sequence[str], options: Options) ->
     with TemporaryDirectory() as temporary:
         file = Path(temporary) / "runs.csv"
         both.to_csv(file, index=False)
-        joined = prepare(file, place / CONFIG, {}, Options(missing=options.missing, max_rows=options.max_rows))
+        usual = Options(missing=options.missing, unpaired=before.unpaired, max_rows=options.max_rows)
+        joined = prepare(file, place / CONFIG, {}, usual)
     joined.table.name, joined.runs.warnings[:0] = before.table, more.runs.warnings
-    record = replace(joined.experiment.imported or before, table=before.table, options={})
+    how = {"unpaired": True} if before.unpaired else {}
+    record = replace(joined.experiment.imported or before, table=before.table, options=how)
     return replace(joined, experiment=replace(joined.experiment, imported=record), adds_to=results.experiment.hash)
 
 

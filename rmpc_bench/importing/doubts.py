@@ -25,14 +25,17 @@ def read_runs(source: object, settings: Settings, options: Options) -> tuple[Tab
     reader = Reader(table, settings, options)
     runs = reader.runs()
     _check_laws(reader.table, runs, settings)
+    if options.unpaired:
+        settings.refuse_pairs()
     settings.finish(runs.methods, runs.infos, runs.points)
     problems = [*reader.problems, *settings.draft.problems]
     if not problems:
         statistics = settings.draft.values["statistics"]
         metric, baseline = statistics.primary or runs.infos[0].name, statistics.baseline or runs.methods[0]
         values = _of_first_point(runs, metric)
-        problems += [] if reader.roles.run else [*_sorted(reader.table, values, metric)]
-        runs.warnings = [*_unpaired(values, baseline)]
+        if not options.unpaired:
+            problems += [] if reader.roles.run else [*_sorted(reader.table, values, metric)]
+            runs.warnings = [*_unpaired(values, baseline)]
     if problems:
         raise ConfigError(problems)
     return table, runs
@@ -84,7 +87,8 @@ def _sorted(table: Table, values: dict[str, tuple[Array, Array]], metric: str) -
         alike = [name for name, each in steps.items() if (each >= 0).all() and each.any()]
         if len(alike) > 1:
             text = f"{metric} {word} from row to row for {alike[0]} and {alike[1]}: the rows look sorted, so that"
-            yield table.problem(f"{text} intervals would be far too narrow; give a column 'run' (--columns)")
+            way = "give a column 'run' (--columns), or --unpaired"
+            yield table.problem(f"{text} intervals would be far too narrow; {way}")
 
 
 def _unpaired(values: dict[str, tuple[Array, Array]], baseline: str) -> Iterator[str]:

@@ -308,7 +308,7 @@ class Reader:
         alike, continuous = float(np.mean((low == high)[known])), len(np.unique(low[known])) > 0.5 * known.sum()
         if alike == 1.0:
             return "parameter" if len(np.unique(low[known])) > 1 else "all its cells are equal"
-        if alike >= MOSTLY and continuous and any_metric and known.sum() >= 5:
+        if alike >= MOSTLY and continuous and any_metric and known.sum() >= 5 and not self.options.unpaired:
             self._differing(found, name, values, f"; if it is a metric, --metric {name}")
             return ""
         return "metric" if any_metric else "it is not named with --metric"
@@ -407,8 +407,11 @@ class Reader:
 
     def _parameters(self, found: Runs) -> dict[str, Array]:
         """Return the parameters of every row, which are those of its run."""
-        parameters = {}
-        for name, column in self.roles.named["parameter"].items():
+        parameters, named = {}, self.roles.named["parameter"]
+        if self.options.unpaired and named:
+            self.table.notes.append(f"--unpaired: the parameters {', '.join(named)} are not used")
+            return {}
+        for name, column in named.items():
             values, wrong = self.table.numbers(column)
             self._note(wrong, f"{name} is no number")
             cells = np.where(found.row >= 0, values[found.row], np.nan)
@@ -428,6 +431,7 @@ class Reader:
             a, b = sorted((int(a), int(b)), key=lambda place: found.row[place])
             said = " and ".join(f"{cells[each]:.10g} for {found.methods[found.method[each]]}" for each in (a, b))
             text = f"{name} is {said} in run {found.named(int(found.run[b]))}: the methods did not have the same draws"
+            text += " (--unpaired compares them without pairs)"
             texts.append(f"{text}{way}")
             places.append(found.row[b])
         self.problems += self.table.problems(np.array(places), texts)

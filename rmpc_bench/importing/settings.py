@@ -118,6 +118,7 @@ class Options:
     missing: Literal["error", "drop", "failed"] = "error"
     keep_last: str = ""
     parameters: tuple[str, ...] = ()
+    unpaired: bool = False
     max_rows: int = 1_000_000
 
     def __post_init__(self) -> None:
@@ -192,6 +193,15 @@ class Settings:
         """Return the law of a quantity as it is written."""
         given = self.draft.tree["uncertainty"].get(name)
         return given if isinstance(given, str) else value_text(plain(given))
+
+    def refuse_pairs(self) -> None:
+        """Refuse what only runs in pairs have."""
+        tree = self.draft.tree
+        given: list[list[str | int]] = [[name] for name in tree]
+        given += [["statistics", key] for key in tree.get("statistics") or ()]
+        for path in given:
+            if path[-1] in ("uncertainty", "claims", "adjust", "lost", "ranks", "requirements"):
+                self.draft.note(path, "needs runs in pairs, which --unpaired does not have", key=True)
 
     def finish(self, methods: Sequence[str], infos: Sequence[MetricInfo], points: Sequence[Mapping[str, str]]) -> None:
         """Check names against the table, and claims and figures against what will be stored."""

@@ -239,7 +239,7 @@ COLUMNS: dict[str, TableColumn] = {
         definition="Runs/failed: number of finished runs and of failed runs.",
     ),
     "pairs": TableColumn(
-        _by_row(lambda row: str(row.compared.get("n_pairs", ""))),
+        _by_row(lambda row: str(row.compared.get("n_pairs") or "")),
         latex="Pairs",
         definition="Pairs: runs that both methods finished.",
         compares=True,

@@ -33,20 +33,26 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     counts = f"won {row['won']}, lost {row['lost']}, tied {row['tied']}"
     origin = pair_text(trials, method, baseline)
     counts += f"; {origin}" if origin else ""
-    pairs, changed = counted(int(row["n_pairs"]), "paired run"), _changed(row, info)
+    changed, words, other_words = _changed(row, info), comparison_text.AVERAGE_WORDS, AVERAGES
+    if trials.unpaired:
+        n, n_baseline = (len(trials.runs) - trials.n_failed(each) for each in (method, baseline))
+        pairs, counts = f"{n} and {n_baseline} runs", "; ".join(filter(None, ["not paired", origin]))
+        words = other_words = comparison_text.UNPAIRED
+    else:
+        pairs = counted(int(row["n_pairs"]), "paired run")
     if not changed:
         text = f"{method} against {baseline} in {name} ({pairs}; {counts})"
     else:
         simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
         level = f"{simultaneous}{100 * trials.confidence:g} % interval"
-        average = comparison_text.AVERAGE_WORDS[str(row["average"])]
+        average = words[str(row["average"])]
         average = ", ".join(filter(None, [average, comparison_text.adjusted_for(row)]))
         text = f"{method} {changed} against {baseline} ({average}, {pairs}, {level}; {counts})"
     if word and comparison_text.contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"
-        text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
+        text += f"; the {other_words[other]} changes by {size_text(row, info, other)}"
     alone = ((method, row["failed_only"]), (baseline, row["baseline_failed_only"]))
-    failed = ", ".join(f"{name} alone failed in {n}" for name, n in alone if n)
+    failed = ", ".join(f"{name} {'alone ' * (not trials.unpaired)}failed in {n}" for name, n in alone if n)
     bound = comparison_text.far_worse_bound([row], trials, info)
     text += f"; {failed}" if failed else ""
     return f"{text}{': ' + word if word else ''}{'; ' + bound if bound else ''}."
@@ -77,6 +83,9 @@ def verb_and_size(change: Estimate, unit: str) -> tuple[str, str]:
 
 def explanation(trials: Trials) -> str:
     """Say how the columns of a comparison are computed."""
+    if trials.unpaired:
+        average = comparison_text.UNPAIRED[trials.headline]
+        return f"Runs are not paired. Change: {average} of finished runs, with Welch's interval (together: Bonferroni)."
     return (
         f"Runs are paired with those of {trials.baseline}; a failed run is worse than any finished one, and averages "
         f"rest on the runs that both finished. Change: {AVERAGES[trials.headline]}. Tied: within "

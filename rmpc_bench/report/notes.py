@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from rmpc_bench.analysis.comparison_text import adjusted_for, per_cent
+from rmpc_bench.analysis.comparison_text import UNPAIRED, adjusted_for, per_cent
 from rmpc_bench.analysis.result_rows import EQUIVALENT, FAILS_MORE, INCONCLUSIVE, MARKS, ResultTable, result_table
 from rmpc_bench.analysis.statistics import pass_rates
 from rmpc_bench.analysis.trials import Trials
@@ -51,7 +51,8 @@ def note_of(tables: Sequence[ResultTable], n: int, rows: Rows | None = None, *, 
     if not first.trials.with_verdicts:
         return ""
     several = len(tables) > 1
-    draws = " on the same draws" * any(row.compared for table in tables for row in table.rows)
+    draws = "; they are not paired" if first.trials.unpaired else " on the same draws"
+    draws *= any(row.compared for table in tables for row in table.rows)
     sentences = [f"{n} run{'s' * (n > 1)} per {'point and ' * several}method{draws}."]
     oracle = "An oracle knows the true parameters." * any(row.is_oracle for row in first.rows)
     change = f"{'Difference' if first.form == 'difference' else 'Change'}: {first.average}." if first.average else ""
@@ -125,6 +126,7 @@ def _failures(tables: Sequence[ResultTable]) -> str:
 
 
 BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
+NO_PAIRING = "Runs are not paired: the intervals are those of Welch for two independent samples."
 PAIRING = "Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
 
 
@@ -165,7 +167,7 @@ def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
         "kind": "simultaneous " * simultaneous,
         "baseline": _name(trials, trials.baseline),
         "average": first.average or "average",
-        "other": AVERAGES[other_average(first) or "mean"],
+        "other": (UNPAIRED if trials.unpaired else AVERAGES)[other_average(first) or "mean"],
         "margin": margin,
         "tied": "equal" if margin.split()[0] == "0" else f"within {margin}",
         "lost": f"{trials.lost or FACTOR:g}",
@@ -179,7 +181,7 @@ def table_note(tables: Sequence[ResultTable], shown: Sequence[Column]) -> str:
     sentences += ["Occurred: runs in which the event occurred, and the median."] if first.may_not_occur else []
     # The sentence on pairs says it itself.
     if any(COLUMNS[name].compares for name in shown if name != "pairs"):
-        sentences.append(PAIRING.format(**words))
+        sentences.append(NO_PAIRING if trials.unpaired else PAIRING.format(**words))
     return " ".join(filter(None, [*sentences, _origins(trials), _failed_runs(tables)]))
 
 

@@ -317,7 +317,9 @@ class ImprovementComparison:
         first, pairing = self.rows[0], "Run i of A is paired with run i of B: equal seeds draw the same quantile of "
         pairing += "every random quantity."
         if not first.paired:
-            pairing = "The seeds differ, so the runs of A and B are not paired, and the intervals are Welch's."
+            a, b = self.tables[0]
+            why = "The seeds differ, so the runs" if a.seed != b.seed else "The runs"
+            pairing = f"{why} of A and B are not paired, and the intervals are Welch's."
         larger = f"the improvement of {first.method} on {first.baseline} is larger in A"
         parts.append([f"{pairing} Differences are A minus B; where they are above 0, {larger}."])
         return "\n\n".join("\n".join(lines) for lines in parts)
@@ -343,6 +345,8 @@ class ImprovementComparison:
         text = f"{row.method} {verb} {name} against {row.baseline} by {in_a} {first} and "
         text += f"{other} it " * (verb != other)
         average = SHORT_AVERAGES.get(each.average, "mean differences")
+        if any(table.unpaired for table in tables):
+            average = average.replace(" of the paired ratios", "")
         text += f"by {in_b} {second}: the difference of the improvements is {gap}"
         text += "" if signed else f", the ratio of the ratios {interval_text(each.ratio)}"
         return f"{head}{text} ({average}, {_basis(row, tables)}){word}."
@@ -353,12 +357,15 @@ class ImprovementComparison:
             in_a, in_b = (interval_text(one, "%", sign=True) for one in (each.in_a, each.in_b))
             gap = _estimate(each.difference, 1, "percentage points")
             yield f"{AVERAGES[each.average]}: {in_a} in A, {in_b} in B; difference {gap}"
+        failed = f"failed runs of {row.method}: {row.failed_a} in A, {row.failed_b} in B"
+        if math.isnan(row.superiority_a + row.superiority_b):
+            yield from [f"{failed}; averages rest on finished runs"] * bool(row.failed_a + row.failed_b)
+            return
         in_a, in_b, gap = _shares(row)
         yield f"better than {row.baseline} (ties count half): {in_a} of the runs in A, {in_b} in B; difference {gap}"
         if row.failed_a or row.failed_b:
-            failed = f"{row.failed_a} in A, {row.failed_b} in B"
             alone = f"{row.baseline} finished {row.alone_a} and {row.alone_b} of them"
-            yield f"failed runs of {row.method}: {failed} ({alone}); averages rest on runs that both finished"
+            yield f"{failed} ({alone}); averages rest on runs that both finished"
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:
@@ -391,5 +398,6 @@ def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
     origins = [pair_text(each, row.method, row.baseline) for each in tables]
     origin = origins[0] if origins[0] == origins[1] else f"in A {origins[0] or '-'}; in B {origins[1] or '-'}"
     level += f"; {origin}" if origin else ""
-    pairs = f"{row.n_a} paired runs" if row.paired else f"unpaired: {row.n_a} and {row.n_b} runs with different seeds"
+    why = " with different seeds" * (table.seed != tables[1].seed)
+    pairs = f"{row.n_a} paired runs" if row.paired else f"unpaired: {row.n_a} and {row.n_b} runs{why}"
     return f"{pairs}, {level}"

@@ -158,7 +158,7 @@ class Screen:
         """Say what runs share, what the signs of the table are, and where parameters come from."""
         shown = "\n".join(table)
         compared = [row.compared for table in tables for row in table.rows if row.compared]
-        parts = ["same draws for all"] if compared else []
+        parts = ["runs are not paired" if self.trials.unpaired else "same draws for all"] if compared else []
         if self.ranked.found is not None:
             parts = ["[ ]: simultaneous intervals of geometric means over all points"]
         elif len(tables) > 1:

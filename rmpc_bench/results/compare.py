@@ -277,6 +277,8 @@ def compare_improvements(
 
 def _paired(results: tuple[Results, Results], tables: tuple[Trials, Trials]) -> bool:
     """Whether run i of both has the same draws."""
+    if any(each.unpaired for each in tables):
+        return False
     made_elsewhere = [each.experiment.imported is not None for each in results]
     if not any(made_elsewhere):
         return tables[0].seed == tables[1].seed

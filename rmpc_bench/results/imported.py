@@ -31,6 +31,11 @@ class Imported:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def unpaired(self) -> bool:
+        """Whether run i of two methods has nothing in common."""
+        return bool(self.options.get("unpaired"))
+
+    @property
     def command(self) -> str:
         """The command that reads the table."""
         words = ["rmpc-bench", "import", self.table]

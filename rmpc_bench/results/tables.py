@@ -121,7 +121,11 @@ def _same_at_all_points(experiment: StoredExperiment) -> dict[str, Any]:
         "requirements": experiment.requirements,
         "parameters": experiment.origins,
         "calibration": experiment.calibration,
-        **({} if experiment.imported is None else {"run_names": experiment.imported.names}),
+        **(
+            {}
+            if experiment.imported is None
+            else {"run_names": experiment.imported.names, "unpaired": experiment.imported.unpaired}
+        ),
     }
 
 

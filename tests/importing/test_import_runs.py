@@ -223,7 +223,8 @@ def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
         "--missing failed counts them as failed",
         "runs.csv:4: mse of R-MPC is 'n/a', no number; a failed run has a status, a missing value is empty "
         "(--missing drop|failed)",
-        "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws",
+        "runs.csv:4: eps is 0.3 for S-MPC and 0.1 for R-MPC in run 7: the methods did not have the same draws "
+        "(--unpaired compares them without pairs)",
         "uncertainty.eps: 2 values of the table lie outside of +-20% (lines 3, 5): the law is not that of these runs",
         "title: must be text (got 3)",
     }
