@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -158,13 +158,26 @@ def unplanned_level(confidence: float, look: int) -> float:
     return confidence if look <= 1 else 1 - (1 - confidence) / (look * (look + 1))
 
 
-def number_of_look(earlier: Sequence[int], n_runs: int) -> int:
-    """Return the number of a look, the first being 1; a number of runs that was looked at keeps its number.
+Look = int | str
+"""Number of runs at which verdicts were published, with `statistics.adjust` behind it where that is not `auto`."""
+
+
+def look_of(n_runs: int, adjust: Any) -> Look:
+    """Return a look: the same runs with another adjustment are another one.
+
+    >>> look_of(200, "auto"), look_of(200, "none")
+    (200, '200 none')
+    """
+    return n_runs if adjust == "auto" else f"{n_runs} {adjust}"
+
+
+def number_of_look(earlier: Sequence[Look], look: Look) -> int:
+    """Return the number of a look, the first being 1; one that has taken place keeps its number.
 
     >>> number_of_look([], 200), number_of_look([200], 200), number_of_look([200], 400)
     (1, 1, 2)
     """
-    return list(earlier).index(n_runs) + 1 if n_runs in earlier else len(earlier) + 1
+    return list(earlier).index(look) + 1 if look in earlier else len(earlier) + 1
 
 
 class PlannedLook(NamedTuple):

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rmpc_bench.analysis.levels import number_of_look
+from rmpc_bench.analysis.levels import look_of, number_of_look
 from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Claim
@@ -206,7 +206,8 @@ class _Packed:
         """Give a table the look at which the packed tables were made, and its level."""
         rule = stop_of(config, None)
         level = config.statistics.confidence if rule is None else rule.level
-        look = number_of_look(self._manifest.get("looks", []), max(len(table.runs) for table in trials.common.each))
+        n_runs = max(len(table.runs) for table in trials.common.each)
+        look = number_of_look(self._manifest.get("looks", []), look_of(n_runs, config.statistics.adjust))
         points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
         return replace(trials, look=look, confidence=level, points=points)
 

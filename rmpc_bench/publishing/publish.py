@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from rmpc_bench.analysis.columns import n_rows
+from rmpc_bench.analysis.levels import look_of
 from rmpc_bench.config.report import ReportKeys
 from rmpc_bench.figures.files import NO_LATEX, latex_program
 from rmpc_bench.figures.style import Rendering, remark_on
@@ -190,7 +191,7 @@ def _published(
     # Another directory says nothing else than this one, which stays as it is.
     if directory.resolve() == results.directory.resolve():
         if len(results.trials.runs) and results.trials.with_verdicts:
-            note_look(directory, len(results.trials.runs))
+            note_look(directory, look_of(len(results.trials.runs), results.trials.adjust))
         note_report(directory, _way(results, place, file))
     record = experiment_record(results, file)
     paths += write_latex(published.tables, published.calibration, record, texts, report)

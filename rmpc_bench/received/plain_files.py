@@ -116,7 +116,7 @@ MANIFEST: Any = {
     "git?": (None, {"commit": wrong_commit, "dirty?": bool}),
     "platform?": {"system?": wrong_line, "machine?": wrong_line, "cores?": (COUNT, None)},
     "file?": wrong_line,
-    "looks?": [COUNT],
+    "looks?": [(COUNT, wrong_line)],
     "report?": {
         **{"place?": wrong_line, "file?": wrong_line, "keys?": dict, "labels?": {wrong_line: str}},
         **{"own_figures?": bool, "matplotlib?": wrong_line},
@@ -156,7 +156,7 @@ STORED: dict[str, Any] = {
     "libraries": {str: {str: [str]}},
     "shared": dict,
     "files": {str: {str: str}},
-    "looks": {"runs?": [COUNT]},
+    "looks": {"runs?": [(COUNT, wrong_line)]},
     "stop": {"key?": str, "runs?": [range(10**7 + 1)], "wanted?": range(10**7 + 1), "is_met?": bool, "open?": [str]},
     "layout": dict,
     "methods.code": _CODE,

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 import rmpc_bench
+from rmpc_bench.analysis.levels import Look
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import code_version
 from rmpc_bench.installed import version_of
@@ -84,26 +85,26 @@ def read(directory: Path) -> dict[str, Any]:
     return found
 
 
-def looks_of_manifest(directory: Path) -> list[int]:
-    """Return the numbers of runs at which verdicts were published, in the order of time, as a manifest has them."""
-    found: list[int] = read(directory).get("looks", [])
+def looks_of_manifest(directory: Path) -> list[Look]:
+    """Return the looks at which verdicts were published, in the order of time, as a manifest has them."""
+    found: list[Look] = read(directory).get("looks", [])
     return found
 
 
-def looks_of_store(store: Store) -> list[int]:
+def looks_of_store(store: Store) -> list[Look]:
     """Return the looks that a store has, then those of the manifest beside it: an earlier version kept them there."""
     return [*dict.fromkeys([*store.data("looks").get("runs", []), *looks_of_manifest(store.directory)])]
 
 
-def keep_looks(store: Store, runs: Sequence[int]) -> None:
+def keep_looks(store: Store, runs: Sequence[Look]) -> None:
     """Keep looks in a store, where they stay when the manifest is lost."""
     if runs and store.data("looks").get("runs", []) != [*runs]:
         store.set_meta("looks", json.dumps({"runs": [*runs]}))
 
 
-def remaining_looks(directory: Path, experiment: str) -> list[int]:
+def remaining_looks(directory: Path, experiment: str) -> list[Look]:
     """Return what is left of the looks of an experiment in a directory whose files may be damaged."""
-    found = list[int]()
+    found = list[Look]()
     with suppress(StoreError, MissingError), Store(directory, writable=False) as store:
         found += store.data("looks").get("runs", []) if store.meta("experiment") == experiment else []
     with suppress(StoreError):
@@ -111,13 +112,13 @@ def remaining_looks(directory: Path, experiment: str) -> list[int]:
     return [*dict.fromkeys(found)]
 
 
-def note_look(directory: Path, n_runs: int) -> None:
-    """Note in store and manifest that verdicts were published with so many runs."""
-    found = [*dict.fromkeys([*looks_of_manifest(directory), n_runs])]
+def note_look(directory: Path, look: Look) -> None:
+    """Note in store and manifest that verdicts were published."""
+    found = [*dict.fromkeys([*looks_of_manifest(directory), look])]
     if (directory / STORE).exists() and not (directory / STORE).is_symlink():
         # While another process writes to the store, or where it lies elsewhere, the manifest alone keeps them.
         with suppress(OccupiedError), Store(directory) as store:
-            found = [*dict.fromkeys([*looks_of_store(store), n_runs])]
+            found = [*dict.fromkeys([*looks_of_store(store), look])]
             keep_looks(store, found)
     data = read(directory)
     if data and data.get("looks") != found:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.analysis.columns import Columns, Series, n_rows, stacked, with_point
-from rmpc_bench.analysis.levels import number_of_look
+from rmpc_bench.analysis.levels import look_of, number_of_look
 from rmpc_bench.analysis.runs import RunNotes, common_runs
 from rmpc_bench.analysis.traces import COVARIANCE, RunGroups, Traces
 from rmpc_bench.analysis.trials import Trials
@@ -43,7 +43,7 @@ def stored_trials(experiment: StoredExperiment, store: Store, quantities: dict[s
     if experiment.has_runs and not n_runs:
         text = "no run is stored of every method yet; continue with `rmpc-bench run`"
         raise MissingError(f"{store.directory}: {text}")
-    look = number_of_look(manifest.looks_of_store(store), n_runs)
+    look = number_of_look(manifest.looks_of_store(store), look_of(n_runs, experiment.adjust))
     filled = [replace(table, look=look) for table in filled]
     return _joined(experiment, filled, reader.series) if experiment.paths else filled[0]
 

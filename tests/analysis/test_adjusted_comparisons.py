@@ -1,5 +1,6 @@
 """Adjusted comparisons from the configuration to tables: the numbers of the guide, what they rest on, and words."""
 
+import csv
 import json
 import math
 import shutil
@@ -311,6 +312,19 @@ def test_a_rule_about_widths_stops_earlier(tmp_path):
         results = rmpc_bench.run(rmpc_bench.load_config(path), directory=tmp_path / adjust, jobs=1)
         ends.append(len(results.trials.runs))
     assert ends == [40, 60]
+
+
+def test_another_adjustment_is_another_look(tmp_path):
+    """After a verdict the level is that of a second look; the same setting keeps the number of its look."""
+    found = []
+    for place, adjust in (("one", "auto"), ("one", "none"), ("one", "auto"), ("two", "none")):
+        statistics = f"{{adjust: {adjust}}}"
+        keys = {"noise": "none", "uncertainty": "{eps: +-80%}", "time": "{step: 0.1, steps: 80}"}
+        path = write(tmp_path, runs=20, statistics=statistics, **keys)
+        assert cli("run", path, "-o", tmp_path / place, "-j", 1).exit_code == 0
+        row = next(csv.DictReader((tmp_path / place / "comparisons.csv").read_text().splitlines()))
+        found.append((int(row["look"]), float(row["ci_level"])))
+    assert found == [(1, 0.95), (2, pytest.approx(0.991667)), (1, 0.95), (1, 0.95)]
 
 
 def test_degree_is_an_upper_limit(make_trials):
