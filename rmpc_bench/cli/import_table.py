@@ -22,7 +22,7 @@ class Roles(click.ParamType[dict[str, str]]):
         if isinstance(value, dict):
             return value
         parts = [part.partition("=") for part in re.split(r",(?=[a-z]+(?::[^=,]+)?=)", str(value))]
-        if wrong := next(("=".join(part) for part in parts if not part[0] or not part[2]), ""):
+        if wrong := next(("".join(part) for part in parts if not part[0] or not part[2]), ""):
             self.fail(f"{wrong!r}: expected ROLE=COLUMN, such as method=Filter", param, ctx)
         return {role.strip(): column.strip() for role, _, column in parts}
 

@@ -31,7 +31,7 @@ from rmpc_bench.importing.settings import Options, Settings
 from rmpc_bench.installed import version_of
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.received.plain_files import StoreError
-from rmpc_bench.received.run_table import Form, Table
+from rmpc_bench.received.run_table import MAX_NAMED, Form, Table
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import inside, replace_text, replaced
 from rmpc_bench.results import manifest
@@ -41,7 +41,7 @@ from rmpc_bench.results.record import PointMethod, StoredExperiment, StoredPoint
 from rmpc_bench.results.results import Results, load_experiment, read_results
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.store.store import WORDS, Store, StoredMethod
-from rmpc_bench.types import Array, DesignError, Journal, RunFailure
+from rmpc_bench.types import Array, ConfigError, DesignError, Journal, RunFailure
 from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import CONFIG
 from rmpc_bench.types.texts import visible
@@ -88,7 +88,9 @@ class Prepared:
     @property
     def remarks(self) -> list[str]:
         """What was ignored, and what is probably not meant, in words."""
-        return [*dict.fromkeys(self.table.notes), *(f"warning: {text}" for text in self.runs.warnings)]
+        notes = [*dict.fromkeys(self.table.notes)]
+        notes[MAX_NAMED:] = [f"and {len(notes) - MAX_NAMED:,} more remarks"] * (len(notes) > MAX_NAMED)
+        return [*notes, *(f"warning: {text}" for text in self.runs.warnings)]
 
 
 def prepare(
@@ -279,7 +281,13 @@ def added(source: Any, place: Path, metrics: Sequence[str], options: Options) ->
         file = Path(temporary) / "runs.csv"
         both.to_csv(file, index=False)
         usual = Options(missing=options.missing, unpaired=before.unpaired, max_rows=options.max_rows)
-        joined = prepare(file, place / CONFIG, {}, usual)
+        try:
+            joined = prepare(file, place / CONFIG, {}, usual)
+        except ConfigError as error:
+            # The joined table is gone after this command, and so are its lines.
+            name = f"{more.table.name} and {place}"
+            found = error.problems
+            raise ConfigError([replace(p, file=name, line=0) if p.file == str(file) else p for p in found]) from None
     joined.table.name, joined.runs.warnings[:0] = before.table, more.runs.warnings
     how = {"unpaired": True} if before.unpaired else {}
     record = replace(joined.experiment.imported or before, table=before.table, options=how)

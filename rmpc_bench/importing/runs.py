@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -300,7 +301,7 @@ class Reader:
         ):
             return "its cells are texts" if len(wrong) else "it is empty"
         if not METRIC.fullmatch(name):
-            return f"the name is none of a metric; --columns metric:NAME={name} takes it"
+            return f"the name is none of a metric; --columns {shlex.quote(f'metric:NAME={name}')} takes it"
         if len(found.methods) == 1 or is_wrong.any():
             return "metric" if any_metric else "it is not named with --metric"
         low, high = ends_of(found.group, values)
@@ -356,9 +357,9 @@ class Reader:
             self._fail(found, lacking, "a metric is empty")
         elif lacking.any():
             self.table.notes.append(
-                f"--missing drop: {len(np.unique(found.group[lacking]))} runs with an empty metric are left out"
+                f"--missing drop: {len(np.unique(found.run[lacking]))} runs with an empty metric are left out"
             )
-            found.taken(np.flatnonzero(~np.isin(found.group, found.group[lacking])))
+            found.taken(np.flatnonzero(~np.isin(found.run, found.run[lacking])))
 
     def _fail(self, found: Runs, places: Array, reason: str) -> None:
         found.status = np.where(places, CRASHED, found.status)
@@ -367,23 +368,22 @@ class Reader:
             cells[places] = np.nan
 
     def _complete(self, found: Runs, metrics: Sequence[str]) -> None:
-        """Treat runs that some method of a point lacks as the options say."""
-        parts, left = list[Array](), np.zeros(len(found.row), dtype=bool)
+        """Treat runs that some method lacks at a point as the options say; all points have the same runs."""
+        parts, left, runs = list[Array](), np.zeros(len(found.row), dtype=bool), np.unique(found.run)
         for number, point in enumerate(found.points):
             here = np.flatnonzero(found.point == number)
-            runs, methods = np.unique(found.run[here]), np.unique(found.method[here])
-            for method in methods.tolist():
+            for method in np.unique(found.method[here]).tolist():
                 missing = np.setdiff1d(runs, found.run[here][found.method[here] == method])
                 if not len(missing):
                     continue
-                left[here] |= np.isin(found.run[here], missing)
+                left |= np.isin(found.run, missing)
                 parts.append(np.array([[number, method, run] for run in missing.tolist()]))
                 self._missing(found, point, method, missing, len(runs))
         if not parts or self.options.missing == "error":
             return
         if self.options.missing == "drop":
             self.table.notes.append(
-                f"--missing drop: {len(np.unique(found.group[left]))} runs are left out, which some method lacks"
+                f"--missing drop: {len(np.unique(found.run[left]))} runs are left out, which some method lacks"
             )
             found.taken(np.flatnonzero(~left))
             return
@@ -403,6 +403,7 @@ class Reader:
         at = "".join(f" at {path}={text}" for path, text in point.items())
         text = f"{len(missing)} of {n} runs have no row for {found.methods[method]}{at} ({shown}): --missing drop"
         text += f" compares the other {n - len(missing)}, --missing failed counts them as failed"
+        text += "; number the runs alike at all points" * bool(point)
         self.problems.append(self.table.problem(text))
 
     def _parameters(self, found: Runs) -> dict[str, Array]:

@@ -133,7 +133,7 @@ class Options:
             text = f"must have {{metric}} and {{method}}, such as '{{metric}}_{{method}}' (got {self.wide!r})"
             found.append(Problem("--wide", 0, 0, "", text))
         for key, sign in (("--decimal", self.form.decimal), ("--separator", self.form.separator)):
-            if len(sign) != 1 or sign in '"\r\n' or not sign.isascii():
+            if len(sign) != 1 or sign in '"\r\n+-' or sign.isalnum() or not sign.isascii():
                 found.append(Problem(key, 0, 0, "", f"must be one sign (got {sign!r})"))
         if self.form.decimal == self.form.separator:
             found.append(Problem("--decimal", 0, 0, "", "must differ from --separator"))
@@ -251,9 +251,11 @@ def _tree(source: str | Path | Mapping[str, Any] | None, options: Mapping[str, A
         tree = assign(tree, "version", 1, Mark(MAPPING, 1, 1)) if "version" not in tree else tree
     for path, value in options.items():
         if path == "metrics" and value:
-            known = {
-                each["name"]: each for each in tree.get("metrics") or () if isinstance(each, Map) and "name" in each
-            }
+            given = tree.get("metrics")
+            if not isinstance(given, Items | None):
+                continue  # The file is wrong, and says so.
+            named = [each for each in given or () if isinstance(each, Map) and isinstance(each.get("name"), str)]
+            known = {each["name"]: each for each in named}
             value = Items([known.get(name, name) for name in value], mark=Mark("--metric", 0, 0))
         if value and (path != "name" or "name" not in tree):
             tree = assign(tree, path, value, Mark(f"--{path.rpartition('.')[2]}", 0, 0))

@@ -145,6 +145,8 @@ def read_table(source: Any, form: Form, max_rows: int, is_text: Callable[[str], 
     if not isinstance(source, str | Path):
         return _of_frame(FRAME, source, b"", None, max_rows)
     path, name = Path(source), str(source)
+    if wrong := wrong_line(name):
+        raise _error(repr(name)[1:-1], f"the name of the file {wrong}")
     if path.suffixes[-1:] == [".parquet"]:
         return _parquet(path, name, max_rows)
     if not name.endswith((".csv", ".csv.gz", ".txt", ".tsv")):
@@ -256,6 +258,8 @@ def _frame(content: bytes, form: Form, header: Sequence[str], name: str, as_text
 
 
 def _reader(content: bytes, form: Form) -> Any:
+    # pandas reads cells of any length, too.
+    csv.field_size_limit(MAX_TABLE)
     return csv.reader(io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline=""), delimiter=form.separator)
 
 

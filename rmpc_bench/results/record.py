@@ -283,6 +283,8 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
     if found.stop is not None:
         numbers |= {"stop.max_runs": found.stop.max_runs, "stop.looks.wanted": found.stop.looks.wanted}
     yield from _out_of_range(numbers)
+    if found.imported is not None and len(found.imported.names) not in (0, found.n_runs):
+        yield f"imported.names: there are {len(found.imported.names)} names of {found.n_runs} runs"
     if (asked := found.calibration) is not None:
         wanted = {*map(asked.name, asked.levels)}
         if asked.verdict not in asked.levels or any(wanted - {info.name for info in p.metrics} for p in found.points):

@@ -1,8 +1,11 @@
 """What the verbs do with runs that were made elsewhere."""
 
 import json
+import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +52,30 @@ def directory(table):
     )
     assert (code, settings["title"]) == (0, "Two filters"), text
     return place
+
+
+def test_a_row_that_cannot_be_added_names_the_table_and_the_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frame = pd.DataFrame(
+        {"run": [1, 2] * 2, "method": ["P", "P", "Q", "Q"], "eps": [0.1, 0.2] * 2, "mse": [1, 2, 3, 5]}
+    )
+    frame.to_csv("runs.csv", index=False)
+    frame[:2].assign(method="R", eps=[0.1, 0.3]).to_csv("more.csv", index=False)
+    assert call("import", "runs.csv", "-o", "o")[0] == 0
+    before = Path("o/trials.sqlite").read_bytes()
+    assert call("import", "more.csv", "-o", "o", "--add") == (
+        2,
+        "more.csv and o: eps is 0.2 for P and 0.3 for R in run 2: the methods did not have the same draws\n",
+    )
+    assert Path("o/trials.sqlite").read_bytes() == before
+
+
+def test_names_of_runs_that_are_not_those_of_the_runs_are_damage(directory, tmp_path):
+    place = Path(shutil.copytree(directory, tmp_path / "o"))
+    with closing(sqlite3.connect(place / "trials.sqlite")) as store, store:
+        store.execute("update meta set value = json_set(value, '$.imported.names', json('[1]')) where key = 'layout'")
+    code, text = call("report", place)
+    assert (code, "imported.names: there are 1 names of 30 runs" in text) == (2, True), text
 
 
 def test_a_table_becomes_a_directory_with_a_page(table, directory):

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rmpc_bench
+from rmpc_bench.importing.directory import prepare_import
 from rmpc_bench.received.plain_files import StoreError
 from rmpc_bench.types import ConfigError
 
@@ -201,6 +202,27 @@ def test_missing_rows_are_left_out_or_count_as_failed(tmp_path):
     assert (failed.trials.n_failed("B"), failed.incomplete) == (1, ())
 
 
+def test_a_run_that_a_point_lacks_is_left_out_or_failed_at_all_points(tmp_path):
+    rows = [(q, m, run, q + run % 3 + (m == "R")) for q in (1, 2) for m in ("KF", "R") for run in range(6)]
+    frame = pd.DataFrame(rows[:-1], columns=["sweep:q", "method", "run", "mse"])
+    dropped = rmpc_bench.import_runs(frame, directory=tmp_path / "a", missing="drop")
+    assert (dropped.extent.text, dropped.incomplete) == ("5 of 5 runs at each of 2 points", ())
+    failed = rmpc_bench.import_runs(
+        frame[frame["run"] + frame["sweep:q"] < 7], directory=tmp_path / "b", missing="failed"
+    )
+    assert (failed.extent.text, failed.incomplete) == ("6 of 6 runs at each of 2 points", ())
+
+
+def test_a_table_may_have_thousands_of_columns(tmp_path):
+    more = {f"c{number}": [0.0, number] for number in range(5000)}
+    frame = pd.DataFrame({"run": 1, "method": ["A", "B"], "mse": [1.0, 2.0], **more})
+    frame.to_csv(tmp_path / "runs.csv", index=False)
+    results = rmpc_bench.import_runs(tmp_path / "runs.csv", directory=tmp_path / "o", metrics=["mse"])
+    assert [each.name for each in results.trials.metrics] == ["mse"]
+    remarks = prepare_import(tmp_path / "runs.csv", tmp_path / "o", metrics=["mse"])[0].remarks
+    assert remarks[9:] == ["column 'c9' is ignored: it is not named with --metric", "and 4,990 more remarks"]
+
+
 def message(tmp_path, text, given=None, name="runs.csv", **options):
     """Return the message of a table that is refused, with the name of its file only."""
     (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -257,6 +279,16 @@ def test_all_mistakes_of_rows_are_named_with_their_lines(tmp_path):
         (HEAD + "1,A,0,1\n", {"columns": {"metod": "a"}}, "--columns: 'metod' is not a known role; did you mean "),
         (HEAD + "1,A,0,1\n", {"metrics": ["msse"]}, "runs.csv:1: metric 'msse' is not a known column; did you mean "),
         (HEAD + "1,A,0,1\n", {"baseline": "B"}, "--baseline: statistics.baseline: 'B' is not a known method"),
+        (HEAD + "1," + "A" * 200_000 + ",0,1\n", {}, "runs.csv:2: has more than 10000 characters (got 'AAA"),
+        (HEAD + "1,A,0,1\n", {"name": "a\u202eb.csv"}, "the name of the file contains the control or invisible"),
+        (HEAD + "1,A,0,1\n", {"decimal": "1"}, "--decimal: must be one sign (got '1')"),
+        (HEAD + "1,A,0,1\n", {"metrics": ["mse"], "given": {"metrics": 3}}, "metrics: must be a list (got 3)"),
+        (
+            "sweep:q,run,method,mse\n1,1,A,1\n1,2,A,2\n2,3,A,3\n2,4,A,5\n",
+            {},
+            "runs.csv: 2 of 4 runs have no row for A at q=1 (3, 4): --missing drop compares the other 2, "
+            "--missing failed counts them as failed; number the runs alike at all points",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused(tmp_path, text, options, expected):
