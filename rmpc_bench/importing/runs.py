@@ -20,6 +20,8 @@ from rmpc_bench.types import Array, ConfigError, MetricInfo, Problem, Status
 MOST_POINTS, MOST_METHODS, MOST_METRICS = 1000, 200, 100
 FINISHED = ("", "ok", "1", "true")
 """Statuses of a run that has ended well."""
+FAILED = (Status.CRASHED.word, "0", "false")
+"""Statuses of a run that has failed for no reason that is known."""
 OK, CRASHED = int(Status.OK), int(Status.CRASHED)
 NO_ROW = "the table has no row of this run"
 MOSTLY = 0.8
@@ -134,7 +136,7 @@ class Reader:
         status, words = self._coded(texts)
         numbers = [_status(word) for word in words]
         reasons = [
-            "" if number != CRASHED or word == Status.CRASHED.word else word
+            "" if number != CRASHED or word.lower() in FAILED else word
             for number, word in zip(numbers, words, strict=True)
         ]
         return Runs(

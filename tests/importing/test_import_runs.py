@@ -213,6 +213,31 @@ def test_a_run_that_a_point_lacks_is_left_out_or_failed_at_all_points(tmp_path):
     assert (failed.extent.text, failed.incomplete) == ("6 of 6 runs at each of 2 points", ())
 
 
+def test_a_stated_law_adjusts_the_comparison(tmp_path):
+    rng = np.random.default_rng(2)
+    u = rng.uniform(-0.2, 0.2, 100)
+    mse = [np.exp(u * u), np.exp(u * u + u + 0.001 * rng.standard_normal(100) - 0.1)]
+    parts = [pd.DataFrame({"run": range(100), "method": m, "u": u, "mse": x}) for m, x in zip("AB", mse, strict=True)]
+    frame = pd.concat(parts, ignore_index=True)
+    plain = rmpc_bench.import_runs(frame, directory=tmp_path / "a")
+    adjusted = rmpc_bench.import_runs(frame, directory=tmp_path / "b", settings={"uncertainty": {"u": "+-20%"}})
+    rows = [rmpc_bench.compare(each, "mse").to_frame().iloc[0] for each in (plain, adjusted)]
+    widths = [row["ci_high"] - row["ci_low"] for row in rows]
+    assert [row["rests_on"] for row in rows] == ["plain", "adjusted"]
+    assert widths[1] < 0.1 * widths[0]
+    assert rows[1]["change_pct"] == pytest.approx(100 * np.expm1(-0.1), abs=0.1)  # 3 standard errors are 0.03
+
+
+@pytest.mark.parametrize("word", ["0", "false", "False"])
+def test_a_logical_status_is_no_reason(tmp_path, word):
+    text = HEAD + "1,A,0,1\n2,A,0,2\n1,B,0,1.5\n2,B,0,NaN\n"
+    lines = [f"{line},{each}" for line, each in zip(text.splitlines(), ["status", "1", "1", "1", word], strict=True)]
+    (tmp_path / "runs.csv").write_text("\r\n".join(lines))
+    results = rmpc_bench.import_runs(tmp_path / "runs.csv", directory=tmp_path / "o")
+    assert [each.message for each in results.trials.notes["B"].failures] in ([], [""])
+    assert results.trials.n_failed("B") == 1
+
+
 def test_a_table_may_have_thousands_of_columns(tmp_path):
     more = {f"c{number}": [0.0, number] for number in range(5000)}
     frame = pd.DataFrame({"run": 1, "method": ["A", "B"], "mse": [1.0, 2.0], **more})
