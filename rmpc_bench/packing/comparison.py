@@ -40,13 +40,13 @@ _MOST_BYTES = 100_000_000  # length of a stream of a PDF file that is read
 _SHOWN = 50  # characters of a difference that are shown
 
 
-def read_rows(path: Path, most: int = 1_000_000) -> pd.DataFrame:
-    """Read a table: texts and the columns of a sweep, before `method`, as they are, every float as it was written."""
+def read_rows(path: Path, most: int = 1_000_000, first: str = "method") -> pd.DataFrame:
+    """Read a table: texts and the columns of a sweep, before `first`, as they are, every float as it was written."""
     check_width(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8", nrows=most + 1)
     if len(table) > most:
         raise ValueError(f"has more than {most} rows")
-    texts = {*_TEXT, *table.columns[: list(table.columns).index("method")]}
+    texts = {*_TEXT, *table.columns[: list(table.columns).index(first)]}
     kinds = {name: np.int64 if name in _COUNTS else np.float64 for name in table if name not in texts}
     # Python reads every float as it was written; the readers of pandas differ between its versions.
     numbers = {name: np.array([float(text or "nan") for text in table[name]]) for name in kinds}
@@ -75,6 +75,23 @@ def with_rows(trials: Trials, rows: pd.DataFrame) -> Trials:
     points = tuple(_with_rows(table, rows[_at(rows, table.point)]) for table in trials.points)
     here = pd.concat([rows[_at(rows, table.point)] for table in trials.points])
     return replace(trials, points=points, columns=_columns(here, trials))
+
+
+def with_draws(trials: Trials, rows: pd.DataFrame) -> Trials:
+    """Return a table of trials with the packed values of the uncertain quantities of further runs."""
+    if not trials.points:
+        return _with_draws(trials, rows)
+    points = tuple(_with_draws(table, rows[_at(rows, table.point)]) for table in trials.points)
+    return replace(trials, points=points)
+
+
+def _with_draws(table: Trials, rows: pd.DataFrame) -> Trials:
+    own = table.quantities
+    if not len(table.runs) or not {*own} <= {*rows}:
+        return table
+    more = rows[rows["run"].isin({*table.runs} - {*own["run"]})].drop_duplicates("run").sort_values("run")
+    drawn = {name: np.concatenate([values, more[name].to_numpy()]) for name, values in own.items()}
+    return replace(table, quantities=drawn) if {*table.runs} <= {*drawn["run"]} else table
 
 
 def _at(rows: pd.DataFrame, point: Mapping[str, str]) -> Array:

@@ -31,6 +31,7 @@ from rmpc_bench.packing.comparison import (
     compared_text,
     read_rows,
     rows_against_summary,
+    with_draws,
     with_rows,
     wrong_row,
 )
@@ -177,7 +178,7 @@ class _Packed:
             outcomes = files.outcomes(replace(here, stored=trials), stated, temporary)
             outcomes = [_of_rows(each, found, exact=files.exact) for each in outcomes]
         else:
-            every = self._with_look(with_rows(here.stored, rows), stated)
+            every = self._with_look(self._with_draws(with_rows(here.stored, rows)), stated)
             here = replace(_as_packed(here, stated, rows), stored=every)
             outcomes = files.outcomes(here, stated, temporary, extent.n_runs)
         scope = f"{extent}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
@@ -220,6 +221,14 @@ class _Packed:
             return rows
         except (ValueError, KeyError, TypeError) as error:
             raise ArchiveError(f"{self._path}: trials.csv cannot be read ({error})") from None
+
+    def _with_draws(self, trials: Trials) -> Trials:
+        """Give a table the packed values of uncertain quantities, which the changes of all runs are adjusted for."""
+        file = self._directory / "uncertainty.csv"
+        try:
+            return with_draws(trials, read_rows(file, MOST_ROWS, first="run")) if file.is_file() else trials
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArchiveError(f"{self._path}: uncertainty.csv cannot be read ({error})") from None
 
     def _compared(self, here: Trials, rows: Any, *, complete: bool) -> tuple[Verification, Trials]:
         """Compare rows with those of this computation, and return both the outcome and the packed trials."""

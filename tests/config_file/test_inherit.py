@@ -249,7 +249,7 @@ WRONG = {
     "{from: b/lost.yaml}": "b/lost.yaml:2:10: plant.from: {here}/b/lots.yaml: there is no such file; "
     "did you mean '{here}/b/lost.yaml'?",
     "{from: b/number.yaml}": "b/number.yaml:1:15: plant.from: must be the name of a configuration (got 3)",
-    "{from: b/bench.yaml, Dq: 1}": "6:29: plant.Dq: 'Dq' is not a known key; did you mean 'Dw'?",
+    "{from: b/bench.yaml, Dq: 1}": "6:29: plant.Dq: 'Dq' is not a known key; did you mean 'D'?",
 }
 FILES = {
     "cycle": "plant: {from: ../taking.yaml}\n",
