@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.received.store import FILE, MissingError
+from rmpc_bench.received.store import MissingError, is_filled
 from rmpc_bench.store.store import Store
 
 ELSEWHERE: Mapping[str, Any] = {"numerics": 0}
@@ -49,7 +49,7 @@ class Imported:
 
 def is_imported(directory: Path) -> bool:
     """Whether the runs of a directory were made elsewhere."""
-    if not (directory / FILE).exists():
+    if not is_filled(directory):
         return False
     with Store(directory, writable=False) as store:
         return bool(store.data("layout").get("imported"))

@@ -43,7 +43,7 @@ FIELDS = {
         ),
         *("relevant", "margins", "average", "headline", "max_failures", "alike", "overrides", "figures", "claims"),
         *("points", "expected_failures", "report", "ranks", "requirements", "lost", "added", "stop", "parameters"),
-        *("tuning", "two_way", "adjust"),
+        *("tuning", "two_way", "adjust", "calibration", "imported"),
     ),
 }
 """Every field at the top of every record; a test compares them with those of new results."""
@@ -64,6 +64,8 @@ POINT = (
     *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations", "laws"),
 )
 """Every field of a point of the layout."""
+LEFT_OUT = {LAYOUT: {"adjust": "auto", "calibration": None, "imported": None}}
+"""Values of fields that a record has only where they are others."""
 EXPERIMENT = {"tuning.json": "tuned"}
 """The honest results that have a record, where they are not the plain ones."""
 VERBS = {
@@ -143,7 +145,7 @@ def _fields(record, starts, n=1):
     def cases(box):
         name = EXPERIMENT.get(record, "plain")
         place = box.results(name)
-        honest = load(place, record)
+        honest = LEFT_OUT.get(record, {}) | load(place, record)
         always, sometimes = VERBS[record]
         for start in starts:
             for data, note in alterations(box, honest, start, n):
