@@ -47,7 +47,7 @@ def refuse_shared(states: Sequence[str], inputs: Sequence[str], key: str = "inpu
 
 def is_timed(rhs: Any, key: str = "ode") -> bool:
     """Whether a function takes (t, x, u, p) and not (x, u, p)."""
-    n = _positional(rhs, key)
+    n = len(_positional(rhs, key))
     if n not in (3, 4):
         raise DesignError(f"{function_name(rhs)} must take (x, u, p) or (t, x, u, p); it takes {_signature(rhs)}", key)
     return n == 4
@@ -55,11 +55,12 @@ def is_timed(rhs: Any, key: str = "ode") -> bool:
 
 def is_fed(output: Any, key: str = "output", *, allowed: bool = True) -> bool:
     """Whether an output function takes (x, u, p), if that is allowed, and not (x, p)."""
-    n = 2 if output is None else _positional(output, key)
-    if n not in (2, 2 + allowed):
+    names = ["x", "p"] if output is None else _positional(output, key)
+    # Places decide; names in another order tell that the function expects something else there.
+    if len(names) not in (2, 2 + allowed) or names[0] in ("t", "u", "p") or names[1] == ("u", "p")[len(names) - 2]:
         right = "(x, p) or (x, u, p)" if allowed else "(x, p)"
         raise DesignError(f"{function_name(output)} must take {right}; it takes {_signature(output)}", key)
-    return n == 3
+    return len(names) == 3
 
 
 def count(names: Names) -> int:
@@ -67,13 +68,13 @@ def count(names: Names) -> int:
     return names if isinstance(names, int) else len(names)
 
 
-def _positional(function: Any, key: str) -> int:
-    """Count the arguments without a default that a function takes by position."""
+def _positional(function: Any, key: str) -> list[str]:
+    """Return the arguments without a default that a function takes by position."""
     if not callable(function):
         raise DesignError(f"must be a function (got an object of type {type(function).__name__})", key)
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     given = _parameters(function).values()
-    return sum(each.kind in kinds and each.default is inspect.Parameter.empty for each in given)
+    return [each.name for each in given if each.kind in kinds and each.default is inspect.Parameter.empty]
 
 
 def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
@@ -84,7 +85,8 @@ def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]
 
 
 def _signature(function: Callable[..., Any]) -> str:
-    return f"({', '.join(_parameters(function))})"
+    given = _parameters(function).values()
+    return f"({', '.join(each.name + '=..' * (each.default is not inspect.Parameter.empty) for each in given)})"
 
 
 def function_name(function: Any) -> str:

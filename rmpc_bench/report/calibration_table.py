@@ -141,7 +141,8 @@ def _size(row: Mapping[str, Any], decimals: int = 2) -> str:
 
 def _line(row: Mapping[str, Any], width: int) -> str:
     """Write a method for the screen; verdict, then name, are cut where the line is too long."""
-    low, c, high = (f"{100 * row[key]:.0f}" for key in ("low", "covered", "high"))
+    decimals = 1 if row["high"] - row["low"] < 0.02 else 0
+    low, c, high = (f"{100 * row[key]:.{decimals}f}" for key in ("low", "covered", "high"))
     numbers = f"covers {c} % of {100 * row['level']:g} % [{low}, {high}]  errors {_size(row)} x std  "
     numbers *= row["n"] > 0
     words = row["verdict"]

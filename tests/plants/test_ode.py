@@ -262,6 +262,9 @@ CALLS = itertools.count()
     ("keys", "key", "message"),
     [
         ({"output": lambda t, x, u, p: [x[0]]}, "output", "must take (x, p) or (x, u, p); it takes (t, x, u, p)"),
+        ({"output": lambda t, x, p: [x[0]]}, "output", "must take (x, p) or (x, u, p); it takes (t, x, p)"),
+        ({"output": lambda x, u: [x[0]]}, "output", "must take (x, p) or (x, u, p); it takes (x, u)"),
+        ({"output": lambda x, p=None: [x[0]]}, "output", "must take (x, p) or (x, u, p); it takes (x, p=..)"),
         ({"ode": lambda x: [x[0]]}, "ode", "must take (x, u, p) or (t, x, u, p); it takes (x)"),
         ({"ode": 3.0}, "ode", "must be a function (got an object of type float)"),
         ({"ode": lambda x, u, p: [x[0]]}, "ode", "rhs returned 1 number; states: 2 (h1, h2)"),
