@@ -111,11 +111,15 @@ def _check_adjust(draft: DraftConfig, experiment: Experiment) -> None:
     names = adjust.for_ if isinstance(adjust, AdjustKeys) else [] if isinstance(adjust, str) else adjust
     laws, gone = independent_laws(experiment), list[str]()
     known = dict.fromkeys([*experiment.scenario.quantities, *laws])
+    if names == [] and not isinstance(adjust, str):
+        draft.note(path, "must name at least one quantity; `none` adjusts for nothing")
     for place, name in enumerate(names or ()):
         dist = laws.get(name, {}).get("dist", "")
-        if dist in ("uniform", "choice", "normal", "fixed"):
+        if name in (names or ())[:place]:
+            draft.note([*path, place], f"names {name!r} twice; name each once")
+        elif dist in ("uniform", "choice", "normal", "fixed"):
             continue
-        if name in known or name in experiment.scenario.burst_names:
+        elif name in known or name in experiment.scenario.burst_names:
             why = f"has a {dist} law, for which there are no polynomials" if dist else _NO_LAW
             draft.note([*path, place], f"{name} {why}")
         elif draft.is_inherited([*path, place]):

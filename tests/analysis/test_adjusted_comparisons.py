@@ -137,6 +137,8 @@ def test_without_an_adjustment_the_files_are_those_of_before(readme, tmp_path):
     [
         ("[epss]", "statistics.adjust.0", "'epss' is not an uncertain quantity; did you mean 'eps'?"),
         ("{for: [eps, nothing]}", "statistics.adjust.for.1", "'nothing' is not an uncertain quantity; known: eps"),
+        ("[]", "statistics.adjust", "must name at least one quantity"),
+        ("[eps, eps]", "statistics.adjust.1", "names 'eps' twice"),
         ("{degree: 3}", "statistics.adjust.degree", "must be 1, 2 or 4"),
         ("sometimes", "statistics.adjust", "'auto'"),
     ],
