@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import gzip
-import json
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -23,15 +24,14 @@ from rmpc_bench.config.identity import code_version, digest, law_data, set_keys
 from rmpc_bench.config.statistics import read_requirement
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import dump
-from rmpc_bench.execution.progress_file import FILE as PROGRESS
-from rmpc_bench.execution.progress_file import FINISHED
+from rmpc_bench.execution import progress_file
 from rmpc_bench.importing.doubts import read_runs
 from rmpc_bench.importing.runs import OK, Runs
 from rmpc_bench.importing.settings import Options, Settings
 from rmpc_bench.installed import version_of
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.received.plain_files import StoreError
-from rmpc_bench.received.run_table import MAX_NAMED, Form, Table
+from rmpc_bench.received.run_table import FRAME, MAX_NAMED, Table
 from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import inside, replace_text, replaced
 from rmpc_bench.results import manifest
@@ -40,11 +40,14 @@ from rmpc_bench.results.other_code import OF_THE_BENCH
 from rmpc_bench.results.record import PointMethod, StoredExperiment, StoredPoint, write_experiment
 from rmpc_bench.results.results import Results, load_experiment, read_results
 from rmpc_bench.simulation.closed_loop import Block
-from rmpc_bench.store.store import WORDS, Store, StoredMethod
+from rmpc_bench.store.store import WORDS, Store
 from rmpc_bench.types import Array, ConfigError, DesignError, Journal, RunFailure
 from rmpc_bench.types.errors import check_arguments
 from rmpc_bench.types.result_layout import CONFIG
 from rmpc_bench.types.texts import visible
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_COPY = 64 * 2**20
 """Largest table of which the directory keeps a copy [bytes]."""
@@ -56,32 +59,21 @@ METHOD_PATHS = ("methods", "model", "estimator", "controller")
 
 @dataclass(frozen=True)
 class Prepared:
-    """A table that was read and checked, and the record of its experiment.
-
-    Parameters
-    ----------
-    settings, options, table, runs : what was read
-    experiment : names, settings, figures and claims, as reports read them
-    adds_to : hash of the experiment to which the table adds runs
-    """
+    """A table that was read and checked, and the record of its experiment."""
 
     settings: Settings
     options: Options
     table: Table
     runs: Runs
     experiment: StoredExperiment
-    adds_to: str = ""
+    adds_to: str = ""  # hash of the experiment to which the table adds runs
 
     @property
     def facts(self) -> list[str]:
         """What was read, in words."""
-        runs = self.runs
+        runs, metrics = self.runs, [each.name for each in self.runs.infos]
         points = f" at {len(runs.points)} points" if runs.paths else ""
-        names = {
-            "methods": runs.methods,
-            "metrics": [each.name for each in runs.infos],
-            "parameters": [*runs.parameters],
-        }
+        names = {"methods": runs.methods, "metrics": metrics, "parameters": runs.parameters}
         head = f"{len(runs.row):,} runs{points}, {np.count_nonzero(runs.status != OK):,} failed"
         return [head, *(f"{kind}: {', '.join(each)}" for kind, each in names.items() if each)]
 
@@ -97,16 +89,16 @@ def prepare(
     source: Any, settings: str | Path | Mapping[str, Any] | None, given: Mapping[str, Any], options: Options
 ) -> Prepared:
     """Read a table with its settings; `given` are the options that replace settings, by their paths."""
-    stem = Path(str(source)).name.partition(".")[0] if isinstance(source, str | Path) else "runs"
-    name = "".join(each if each.isascii() and (each.isalnum() or each in "_-") else "_" for each in stem).lstrip("_-")
-    chosen = Settings(settings, {"name": name[:100] or "runs", **given})
+    stem = Path(source).name.partition(".")[0] if isinstance(source, str | Path) else "runs"
+    name = re.sub("[^A-Za-z0-9_-]", "_", stem).lstrip("_-")[:100] or "runs"
+    chosen = Settings(settings, {"name": name, **given})
     table, runs = read_runs(source, chosen, options)
     return Prepared(chosen, options, table, runs, _record(chosen, table, runs, options))
 
 
 def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> StoredExperiment:
     """Return what reports need of the experiment."""
-    values, statistics = settings.draft.values, settings.draft.values["statistics"]
+    draft, values, statistics = settings.draft, settings.draft.values, settings.draft.values["statistics"]
     names = [each.name for each in runs.infos]
     primary = statistics.primary or names[0]
     rows = [runs.point, runs.method, runs.run, runs.status, *runs.metrics.values(), *runs.parameters.values()]
@@ -121,7 +113,7 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
         n_runs=int(runs.run.max()) + 1,
         has_runs=True,
         axes=tuple((path,) for path in runs.paths),
-        labels=settings.draft.labels,
+        labels=draft.labels,
         primary=primary,
         baseline=statistics.baseline or runs.methods[0],
         confidence=statistics.confidence,
@@ -133,10 +125,10 @@ def _record(settings: Settings, table: Table, runs: Runs, options: Options) -> S
         max_failures=len(runs.row),
         alike=of_plant and all([*point.methods] == runs.methods for point in points),
         overrides=(),
-        figures=tuple(plain(set_keys(each)) for each in settings.draft.figures if each is not None),
+        figures=tuple(plain(set_keys(each)) for each in draft.figures if each is not None),
         claims=settings.claims,
         points=points,
-        parameters=settings.draft.sources,
+        parameters=draft.sources,
         requirements=tuple(read_requirement(text, names) for text in statistics.requirements),
         **statistics.comparison_keys() | ({"adjust": "none"} if options.unpaired else {}),
         imported=Imported(
@@ -238,24 +230,21 @@ def import_runs(
 def prepare_import(
     source: Any,
     directory: str | Path | None = None,
+    *,
     settings: str | Path | Mapping[str, Any] | None = None,
     baseline: str | None = None,
     metrics: Sequence[str] = (),
-    columns: Mapping[str, str] | None = None,
-    decimal: str = ".",
-    separator: str = ",",
     add: bool = False,
     **options: Any,
 ) -> tuple[Prepared, Path]:
     """Read a table with the arguments of `import_runs`; return it and the directory."""
-    chosen = Options(columns or {}, Form(decimal, separator), **options)
+    chosen = Options(**{key: each for key, each in options.items() if each is not None})
     if add:
         if directory is None or settings is not None or baseline is not None:
             raise DesignError("give the directory; its settings and its baseline stay as they are", "add")
         return added(source, Path(directory), metrics, chosen), Path(directory)
-    given = {"statistics.baseline": baseline, "metrics": [*metrics]}
-    prepared = prepare(source, settings, given, chosen)
-    return prepared, Path("results") / prepared.experiment.name if directory is None else Path(directory)
+    prepared = prepare(source, settings, {"statistics.baseline": baseline, "metrics": [*metrics]}, chosen)
+    return prepared, Path(directory or Path("results") / prepared.experiment.name)
 
 
 def added(source: Any, place: Path, metrics: Sequence[str], options: Options) -> Prepared:
@@ -269,62 +258,38 @@ def added(source: Any, place: Path, metrics: Sequence[str], options: Options) ->
     wanted = {"metrics": [*metrics] or [each.name for each in point.metrics]}
     if options.unpaired and not before.unpaired:
         raise StoreError(f"{place} holds runs in pairs; import all methods together with --unpaired")
-    options = replace(options, parameters=point.uncertainty, unpaired=before.unpaired)
-    more = prepare(source, None, wanted, options)
-    stored = [_stored_frame(each) for each in results.stored.each]
-    both = pd.concat([*stored, _frame(more.runs)], ignore_index=True).drop_duplicates()
+    more = prepare(source, None, wanted, replace(options, parameters=point.uncertainty, unpaired=before.unpaired))
+    with TemporaryDirectory() as temporary:
+        store_runs(more, Path(temporary))
+        tables = [*results.stored.each, *read_results(Path(temporary)).stored.each]
+    both = pd.concat([*map(_frame, tables)], ignore_index=True).drop_duplicates()
     key = [name for name in both if name in ("run", "method") or name.startswith("sweep:")]
     if (again := both.duplicated(key)).any():
         row = both[again].iloc[0]
         raise StoreError(f"run {row['run']} of {row['method']} is in {place} with other values")
-    with TemporaryDirectory() as temporary:
-        file = Path(temporary) / "runs.csv"
-        both.to_csv(file, index=False)
-        usual = Options(missing=options.missing, unpaired=before.unpaired, max_rows=options.max_rows)
-        try:
-            joined = prepare(file, place / CONFIG, {}, usual)
-        except ConfigError as error:
-            # The joined table is gone after this command, and so are its lines.
-            name = f"{more.table.name} and {place}"
-            found = error.problems
-            raise ConfigError([replace(p, file=name, line=0) if p.file == str(file) else p for p in found]) from None
+    usual = Options(missing=options.missing, unpaired=before.unpaired, max_rows=options.max_rows)
+    try:
+        joined = prepare(both, place / CONFIG, {}, usual)
+    except ConfigError as error:
+        # Nobody sees the joined table, nor its rows.
+        name, found = f"{more.table.name} and {place}", error.problems
+        raise ConfigError([replace(p, file=name, line=0) if p.file == FRAME else p for p in found]) from None
     joined.table.name, joined.runs.warnings[:0] = before.table, more.runs.warnings
     how = {"unpaired": True} if before.unpaired else {}
     record = replace(joined.experiment.imported or before, table=before.table, options=how)
     return replace(joined, experiment=replace(joined.experiment, imported=record), adds_to=results.experiment.hash)
 
 
-def _frame(runs: Runs) -> Any:
-    """Return runs as a table whose columns are named by their roles."""
-    import pandas as pd
-
-    points = {f"sweep:{path}": [runs.points[each][path] for each in runs.point.tolist()] for path in runs.paths}
-    status = np.where(runs.reason != "", runs.reason, WORDS[runs.status])
-    names = runs.run if runs.names is None else [runs.names[each] for each in runs.run.tolist()]
-    drawn = {f"parameter:{name}": cells for name, cells in runs.parameters.items()}
-    methods = np.array(runs.methods, dtype=object)[runs.method]
-    return pd.DataFrame({**points, "run": names, "method": methods, "status": status, **runs.metrics, **drawn})
-
-
-def _stored_frame(trials: Trials) -> Any:
-    """Return the stored runs of a point in the same way."""
-    import pandas as pd
-
-    columns, drawn = trials.columns, trials.quantities
-    place = np.searchsorted(drawn["run"], columns["run"])
-    reasons = {(name, each.run): each.message for name, notes in trials.notes.items() for each in notes.failures}
-    rows = zip(columns["method"], columns["run"].tolist(), columns["status"], strict=True)
+def _frame(trials: Trials) -> pd.DataFrame:
+    """Return the runs of a point as a table whose columns are named by their roles."""
     names = trials.run_names or range(int(trials.runs[-1]) + 1)
-    return pd.DataFrame(
-        {
-            **{f"sweep:{path}": text for path, text in trials.point.items()},
-            "run": [names[run] for run in columns["run"].tolist()],
-            "method": columns["method"],
-            "status": [reasons.get((method, run), status) for method, run, status in rows],
-            **{each.name: columns[each.name] for each in trials.metrics},
-            **{f"parameter:{name}": cells[place] for name, cells in drawn.items() if name != "run"},
-        }
-    )
+    drawn = trials.uncertainty.rename(columns=lambda name: name if name == "run" else f"parameter:{name}")
+    rows = trials.frame[["run", "method", "status", *(each.name for each in trials.metrics)]]
+    rows = rows.merge(drawn, on="run", how="left").assign(run=[names[run] for run in rows["run"]])
+    rows = rows.assign(**{f"sweep:{path}": text for path, text in trials.point.items()})
+    reasons = {(name, names[each.run]): each.message for name, notes in trials.notes.items() for each in notes.failures}
+    status = map(reasons.get, zip(rows["method"], rows["run"], strict=True), rows["status"])
+    return rows.assign(status=[*status])
 
 
 def store_runs(prepared: Prepared, place: Path) -> None:
@@ -347,16 +312,15 @@ def store_runs(prepared: Prepared, place: Path) -> None:
 
 def _write_progress(prepared: Prepared, place: Path) -> None:
     """Write what `status` reads."""
-    experiment, failed = prepared.experiment, prepared.runs.status[prepared.runs.status != OK]
-    words, counts = np.unique(WORDS[failed], return_counts=True)
+    experiment, status = prepared.experiment, prepared.runs.status
     data = {
-        **{"name": experiment.name, "metric": experiment.primary, "state": FINISHED, "why": "imported"},
-        **{"host": platform.node() or "unknown", "pid": os.getpid(), "updated": _now(), "every": 10.0},
+        **{"name": experiment.name, "metric": experiment.primary, "state": progress_file.FINISHED, "why": "imported"},
+        **{"host": platform.node() or "unknown", "pid": os.getpid(), "updated": _now(), "every": progress_file.EVERY},
         **{"runs": [0, experiment.n_runs], "n_runs": experiment.n_runs, "rate": 0.0, "left_seconds": None},
         **dict.fromkeys(("total", "done", "all_trials"), len(prepared.runs.row)),
-        "failed": dict(zip(words.tolist(), counts.tolist(), strict=True)),
+        "failed": dict(sorted(Counter(WORDS[status[status != OK]].tolist()).items())),
     }
-    replace_text(place / PROGRESS, json.dumps(data, indent=1) + "\n")
+    progress_file.write(place / progress_file.FILE, data)
 
 
 def _write_store(prepared: Prepared, place: Path) -> None:
@@ -365,7 +329,7 @@ def _write_store(prepared: Prepared, place: Path) -> None:
     with TemporaryDirectory(dir=place, prefix=".importing-") as temporary:
         with Store(Path(temporary)) as store:
             store.claim(experiment.hash, {"imported": experiment.hash})
-            store.register(each for point in experiment.points for each in _stored(point))
+            store.register(experiment.stored_methods)
             write_experiment(store, experiment, {})
             for number, point in enumerate(experiment.points):
                 for name, method in point.methods.items():
@@ -374,10 +338,6 @@ def _write_store(prepared: Prepared, place: Path) -> None:
                         _store_rows(store, runs, here[first : first + AT_ONCE], method.key, point)
             manifest.keep_looks(store, manifest.looks_of_manifest(place))
         (Path(temporary) / STORE).replace(place / STORE)
-
-
-def _stored(point: StoredPoint) -> Iterator[StoredMethod]:
-    return (each.stored._replace(name=name) for name, each in point.methods.items())
 
 
 def _store_rows(store: Store, runs: Runs, rows: Array, key: str, point: StoredPoint) -> None:
@@ -395,9 +355,10 @@ def _copy(table: Table, place: Path) -> str:
     """Keep a copy of the table, and return its name; empty where it is too large."""
     if len(table.content) > MAX_COPY:
         return ""
-    name = "source.parquet" if table.form is None else "source.csv.gz"
+    is_parquet = table.content.startswith(b"PAR1")
+    name = "source.parquet" if is_parquet else "source.csv.gz"
     with replaced(place / name) as partial:
-        partial.write_bytes(table.content if table.form is None else gzip.compress(table.content, mtime=0))
+        partial.write_bytes(table.content if is_parquet else gzip.compress(table.content, mtime=0))
     return name
 
 

@@ -65,7 +65,8 @@ def test_a_row_that_cannot_be_added_names_the_table_and_the_directory(tmp_path, 
     before = Path("o/trials.sqlite").read_bytes()
     assert call("import", "more.csv", "-o", "o", "--add") == (
         2,
-        "more.csv and o: eps is 0.2 for P and 0.3 for R in run 2: the methods did not have the same draws\n",
+        "more.csv and o: eps is 0.2 for P and 0.3 for R in run 2: the methods did not have the same draws "
+        "(--unpaired compares them without pairs)\n",
     )
     assert Path("o/trials.sqlite").read_bytes() == before
 
