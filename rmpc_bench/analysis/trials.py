@@ -79,6 +79,7 @@ class Trials(ComparisonKeys):
     tuning : how the parameters of tuned methods were chosen, at all points; None where it is not known
     calibration : how reported covariances are compared with the errors; None where they are not
     bounds : methods whose P is an upper bound of the covariance
+    elsewhere : whether another program has made the runs
     run_names : original names of the runs by their index, where another program has made them
     unpaired : whether run i of two methods has nothing in common, so that methods are compared without pairs
     """
@@ -126,6 +127,7 @@ class Trials(ComparisonKeys):
     tuning: Tuning | None = None
     calibration: CalibrationKeys | None = None
     bounds: frozenset[str] = frozenset()
+    elsewhere: bool = False
     run_names: Sequence[int | str] = ()
     unpaired: bool = False
 

@@ -64,7 +64,9 @@ def sections_of(trials: Trials) -> dict[str, list[str]]:
     for method in trials.methods:
         for word, n in sorted(Counter(trials.statuses(method).values()).items()):
             status = Status.__members__.get(word.upper().replace("-", "_"))
-            meaning = f": {status.explanation}" if status is not None else ""
+            # Another program has said why it has no result, if at all.
+            unknown = trials.elsewhere and status is Status.CRASHED
+            meaning = "" if status is None or unknown else f": {status.explanation}"
             failed += [f"{method}: {counted(n, 'run')} {word}{meaning}"] if word != Status.OK.word else []
     declared = {method: trials.expected_failures.get(method, {}) for method in trials.methods}
     return {

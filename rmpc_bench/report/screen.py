@@ -227,7 +227,7 @@ class Screen:
         message = Counter(filter(None, (message_of(t, m, k) for t, m, k in found if m == method))).most_common(1)
         why = f", '{message[0][0]}'" if message else ""
         more = f" (and {counted(len(counts) - 1, 'more method')}: failures/)" if len(counts) > 1 else ""
-        text = f"failed: {method}, {counted(n, 'run')}{why}{more}; the first again:"
+        text = f"failed: {method}, {counted(n, 'run')}{why}{more}; the first{'' if table.elsewhere else ' again'}:"
         command = show_command(table, self.stored, method, run)
         return [*wrapped(plain(cut(text, 2 * (width - 1))), width - 1), *command_lines(command, width - 1)]
 

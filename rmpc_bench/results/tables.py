@@ -124,7 +124,11 @@ def _same_at_all_points(experiment: StoredExperiment) -> dict[str, Any]:
         **(
             {}
             if experiment.imported is None
-            else {"run_names": experiment.imported.names, "unpaired": experiment.imported.unpaired}
+            else {
+                "elsewhere": True,
+                "run_names": experiment.imported.names,
+                "unpaired": experiment.imported.unpaired,
+            }
         ),
     }
 

@@ -121,6 +121,7 @@ def test_show_has_the_row_of_the_table(directory):
 
 def test_status_report_and_compare_take_the_directory(directory, tmp_path):
     assert "60 of 60 trials (100 %), 1 failed (crashed 1)" in call("status", directory)[1]
+    assert "raised an exception" not in (directory / "tables/summary.md").read_text(encoding="utf-8")
     assert call("report", directory, "--to", tmp_path / "again")[0] == 0
     assert (tmp_path / "again" / "comparisons.csv").read_bytes() == (directory / "comparisons.csv").read_bytes()
     code, text = call("compare", directory, directory)
