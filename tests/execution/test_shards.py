@@ -210,6 +210,19 @@ def test_a_shard_joins_a_directory_with_the_first_runs(tmp_path, monkeypatch):
     same(tmp_path / "serial", tmp_path / "out", looks=2)
 
 
+def test_random_delays_do_not_depend_on_the_division(tmp_path):
+    """Delays of single samples and of whole runs: the bits of one process for two workers and for shards."""
+    measured = "{sum: [{gaussian: {std: 0.01}}, {delayed: {samples: [0, 3]}}, {missing: {probability: 0.2}}]}"
+    late = "{delayed: {samples: [0, 2], per: run}}"
+    noise = f"{{process: {{gaussian: {{std: 0.01}}}}, measurement: {measured}, input: {late}}}"
+    path = write(tmp_path, runs=12, noise=noise)
+    alone = ran(path, tmp_path / "serial")
+    assert ran(path, tmp_path / "two", jobs=2) == alone
+    all_shards(path, tmp_path / "out", 5)
+    assert joined(tmp_path / "out").exit_code == 0
+    same(tmp_path / "serial", tmp_path / "out")
+
+
 def test_shards_of_a_sweep(tmp_path):
     keys = {"sweep": "{grid: {controller.Hp: [8, 10]}}", "runs": 9}
     path = write(tmp_path, **keys)
