@@ -99,7 +99,7 @@ class Reader:
         parameters = {name: self._parameter(name, column) for name, column in drawn.items()}
         rows, names = self.rows, self.names
         used, run = np.unique(rows["run"], return_inverse=True)
-        if len(used) <= rows["run"].max():
+        if len(used) < (rows["run"].max() + 1 if names is None else len(names)):
             names, rows = [each if names is None else names[each] for each in used.tolist()], rows.assign(run=run)
         return Runs(
             methods=self.methods, infos=infos, paths=[*named(self.roles, "sweep")], points=self.points, names=names,

@@ -214,6 +214,12 @@ def test_a_run_that_a_point_lacks_is_left_out_or_failed_at_all_points(tmp_path):
     assert (failed.extent.text, failed.incomplete) == ("6 of 6 runs at each of 2 points", ())
 
 
+def test_the_last_named_run_may_be_left_out(tmp_path):
+    frame = pd.DataFrame({"run": [*"abcab"], "method": [*"AAABB"], "mse": [1.0, 2.0, 3.0, 4.0, 6.0]})
+    dropped = rmpc_bench.import_runs(frame, directory=tmp_path / "o", missing="drop")
+    assert (dropped.experiment.n_runs, dropped.experiment.imported.names) == (2, ("a", "b"))
+
+
 def test_a_stated_law_adjusts_the_comparison(tmp_path):
     rng = np.random.default_rng(2)
     u = rng.uniform(-0.2, 0.2, 100)
