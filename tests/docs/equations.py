@@ -175,6 +175,12 @@ a = e^{-T_s / \tau}""",
     ("metrics", "steady_state_error"): r"\frac{1}{n n_y} \sum_{k \gt N-n} \sum_i (y_{k,i} - r_{k,i})",
     ("metrics", "estimation_mse"): r"\frac{1}{N n_x} \sum_{k=0}^{N-1} \Vert \hat x_k - x_k \Vert^2",
     ("metrics", "nees"): r"\frac{1}{N n_x} \sum_{k=0}^{N-1} (\hat x_k - x_k)^\top P_k^{-1} (\hat x_k - x_k)",
+    ("metrics", "coverage"): r"""\frac{1}{N} \sum_{k=0}^{N-1} \mathbf{1} \left\lbrace
+(\hat x_k - x_k)^\top P_k^{+} (\hat x_k - x_k) \le \chi^2_{\mathrm{rank} P_k}(p) \right\rbrace""",
+    ("metrics", "crps"): r"""\frac{1}{N} \sum_{k=0}^{N-1} \sigma_k \left( z_k (2 \Phi(z_k) - 1) + 2 \varphi(z_k)
+- \frac{1}{\sqrt{\pi}} \right), \quad z_k = \frac{\hat x_{k,i} - x_{k,i}}{\sigma_k}, \quad \sigma_k^2 = P_{k,ii}""",
+    ("metrics", "log_score"): r"""\frac{1}{2 N} \sum_{k=0}^{N-1} \left( n_x \log 2 \pi
++ (\hat x_k - x_k)^\top P_k^{-1} (\hat x_k - x_k) + \log \det P_k \right)""",
     ("metrics", "nis"): r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} e_k^\top S_k^{-1} e_k",
     ("metrics", "innovation_mse"): r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} \Vert e_k \Vert^2",
     ("metrics", "whiteness"): r"""\frac{n^2}{m n_y^2} \sum_{j=1}^{m}

@@ -43,6 +43,7 @@ EXAMPLES: dict[str, str] = {
     "metrics": "metrics: [mse, {kind: input_power, name: power_3_10, from: 3, to: 10}]",
     "evaluate": "evaluate: [runs, moments]",
     "record": "record: {runs: 20, signals: [y, u, x_hat]}",
+    "calibration": "calibration: {levels: [50%, 90%, 95%], verdict: 90%, margin: 10%, from: 50}        # or true",
     "statistics": "statistics: {primary: mse, baseline: S-MPC, confidence: 95%, relevant: 1%}",
     "claims": """claims:
   - says: R-MPC is more accurate than S-MPC
