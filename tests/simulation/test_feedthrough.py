@@ -285,7 +285,7 @@ def test_mpc_predicts_with_the_feedthrough(Hp, Hu):
     from scipy.optimize import lsq_linear
 
     rng = np.random.default_rng(4)
-    limits = mpc.Limits(du=[-0.2, 0.2], enforce="qp")
+    limits = mpc.Limits(du=(-0.2, 0.2), enforce="qp")
     for enforce in (None, limits):
         law = mpc.design(WIDE, Hp=Hp, Hu=Hu, Q=1, R=0.3, limits=enforce)
         for _ in range(5):
@@ -416,7 +416,7 @@ def test_an_episode_is_the_loop(load):
         np.testing.assert_array_equal(episode.sample.y_true, found.y[0, k])
         np.testing.assert_array_equal(episode.sample.x_hat, found.x_hat[0, k])
         command = found.u[0, k + 1] if k < 29 else [0.0]
-        episode.step(command)
+        episode.step(np.array(command))
     with pytest.raises(DesignError, match="chosen after"):
         Episode(load().experiment, 0)
 
