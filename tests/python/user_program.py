@@ -29,6 +29,7 @@ from rmpc_bench import (
     estimator,
     figure,
     filter_data,
+    import_runs,
     judge,
     load_config,
     load_results,
@@ -112,6 +113,7 @@ def read(directory: Path) -> Mapping[str, str]:
     print(compare_improvements(results, results, "KF"), [each.finding for each in judge(results)])
     figure(results, "boxplot", metric="mse").save(directory / "mse.svg")
     again = replay(directory, 2, "KF")
+    print(import_runs(directory / "runs.csv", settings={"seed": 1}, columns={"method": "Filter"}).comparison.frame)
     publish(results)
     pack(directory, directory / "a.zip")
     return {"replay": again.status, "verify": str(verify(directory / "a.zip")), "merge": str(merge(directory))}
