@@ -129,7 +129,7 @@ class Comparison:
 
 COLUMNS = [field.name for field in fields(Comparison)]
 ADJUSTED = COLUMNS[COLUMNS.index("rests_on") :]
-"""Columns of an adjustment; tables of experiments with `adjust: none` do not have them."""
+"""Columns of an adjustment; tables of experiments in which nothing is adjusted do not have them."""
 WHOLE = ["far_worse_runs", "baseline_far_worse_runs", "runs_for_direction", "runs_for_equivalence"]
 """Whole numbers that may be missing: NaN in a `Comparison`, None in its row."""
 IN_PAIRS: dict[str, Any] = dict.fromkeys(("won", "lost", "tied", "n_pairs")) | {"p_wilcoxon_holm": ""}

@@ -13,7 +13,7 @@ import re
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
@@ -56,8 +56,7 @@ class Table:
     @cached_property
     def _starts(self) -> Array:
         # A cell may have line breaks in it, so that a row begins where the one before has ended.
-        reader = _reader(self.content, self.separator)
-        return np.fromiter((reader.line_num for _ in reader), dtype=np.int64)
+        return np.fromiter((line for line, _ in _rows(self.content, self.separator)), dtype=np.int64)
 
     def lines(self, places: Iterable[int]) -> list[int]:
         """Return the lines in the file of some rows; of a table without lines the numbers of its rows, from 1 on."""
@@ -180,11 +179,17 @@ def _check_size(name: str, header: Iterable[Any], n_rows: int, max_rows: int) ->
         raise ConfigError([Problem(name, 1, 0, "", text) for text in found])
 
 
-def _reader(content: bytes, separator: str, *, strict: bool = False) -> Any:
-    # pandas reads cells of any length, too.
-    csv.field_size_limit(MAX_TABLE)
+def _rows(content: bytes, separator: str, *, strict: bool = False) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number of its last line and the cells of every row."""
     text = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline="")
-    return csv.reader(text, delimiter=separator, strict=strict)
+    # pandas reads cells of any length, too; other files keep the limit of the library.
+    limit = csv.field_size_limit(MAX_TABLE)
+    try:
+        reader = csv.reader(text, delimiter=separator, strict=strict)
+        for row in reader:
+            yield reader.line_num, row
+    finally:
+        csv.field_size_limit(limit)
 
 
 def _header(content: bytes, separator: str, name: str) -> list[str]:
@@ -197,9 +202,10 @@ def _header(content: bytes, separator: str, name: str) -> list[str]:
     if zero >= 0:
         raise _error(name, "contains a zero byte", content.count(b"\n", 0, zero) + 1)
     try:
-        header = [each.strip() for each in next(_reader(content, separator, strict=True), ())]
+        _, first = next(_rows(content, separator, strict=True), (0, []))
     except csv.Error as error:
         raise _error(name, f"the names of the columns cannot be read ({error})", 1) from None
+    header = [each.strip() for each in first]
     if not any(header):
         raise _error(name, "is empty; the first line has the names of the columns", 0 if content.strip() else 1)
     others = [sign for sign in (";", "\t", ",", "|") if sign != separator and sign in header[0]]
@@ -235,11 +241,10 @@ def _csv(
         text = str(error).strip()
         if found := re.search(r"EOF inside string starting at row (\d+)", text):
             raise _error(name, "a quotation mark is not closed", int(found[1]) + 1) from None
-        reader = _reader(content, separator)
-        for row in reader if "Expected" in text or "loss of data" in text else ():
+        for line, row in _rows(content, separator) if "Expected" in text or "loss of data" in text else ():
             if len(row) > len(header):
                 text = f"has {len(row)} cells, and {len(header)} columns have names"
-                raise _error(name, text, reader.line_num) from None
+                raise _error(name, text, line) from None
         raise _error(name, f"cannot be read as a table ({text[:200]})") from None
 
 

@@ -132,8 +132,8 @@ def summary_table(described: Columns) -> Columns:
 
 def comparisons_table(compared: Columns) -> Columns:
     """Return the content of comparisons.csv, from `Summary.compared_columns`; counts and texts are exact."""
-    if not any(compared["rests_on"]):
-        # Without an adjustment the file is that of an earlier version.
+    if "adjusted" not in compared["rests_on"]:
+        # Where nothing is adjusted the file is that of an earlier version.
         compared = {name: cells for name, cells in compared.items() if name not in ADJUSTED}
     # Beside 100 per cent and 1; differences are rounded beside the numbers that they were computed from already.
     for names, scale in ((CHANGES, 100.0), (SHARES, 1.0), (DIFFERENCES, 0.0)):

@@ -132,7 +132,8 @@ def test_any_set_may_be_a_point(zeros, rng):
         twin = np.random.default_rng(seed)
         model = random_mixed(twin, 3, 2)
         start = {"x0": np.zeros(3), "P0": random_psd(twin, 3), "M0": random_psd(twin, 3)}
-        keys = {name: model.matrices[name].given * (factor if name in names else 1.0) for name in model.matrices}
+        factors = {name: factor if name in names else 1.0 for name in model.matrices}
+        keys = {name: np.asarray(each.given * factors[name]) for name, each in model.matrices.items()}
         start["M0"] *= factor if "M0" in names else 1.0
         same = type(model)({name: each._replace(given=keys[name]) for name, each in model.matrices.items()},
                            model.w_mean, model.v_mean)  # fmt: skip
