@@ -98,9 +98,10 @@ class Feedthrough:
         """Return u(k) for a plant that takes it."""
         if not self.acts:
             return []
-        given = np.zeros((n_runs, k + 1, self._plant.nu)) if self._signal is None else self._signal
-        acting = self._channel.ahead(k, given[:, min(k, given.shape[1] - 1)])
-        is_known = k < given.shape[1] or self._plant.feedthrough
+        last = k if self._signal is None else self._signal.shape[1] - 1
+        given = np.zeros((n_runs, self._plant.nu)) if self._signal is None else self._signal[:, min(k, last)]
+        acting = self._channel.ahead(k, given)
+        is_known = k <= last or self._plant.feedthrough
         self._known[k] = acting.known if is_known else np.full_like(acting.known, np.nan)
         return [acting.u] if self._plant.feedthrough else []
 
