@@ -457,16 +457,17 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
 
 def refuse_feedthrough(draft: DraftConfig, plant: Plant, scenario: Scenario, methods: Sequence[Method]) -> None:
     """Report methods whose y(k) depends on the u(k) that they compute from it."""
-    fed = (each for each in methods if plant.feedthrough or each.estimator.fed is not None)
-    for each in fed:
-        path, late = ["methods", each.name], least_delay(scenario.input, plant.nu)
-        if isinstance(each.controller, OpenLoop | Rest):
+    late = least_delay(scenario.input, plant.nu)
+    for each in methods:
+        path: list[str | int] = ["methods", each.name]
+        depends = plant.feedthrough or each.estimator.fed is not None
+        if not depends or isinstance(each.controller, OpenLoop | Rest):
             continue
         if not late:
             key = next((key for key in ("D", "output", "scipy", "control") if key in draft.tree["plant"]), "kind")
             message = "y(k) depends on u(k), which the controller computes from y(k)"
             return draft.note(["plant", key], f"{message}: give it a sample, noise: {{input: {{delayed: 1}}}}")
         if not each.delay.input:
-            draft.note([*path], "y(k) depends on u(k): its design model needs `delay: same`, or {input: 1} or more")
+            draft.note(path, "y(k) depends on u(k): its design model needs `delay: same`, or {input: 1} or more")
         elif each.period is not None and each.controller.compares_estimate:
-            draft.note([*path], "its law compares angles with C x: y must not depend on u")
+            draft.note(path, "its law compares angles with C x: y must not depend on u")
