@@ -17,18 +17,11 @@ ELSEWHERE: Mapping[str, Any] = {"numerics": 0}
 
 @dataclass(frozen=True)
 class Imported:
-    """Runs made elsewhere, which a table has.
+    """Runs made elsewhere, which a table has."""
 
-    Parameters
-    ----------
-    table : its file, as commands name it
-    names : original name of every run, where they are not 0, 1, 2, ..
-    options : how the table was read, as keywords of `import_runs`
-    """
-
-    table: str
-    names: tuple[int | str, ...] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
+    table: str  # its file, as commands name it
+    names: tuple[int | str, ...] = ()  # original name of every run, where they are not 0, 1, 2, ..
+    options: Mapping[str, Any] = field(default_factory=dict)  # how the table was read, as keywords of `import_runs`
 
     @property
     def unpaired(self) -> bool:
