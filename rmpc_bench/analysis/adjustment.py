@@ -33,7 +33,8 @@ from rmpc_bench.types.metric import AdjustKeys
 
 PAIRS_PER_TERM = 10
 """With so many pairs per term an adjustment for draws that explain nothing widens an interval by 10 % at most."""
-FORMS = ("degree 4", "quadratic", "without interactions", "linear")
+FORMS = {"degree 4": 4, "quadratic": 2, "without interactions": 2, "linear": 1}  # form -> total degree, largest first
+BARE = "without interactions"
 HIGHEST = 4  # largest degree of a polynomial
 LARGEST_LEVERAGE, SMALLEST_EIGENVALUE = 0.95, 0.02  # beyond these the drawn values do not determine the terms of a form
 WIDEST = 2.0
@@ -152,17 +153,17 @@ Term = tuple[int, ...]  # degree of every quantity in a product
 
 def terms_of(degrees: Sequence[int], form: str) -> list[Term]:
     """Return the terms of a form without the constant, for quantities with these largest degrees."""
-    total = {"degree 4": 4, "linear": 1}.get(form, 2)
+    total = FORMS.get(form, 0)
     places = range(len(degrees))
     chosen = (each for k in range(1, total + 1) for each in combinations_with_replacement(places, k))
-    found = (tuple(each.count(place) for place in places) for each in chosen if form != FORMS[2] or len({*each}) == 1)
+    found = (tuple(each.count(place) for place in places) for each in chosen if form != BARE or len({*each}) == 1)
     return [term for term in found if all(n <= most for n, most in zip(term, degrees, strict=True))]
 
 
 def n_terms(degrees: Sequence[int], form: str) -> int:
     """Count the terms of a form with the constant."""
-    total = {"degree 4": 4, "linear": 1}.get(form, 2)
-    if form == FORMS[2]:
+    total = FORMS.get(form, 0)
+    if form == BARE:
         return 1 + sum(min(total, degree) for degree in degrees)
     counts = [1] + [0] * total
     for degree in degrees:
@@ -381,8 +382,7 @@ def adjustment_of(
     if chosen and not (values.size and np.isfinite(values).all()):
         reason = "the drawn values are not stored"
     nothing_else = random_besides == () and not left_out
-    degree = {"degree 4": 4, "linear": 1}
-    forms = [form for form in FORMS if degree.get(form, 2) <= keys.degree and (form != FORMS[0] or nothing_else)]
+    forms = [form for form, degree in FORMS.items() if degree <= keys.degree and (degree < HIGHEST or nothing_else)]
     quantities = tuple(quantity_of(name, law) for name, law in chosen.items())
     wide = tuple(name for name in chosen if left_out_by_auto(laws[name]))
     return Adjustment(runs, quantities, values, () if reason else tuple(forms), reason, left_out, wide)
