@@ -156,37 +156,25 @@ def simulate(
     Every array that a component returns is copied at once, so that it may use the same memory again.  r has at least
     n_steps + the controller's preview samples.  What trajectories hold for samples after `last` has no meaning.
     """
-    estimator, controller, nd = method.estimator, method.controller, method.n_disturbances
-    n_runs, x = len(draws.x0), draws.x0
+    n_runs, nd, preview, mixes = len(draws.x0), method.n_disturbances, method.preview, plant.mixes_noise
     start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)
     alive, failed = runs
-    draws = draws._replace(delta=start.plant(plant, draws.delta, x, runs))
-    mixes, preview = plant.mixes_noise, method.preview
-    x = plant.first_state(draws.delta, x)
+    draws = draws._replace(delta=start.plant(plant, draws.delta, draws.x0, runs))
+    x = plant.first_state(draws.delta, draws.x0)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-    e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
-    moving, *own = checked_calls(plant, method, alive, start.journal)
-    counted = RunInfo(start.runs, (), alive, start.journal)
-    channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
-    signal = partial(controller.signal.sample, start.runs) if isinstance(controller, OpenLoop) else None
-    fed = Feedthrough(plant, channel, estimator, signal, n_steps)
-    filter_, law = turned_calls(method, fed.used_by(own[0]), own[1])
-    arrivals = Arrivals(draws, method.delay)
-    timed = BlockTimes(arrivals.used_by(filter_), law)
+    e = start.estimator(method.estimator, n_runs, draws.delta, runs)
+    c = start.controller(method.controller, n_runs, runs)
     known = r[: n_steps + 1].copy()
-    limits, changes_inputs = RunLimits(state_range, x, known), plant.limits_inputs or bool(draws.inputs)
-    loop = _Loop(method, timed, limits, runs, start, channel, n_steps)
-    # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
-    has_gaps = draws.omits_measurements or (plant.recorded is not None and plant.recorded.gaps)
-    own_matrices = n_runs if has_gaps or arrivals.D else None
-    outputs, inputs = Recorder(n_steps + 1, own_matrices), Recorder(n_steps)
-    no_noise = np.zeros_like(v[:, 0])
+    loop = _Loop.of(plant, method, draws, RunLimits(state_range, x, known), runs, start, n_steps)
+    limits, moving, arrivals = loop.limits, loop.moving, loop.arrivals
+    outputs, inputs = Recorder(n_steps + 1, n_runs if loop.has_gaps else None), Recorder(n_steps)
+    changes_inputs, no_noise = plant.limits_inputs or bool(draws.inputs), np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
         status = runs.after(limits.of_state(np.full(n_runs, OK), failed, x))
         for k in range(n_steps + 1):
             start.watch.step(k)
-            acting = fed.at(k, n_runs)
+            acting = loop.fed.at(k, n_runs)
             y_true = np.array(moving.output(k, draws.delta, x, no_noise, *acting))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k], *acting))
@@ -204,11 +192,11 @@ def simulate(
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = timed.predict(k, e, controller.known_inputs(u_m.copy()))
+            e = loop.timed.predict(k, e, method.controller.known_inputs(u_m.copy()))
             if k == last:
                 break
-    timed.note(start.journal, n_runs, n_steps)
-    record = _recorded(outputs, inputs, plant.Ts, known, controller)
+    loop.timed.note(start.journal, n_runs, n_steps)
+    record = _recorded(outputs, inputs, plant.Ts, known, method.controller)
     return record._replace(bursts=draws.bursts, delta=draws.delta), status
 
 
@@ -216,12 +204,42 @@ class _Loop(NamedTuple):
     """What the steps of a simulation share."""
 
     method: Method
+    moving: Plant
     timed: BlockTimes
     limits: RunLimits
     runs: RunState
     start: RunStart
     channel: InputChannel
+    fed: Feedthrough
+    arrivals: Arrivals
+    has_gaps: bool
     n_steps: int
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        method: Method,
+        draws: Draws,
+        limits: RunLimits,
+        runs: RunState,
+        start: RunStart,
+        n_steps: int,
+    ) -> _Loop:
+        """Join the calls of plant, estimator and controller with the laws between them."""
+        moving, *own = checked_calls(plant, method, runs.alive, start.journal)
+        counted = RunInfo(start.runs, (), runs.alive, start.journal)
+        channel = InputChannel(plant, draws.inputs, method.delay, method.u_before, counted)
+        law = method.controller
+        signal = partial(law.signal.sample, start.runs) if isinstance(law, OpenLoop) else None
+        fed = Feedthrough(plant, channel, method.estimator, signal, n_steps)
+        filter_, called = turned_calls(method, fed.used_by(own[0]), own[1])
+        arrivals = Arrivals(draws, method.delay)
+        timed = BlockTimes(arrivals.used_by(filter_), called)
+        # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
+        recorded = plant.recorded is not None and bool(plant.recorded.gaps)
+        has_gaps = draws.omits_measurements or bool(arrivals.D) or recorded
+        return cls(method, moving, timed, limits, runs, start, channel, fed, arrivals, has_gaps, n_steps)
 
     def corrected(self, k: int, state: Any, status: Statuses, y: Any, nd: int) -> tuple[Any, Estimate, Statuses]:
         """Call the estimator; return its state, its estimate and the statuses."""
