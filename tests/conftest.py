@@ -49,8 +49,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
+import hypothesis  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+
+# A slow machine is no fault of the code.  The rest of the profile stays: hypothesis knows one for CI.
+SLOW = [hypothesis.HealthCheck.too_slow]
+hypothesis.settings.register_profile("untimed", hypothesis.settings(), deadline=None, suppress_health_check=SLOW)
+hypothesis.settings.load_profile("untimed")
 
 WIDE = 20
 """Number of cases from which on a function has many."""

@@ -198,7 +198,7 @@ def test_alias_bomb_is_located():
 
 
 @given(st.text(st.sampled_from("ab1 \n\t:-?[]{},&*!|>'\"%@#\\xuU0~."), max_size=40))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_text_gives_a_tree_or_the_one_error(text):
     """No other exception leaves the reader, and what it reads can be written."""
     try:
@@ -400,7 +400,6 @@ def exactly(value):
 
 
 @given(DATA)
-@settings(deadline=None)
 def test_round_trip(value):
     """What is written is read back, with types and order."""
     assert exactly(plain(parse(dump(value), "f"))) == exactly(value)

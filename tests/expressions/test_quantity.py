@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rmpc_bench.expressions.quantity import QuantityError, number, parse, spread, with_unit
@@ -58,7 +58,6 @@ EXPRESSIONS = st.recursive(_signed(_atoms()), lambda inner: _signed(_extend(inne
 
 
 @given(EXPRESSIONS)
-@settings(deadline=None)
 def test_same_bits_as_python(both):
     """The grammar agrees with Python to the last bit wherever Python finds a finite float."""
     text, python = both

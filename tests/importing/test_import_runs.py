@@ -328,7 +328,7 @@ def test_a_wrong_table_is_refused(tmp_path, text, options, expected):
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_corruptions_give_an_error_with_a_place_or_a_table(native, tmp_path_factory, data):
     _, rows = native
     good = rows[["run", "method", "status", "mse", "eps_max"]].to_csv(index=False).encode()

@@ -78,7 +78,7 @@ def test_V_is_the_inverse_of_the_reduced_information(rng):
         np.testing.assert_allclose(inflate(psd_sqrt(P), theta).V, by_inverses, rtol=1e-11)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 5), st.floats(-6.0, 2.0), st.floats(1e-3, 2.0), st.floats(0.0, 8.0), st.integers(0, 2**31))
 def test_a_larger_ball_gives_a_larger_covariance(n, log_c, step, log_condition, seed):
     """Oracle: theta and V (in the order of matrices) increase with c, and V exceeds P."""
@@ -89,7 +89,7 @@ def test_a_larger_ball_gives_a_larger_covariance(n, log_c, step, log_condition, 
         assert np.linalg.eigvalsh(V - below)[0] >= -1e-13 * np.abs(V).max()  # rounding of the eigenvalues
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 5), st.floats(-6.0, 2.0), st.floats(-20.0, 20.0), st.integers(0, 2**31))
 def test_units_do_not_matter(n, log_c, log_scale, seed):
     """Oracle: theta scales as 1/P and V as P."""

@@ -106,7 +106,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 60), st.integers(0, 2**31))
 def test_mv_gives_every_row_the_bits_it_has_alone(layout, n, m, runs, seed):
     """Oracle: a batch of one, whatever the memory layout of the batch; shared and per-run matrices."""

@@ -171,7 +171,7 @@ def test_unique_means_that_the_face_is_a_point():
 numbers = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=numbers)
 def test_symmetries(seed):
     """Oracle: d + F c moves x by c; a factor of d, of all columns and of one group's place changes nothing else."""

@@ -132,7 +132,7 @@ def test_a_row_with_nan_is_alone(where, rng):
         assert alone[1][0] == loss[i] and np.isfinite(u[i]).all()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(-40, 40), st.integers(0, 2**32 - 1))
 def test_scaling_both_weights_changes_nothing(exponent, seed):
     """Oracle: powers of two are exact; the cost has their square."""

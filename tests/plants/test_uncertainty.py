@@ -35,7 +35,7 @@ def test_every_F_is_a_contraction_of_the_shape_asked_for(law):
 
 @example(low=-0.99, width=1.89, seed=0)  # -0.99 + (0.9 - -0.99) > 0.9
 @given(low=st.floats(-1, 1), width=st.floats(0, 2), seed=st.integers(0, 1000))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_bounds_within_one_stay_within_one_despite_rounding(low, width, seed):
     """Oracle: low <= delta <= high; one rounding of the size of 1 is allowed to `uniform` but never beyond 1."""
     high = min(1.0, round(low + width, 2))

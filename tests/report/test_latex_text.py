@@ -40,7 +40,7 @@ def test_by_hand(text, expected):
     assert to_latex(text) == expected
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.text(alphabet=HOSTILE, max_size=30))
 def test_nothing_of_a_text_is_active(text):
     """Braces are balanced, formulas are closed, and outside of them no special character is left."""
