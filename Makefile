@@ -5,7 +5,7 @@ EXTRAS ?= dev
 STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow dist-check smoke site docs lint type perf perf-large bytes clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
+.PHONY: help setup run test test-slow dist-check smoke site site-setup site-docs docs lint type perf perf-large bytes clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -35,6 +35,13 @@ smoke: setup  ## run every configuration at its small size (or CONFIGS='FILE ..'
 
 site: setup  ## write the pages of all stored experiments and their index into results/site
 	$(BIN)/rmpc-bench report $$(find results -name trials.sqlite -o -name claims.json | grep -v -e /site/ -e /smoke/ -e '~' -e '\.2' | xargs -n 1 dirname | sort -u) --to results/site
+
+site-setup:  ## install what the documentation site is built with (needs npm for its search and the font of its formulas)
+	$(MAKE) setup EXTRAS=dev,docs
+	npm install --silent --ignore-scripts --no-audit --no-fund --prefix $(VENV)/share/site-docs iframe-worker@1.0.4 @fontsource/stix-two-math@5.3.0
+
+site-docs:  ## build the documentation site in build/site-docs/site, without a network (after site-setup)
+	PYTHONPATH=tests $(BIN)/python -m docs.site build/site-docs
 
 docs: setup  ## make the generated parts of README and docs again
 	PYTHONPATH=tests $(BIN)/python -m docs.pages
