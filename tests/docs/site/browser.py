@@ -14,7 +14,7 @@ from typing import Any
 
 PROGRAM = shutil.which("chromium")
 FOUND = """(function f(root) {
-  let found = [...root.querySelectorAll('a')].map(a => a.href).filter(h => h.includes('?h=') || h.includes('?highlight='));
+  let found = [...root.querySelectorAll('a')].map(a => a.href).filter(h => h.includes('?h='));
   for (const e of root.querySelectorAll('*')) if (e.shadowRoot) found = found.concat(f(e.shadowRoot));
   return found;
 })(document)"""
@@ -35,7 +35,13 @@ class Browser:
         self.asked: list[str] = []
         self._answers, self._rest, self._count, self._session = answers, b"", 0, ""
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (commands, output)]
-        options = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", f"--user-data-dir={profile}"]
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--remote-debugging-pipe",
+            f"--user-data-dir={profile}",
+        ]
         command = ["bash", "-c", f'exec "$@" 3<&{ends[0]} 4>&{ends[1]}', "bash", PROGRAM or "chromium", *options]
         self._process = subprocess.Popen(command, pass_fds=ends, stderr=subprocess.DEVNULL)
         for end in (commands, output, *ends):
@@ -58,7 +64,9 @@ class Browser:
         """Send a command and return its result."""
         self._count += 1
         session = {"sessionId": self._session} if self._session else {}
-        os.write(self._input, json.dumps({"id": self._count, "method": method, "params": params, **session}).encode() + b"\0")
+        os.write(
+            self._input, json.dumps({"id": self._count, "method": method, "params": params, **session}).encode() + b"\0"
+        )
         while True:
             message = self._message()
             if message.get("method") == "Network.requestWillBeSent":

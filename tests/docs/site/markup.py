@@ -20,8 +20,20 @@ def math(text: str) -> str:
 
 
 def _formulas(part: str) -> str:
-    part = _BLOCK.sub(lambda found: f'\n<div class="formula">{mathml(found[1], "block")}</div>\n', part)
-    return _INLINE.sub(lambda found: mathml(found[1], "inline"), part)
+    part = _BLOCK.sub(lambda found: f'\n<div class="formula">{_lines(found[1])}</div>\n', part)
+    part = _INLINE.sub(lambda found: mathml(found[1], "inline"), part)
+    # At the begin of a line it would be a paragraph of its own.
+    return re.sub(r"^( {0,3})(<math.*?</math>)", r"\1<span>\2</span>", part, flags=re.MULTILINE)
+
+
+def _lines(formula: str) -> str:
+    """A formula as one or several, divided where it has a wide space, so that they may stand below each other."""
+    parts, depth = [""], 0
+    for piece in re.split(r"(\\q?quad\b|[{}]|\\(?:left|right|begin|end)\b)", " ".join(formula.split())):
+        depth += (piece in ("{", r"\left", r"\begin")) - (piece in ("}", r"\right", r"\end"))
+        parts += [""] * (piece in (r"\quad", r"\qquad") and not depth)
+        parts[-1] += piece
+    return " ".join(mathml(re.sub(r"^\\q?quad", "", part), "block") for part in parts)
 
 
 @cache

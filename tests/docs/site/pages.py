@@ -44,7 +44,7 @@ class Site:
     Attributes
     ----------
     texts : path of a page -> its Markdown, with links as docs/ has them
-    titles : path of a page -> its name in the navigation, at first its heading
+    titles : path of a page -> its name in the navigation, at first its heading up to a colon
     images : path of a picture -> the file it is copied from
     lost : links to files of docs/ or anchors that no page has, after `linked`
     """
@@ -71,7 +71,7 @@ class Site:
         prose = _FENCE.sub("", text)
         title = _HEADING.search(prose)
         self.texts[path] = text
-        self.titles[path] = re.sub(r"[`*]", "", title[1]) if title else path
+        self.titles[path] = re.sub(r"[`*]|:.*", "", title[1]) if title else path
         self._sources[path] = _file(source) if source else ""
         for name in _anchors(prose) if source and anchors else ():
             self._places.setdefault((_file(source), name), path)

@@ -14,6 +14,8 @@ TITLES = {
     "components": "components and registration",
     "types": "types",
 }
+WIDTH = 80
+"""Characters of a signature in one line."""
 
 
 def write(site: Site) -> None:
@@ -41,14 +43,42 @@ def _kind(name: str, module: str) -> str:
 
 
 def _described(name: str, module: str) -> str:
-    """Signature and docstring of a name."""
+    """Signature, docstring and methods of a name."""
     thing = getattr(rmpc_bench, name)
-    try:
-        signature = re.sub(r" at 0x[0-9a-f]+", "", str(inspect.signature(thing)).replace("rmpc_bench.", ""))
-    except (TypeError, ValueError):
-        signature = ""
     doc = inspect.cleandoc(thing.__doc__ or "")
     doc = re.sub(r"^(\w+)\n-{3,}$", r"**\1**\n", doc, flags=re.MULTILINE)
     doc = re.sub(r"^(>>> .*?)(?=\n\n|\Z)", r"```pycon\n\1\n```", doc, flags=re.MULTILINE | re.DOTALL)
-    doc = re.sub(r"^(\w+) : ", r"- `\1`: ", doc, flags=re.MULTILINE)
-    return f"## {name}\n\n```python\n{name}{signature}\n```\n\n{doc}\n\nDefined in `{module}`."
+    doc = re.sub(r"^([\w, ]+) : ", r"- `\1`: ", doc, flags=re.MULTILINE)
+    doc = re.sub(r"^(\w+(?:, \w+)*)\n {4}(?=\S)", r"- `\1`: ", doc, flags=re.MULTILINE)
+    call = f"```python\n{name}{_signature(thing)}\n```\n\n" if callable(thing) else ""
+    return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}Defined in `{module}`."
+
+
+def _signature(thing: object) -> str:
+    """Parameters of a callable, where they are many each in a line of its own."""
+    try:
+        text = str(inspect.signature(thing))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return ""
+    text = re.sub(r"(: |-> )(['\"])(.*?)\2(?=[,)]| =|$)", r"\1\3", text).replace("rmpc_bench.", "")
+    text = re.sub(r"<(?:function|object|factory).*?>+(?=[,)])", "...", text)
+    first, end = text[1:].rpartition(")")[::2]
+    parts, depth = [""], 0
+    for piece in re.split(r"(, |[\[\](){}])", first):
+        depth += (piece in "[({" and piece != "") - (piece in "])}" and piece != "")
+        parts += [""] if piece == ", " and not depth else []
+        parts[-1] += "" if piece == ", " and not depth else piece
+    return text if len(text) < WIDTH else "(\n    " + ",\n    ".join(parts) + f",\n){end}"
+
+
+def _methods(thing: object) -> str:
+    """A line for every public method and property of a class that has a docstring."""
+    found = []
+    for name, each in vars(thing).items() if isinstance(thing, type) else ():
+        inner = getattr(each, "__func__", getattr(each, "fget", getattr(each, "func", each)))
+        doc = (
+            inspect.cleandoc(getattr(inner, "__doc__", "") or "").split("\n\n")[0] if inspect.isfunction(inner) else ""
+        )
+        if doc and not name.startswith("_"):
+            found.append(f"- `{name}{'()' * callable(each)}`: {' '.join(doc.split())}")
+    return "**Methods and properties**\n\n" + "\n".join(found) + "\n\n" if found else ""
