@@ -9,6 +9,8 @@ from pathlib import Path
 
 from docs.markdown import DOCS, MADE, ROOT
 
+FILES = "docs/files.md"
+"""The list of files, which is for those who change the program, is no page."""
 _FENCE = re.compile(r"(^ *```.*?^ *```$)", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)\s]+)\)")
@@ -127,10 +129,10 @@ class Site:
         if folder in ("results", "configs"):
             goal = f"experiments/{'/'.join(rest.removesuffix('.yaml').split('/')[:2])}.md"
             return self._checked(page, goal, "claims" * ("claims" in rest)) if goal in self.texts else ""
-        goal = self._places.get((file, anchor)) or self._places.get((file, ""), "")
-        if goal:
-            return self._checked(page, goal, anchor)
-        return self._lose(page, target) if file.startswith("docs/") and file.endswith(".md") else ""
+        exact, goal = self._places.get((file, anchor)), self._places.get((file, ""), "")
+        if exact or goal:
+            return self._checked(page, exact or goal, anchor) if exact or not anchor else self._lose(page, target)
+        return self._lose(page, target) if file.startswith("docs/") and file.endswith(".md") and file != FILES else ""
 
     def _checked(self, page: str, goal: str, anchor: str) -> str:
         """A page with an anchor, if it has that."""

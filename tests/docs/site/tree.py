@@ -17,51 +17,42 @@ PARTS = {
     "Explanation": "explanation",
 }
 """Name in the navigation -> folder."""
-WHOLE = {
-    "tutorial/first-comparison.md": "tutorial.md",
-    "tutorial/own-components.md": "own-components.md",
-    **{
-        f"how-to/{name}.md": f"{name}.md"
-        for name in (
-            "choose-an-estimator",
-            "coming-from",
-            "tuning",
-            "constraints",
-            "own-simulator",
-            "cluster",
-            "suite",
-            "python",
-            "security",
-            "examples",
-        )
-    },
-    **{f"explanation/{name}.md": f"{name}.md" for name in ("statistics", "design", "glossary")},
-    "experiments/numbers.md": "numbers.md",
+PLACES = {
+    "tutorial.md": "tutorial/first-comparison.md",
+    "own-components.md": "tutorial/own-components.md",
+    "choose-an-estimator.md": "how-to/choose-an-estimator.md",
+    "coming-from.md": "how-to/coming-from.md",
+    "statistics.md": "explanation/statistics.md",
+    "design.md": "explanation/design.md",
+    "glossary.md": "explanation/glossary.md",
+    "numbers.md": "experiments/numbers.md",
 }
-"""Page -> file of docs/."""
+"""File of docs/ -> page; those that are not named are in how-to, after these."""
 SPLIT = {
     "experiments.md": "how-to/experiments",
     "libraries.md": "how-to/libraries",
     "reference.md": "reference/configuration",
 }
 """File of docs/ -> folder of its pages."""
+ELSEWHERE = {"components.md", "reproductions.md", "suite.md", "files.md"}
+"""Files of docs/ that other modules add, and the list of files, which is for those who change the program."""
 
 
 def site() -> Site:
     """Return all pages."""
     made = Site()
     made.whole("index.md", "../README.md")
-    for path, name in WHOLE.items():
+    others = {file.name for file in DOCS.glob("*.md")} - {*PLACES, *SPLIT} - ELSEWHERE
+    for name, path in {**PLACES, **{name: f"how-to/{name}" for name in sorted(others)}}.items():
         if (DOCS / name).exists():
             made.whole(path, name)
     for name, folder in SPLIT.items():
         made.split(name, folder)
-    papers = sorted((DOCS / "methods").glob("*.md"))
-    for file in papers:
-        made.whole(f"explanation/papers/{file.name}", f"methods/{file.name}")
-    links = [f"- [{made.titles[path]}](/{path})" for path in (f"explanation/papers/{file.name}" for file in papers)]
-    made.add("explanation/papers/index.md", "# Equations of the papers\n\n" + "\n".join(links))
-    made.lead("files.md", "", "explanation/design.md")
+    papers = [f"explanation/papers/{file.name}" for file in sorted((DOCS / "methods").glob("*.md"))]
+    for path in papers:
+        made.whole(path, f"methods/{path.rpartition('/')[2]}")
+    links = "\n".join(f"- [{made.titles[path]}](/{path})" for path in papers)
+    made.add("explanation/papers/index.md", f"# Equations of the papers\n\n{links}")
     made.lead("methods", "", "explanation/papers/index.md")
     experiments.write(made)
     components.write(made)
