@@ -14,6 +14,10 @@ TITLES = {
     "components": "components and registration",
     "types": "types",
 }
+COMPONENTS = ("components", "config_file", "simulation")
+"""Folders whose functions are about components."""
+MANY = 20
+"""Parameters from which on a class is made by functions only, so that they are not described."""
 WIDTH = 80
 """Characters of a signature in one line."""
 
@@ -25,7 +29,7 @@ def write(site: Site) -> None:
     for name, module in rmpc_bench._PUBLIC.items():
         kind = _kind(name, module)
         parts[kind].append(_described(name, module))
-        names[kind].append(f"`{name}`")
+        names[kind].append(f"[`{name}`](/reference/python/{kind}.md#{name.lower()})")
     links = []
     for kind, title in TITLES.items():
         site.add(f"reference/python/{kind}.md", f"# Python: {title}\n\n" + "\n\n".join(parts[kind]))
@@ -37,9 +41,8 @@ def write(site: Site) -> None:
 def _kind(name: str, module: str) -> str:
     if name[0].isupper():
         return "types"
-    return (
-        "experiments" if module.split(".")[1] in ("config_file", "execution", "results", "publishing") else "components"
-    )
+    room = module.split(".")[1]
+    return "components" if room in COMPONENTS or name == "filter_data" else "experiments"
 
 
 def _described(name: str, module: str) -> str:
@@ -50,7 +53,9 @@ def _described(name: str, module: str) -> str:
     doc = re.sub(r"^(>>> .*?)(?=\n\n|\Z)", r"```pycon\n\1\n```", doc, flags=re.MULTILINE | re.DOTALL)
     doc = re.sub(r"^([\w, ]+) : ", r"- `\1`: ", doc, flags=re.MULTILINE)
     doc = re.sub(r"^(\w+(?:, \w+)*)\n {4}(?=\S)", r"- `\1`: ", doc, flags=re.MULTILINE)
-    call = f"```python\n{name}{_signature(thing)}\n```\n\n" if callable(thing) else ""
+    many = isinstance(thing, type) and _signature(thing).count("\n") > MANY
+    doc = re.sub(r"^\*\*Parameters\*\*\n.*?(?=^\*\*|\Z)", "", doc, flags=re.MULTILINE | re.DOTALL) if many else doc
+    call = f"```python\n{name}{_signature(thing)}\n```\n\n" if callable(thing) and not many else ""
     return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}Defined in `{module}`."
 
 
