@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from docs.markdown import DOCS, ROOT, anchor, code, heading, kept_figures, page, table, text
+from docs.markdown import DOCS, ROOT, anchor, heading, page, table, text
 
 from rmpc_bench.claims.claim import IDENTIFIERS, Finding
 from rmpc_bench.claims.markdown import number_text
@@ -15,8 +15,6 @@ from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 
 PAGE = DOCS / "reproductions.md"
-N_NUMBERS = 2
-"""Comparisons of a statement that are shown; claims.md has all."""
 PAPERS = {
     "zenere2018": "A. Zenere and M. Zorzi, On the coupling of Model Predictive Control and Robust Kalman "
     "Filtering (2018)",
@@ -29,11 +27,12 @@ PAPERS = {
 }
 INTRODUCTION = """# Reproductions
 
-What five papers state, and what this project finds, statement by statement. A finding is computed from the trials and
+What five papers state, and what we find, statement by statement. A finding is computed from the trials and
 compared with the one that the configuration records; `make papers` computes all of them again and stops at the first
-difference. A finding holds for the experiment as we interpret it. Where a paper leaves something open, the assumptions
-are listed with the claim (*claims* below), and the pages of the methods explain them. A statement that several
-configurations check has one finding, joined over all interpretations. There is no score per paper.
+difference. A finding holds for the experiment as we interpret it. Where a paper leaves something open, the claim in the
+configuration lists the assumptions, and the pages of the methods explain them. A statement that several configurations
+check has one finding, joined over all interpretations. There is no score per paper. The link behind a finding has its
+numbers, source and figures.
 
 | finding | meaning |
 | --- | --- |
@@ -50,8 +49,9 @@ configurations check has one finding, joined over all interpretations. There is 
 | equal to the digits printed | a number without Monte Carlo error agrees in every digit that the paper prints |
 | close, different | its relative difference is small (the claim names the limit), or it is not |
 
-Two numbers after a comparison are its left and its right side. [statistics.md](statistics.md) explains how intervals
-and verdicts are computed, [experiments.md](experiments.md) how claims are written.
+Two numbers after a comparison are its left and its right side, and brackets the interval of their difference.
+[statistics.md](statistics.md) explains how intervals and verdicts are computed, [experiments.md](experiments.md) how
+claims are written.
 
 **Versions.** Trials have the same bytes on Python 3.11, 3.12 and 3.13 with the same versions of the libraries. NumPy
 and SciPy bring OpenBLAS, and another version of it rounds differently: NumPy 2.5 in place of 2.4, or SciPy 1.18 in
@@ -77,8 +77,19 @@ TITLES = {
     "additional result": "Additional results",
     "suspected misprint": "Suspected misprints",
 }
-SYSTEMS = "benchmarks"
-FURTHER = {
+
+
+def _named(paper: str) -> str:
+    """Authors, title, year and identifier of a paper."""
+    return text(", ".join(filter(None, (PAPERS[paper], IDENTIFIERS.get(paper)))))
+
+
+GROUPS = {
+    **{paper: (paper, f"{_named(paper)}. [Equations and assumptions](methods/{paper}.md).") for paper in PAPERS},
+    "benchmarks": (
+        "Systems of the literature",
+        "Small systems, which other configurations use with `plant: {from: ..}`.",
+    ),
     "wkf2018": (
         "Wasserstein Kalman filter",
         "Fig. 5 of S. Shafieezadeh-Abadeh, V. Nguyen, D. Kuhn and P. Mohajerin Esfahani, Wasserstein Distributionally "
@@ -99,8 +110,9 @@ FURTHER = {
         "The example of Mayne, Seron and Rakovic, Robust model predictive control of constrained linear systems with "
         "bounded disturbances (2005), with claims of our own: the text of the paper was not at hand.",
     ),
+    "examples": ("Examples", "Experiments with functions or components of a user."),
 }
-"""Folder of further configurations -> title and introduction."""
+"""Folder of configurations -> title and introduction."""
 
 
 class Configuration(NamedTuple):
@@ -126,20 +138,24 @@ class Place(NamedTuple):
 
 def generated() -> str:
     """Return the page."""
-    papers = [part for paper in PAPERS for part in _paper(paper)]
-    return page(INTRODUCTION, _contents(), *papers, *_others())
+    parts = [part for group in GROUPS for part in (heading(2, GROUPS[group][0], group), *group_parts(group))]
+    links = ", ".join(f"[{title}](#{group})" for group, (title, _) in GROUPS.items())
+    return page(INTRODUCTION, f"Papers and other experiments: {links}.", *parts)
 
 
 def configurations(group: str) -> list[Configuration]:
     """Return the configurations of a folder, in the order of their statements: interpretations come last."""
-    found = []
-    for path in sorted((ROOT / "configs" / group).glob("*.yaml")):
-        data = plain(load(path))
-        results = ROOT / "results" / group / data["name"]
-        file = results / "claims.json"
-        claims = json.loads(file.read_text(encoding="utf-8"))["claims"] if file.exists() else []
-        found.append(Configuration(path, data, claims, results))
+    found = [configuration(path) for path in sorted((ROOT / "configs" / group).glob("*.yaml"))]
     return sorted(found, key=_is_of_interpretations)
+
+
+def configuration(path: Path) -> Configuration:
+    """Read a configuration and what is kept of its claims."""
+    data = plain(load(path))
+    results = ROOT / "results" / path.parent.relative_to(ROOT / "configs") / data["name"]
+    file = results / "claims.json"
+    claims = json.loads(file.read_text(encoding="utf-8"))["claims"] if file.exists() else []
+    return Configuration(path, data, claims, results)
 
 
 def _is_of_interpretations(configuration: Configuration) -> bool:
@@ -155,36 +171,27 @@ def statements(places: Iterable[Place]) -> list[list[Place]]:
     return list(groups.values())
 
 
-def _contents() -> str:
-    rows = []
-    for paper, title in PAPERS.items():
-        title = ", ".join(filter(None, (title, IDENTIFIERS.get(paper))))
-        where = f"[statements](#{paper}), [equations and assumptions](methods/{paper}.md)"
-        rows.append((paper, text(title), where))
-    further = [(group, text(title), f"[claims](#{group})") for group, (title, _) in FURTHER.items()]
-    return table(
-        ("paper", "title", "pages"), [*rows, (SYSTEMS, "Systems of the literature", f"[list](#{SYSTEMS})"), *further]
-    )
-
-
-def _paper(paper: str) -> list[str]:
-    found = configurations(paper)
-    parts = [heading(2, paper, paper), text(PAPERS[paper]) + f". [Equations and assumptions](methods/{paper}.md)."]
+def group_parts(group: str) -> list[str]:
+    """Introduction, statements by kind and configurations of a folder."""
+    found = configurations(group)
+    parts = [GROUPS[group][1]]
     places = [Place(each, claim) for each in found for claim in each.claims]
     for kind, title in TITLES.items():
-        groups = statements(place for place in places if place.claim["kind"] == kind)
-        if groups:
-            rows = [_row(paper, group) for group in groups]
-            parts += [f"### {title}", table(("statement", "source", "finding", "numbers", "where"), rows)]
-    return [*parts, "### Configurations", _overview(found)]
+        rows = [_row(group, each) for each in statements(place for place in places if place.claim["kind"] == kind)]
+        parts += [f"### {title}", table(("statement", "finding", "numbers"), rows)] if rows else []
+    links = ", ".join(f"[{each.name}](../{_relative(each.path)})" for each in sorted(found, key=lambda one: one.name))
+    return [*filter(None, parts), f"Configurations: {links}."]
 
 
-def _row(paper: str, places: Sequence[Place]) -> tuple[str, ...]:
+def _relative(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def _row(group: str, places: Sequence[Place]) -> tuple[str, ...]:
     first = places[0].claim
-    mark = f'<a id="{anchor(paper, first["id"])}"></a>' if first["id"] else ""
-    source = first["source"].removeprefix("additional result").removeprefix("suspected misprint").strip(" ,;:()")
-    links = "; ".join(_links(*place) for place in places)
-    return f"{mark}{text(first['statement'])}", text(source), _finding(places), _numbers(first), links
+    mark = f'<a id="{anchor(group, first["id"])}"></a>' if first["id"] else ""
+    links = [f"[{each.name}](../{_relative(each.results)}/claims.md)" for each, _ in places]
+    return f"{mark}{text(first['statement'])}", _finding(places), ", ".join(links)
 
 
 def _finding(places: Sequence[Place]) -> str:
@@ -204,75 +211,32 @@ def _words(claim: dict[str, Any]) -> str:
     return text(claim.get("words") or Finding(claim["finding"]).sentence)
 
 
-def _numbers(claim: dict[str, Any]) -> str:
-    """Main numbers of a claim: stated sizes, else the comparisons that decide its finding."""
-    found = [_size(size) for size in claim["sizes"]]
-    deciding = [each for each in claim["numbers"] if not each["holds"]]
-    shown = (deciding or claim["numbers"])[: max(N_NUMBERS - len(found), 0)]
-    found += [_comparison(each) for each in shown]
-    further = len(claim["numbers"]) - len(shown)
-    rest = [f"{further} more comparison{'s' if further > 1 else ''}"] if further > 0 and shown else []
-    if not found:
-        return text(claim["reason"] or next(iter(claim["assumptions"]), ""))
-    return "; ".join([*found, *rest]) + _basis(claim)
-
-
-def _basis(claim: dict[str, Any]) -> str:
+def claim_parts(claim: dict[str, Any]) -> list[str]:
+    """Statement, source, figures and finding of a claim, and a block with its numbers and what they rest on."""
+    source = claim["source"].removeprefix("additional result").removeprefix("suspected misprint").strip(" ,;:()")
+    figures = ", ".join(claim.get("figures", ()))
+    where = "; ".join(filter(None, (text(source), f"figure {figures}" * bool(figures))))
+    mark = f'<a id="{claim["id"]}"></a>' if claim["id"] else ""
+    line = f"{mark}**{text(claim['statement'])}.** {f'({where}): ' if where else ''}**{_words(claim)}**."
+    lines = [*map(_size, claim["sizes"]), *map(_comparison, claim["numbers"])]
+    if not lines:
+        return [line + " " + text(claim["reason"] or next(iter(claim["assumptions"]), ""))]
     n = claim["n_runs"]
-    return f" ({n:,} run{'s' if n > 1 else ''})" if n else " (exact)"
+    basis = f"({n:,} run{'s' if n > 1 else ''})" if n else "(exact)"
+    return [line, "\n".join(["```text", *lines, basis, "```"])]
 
 
 def _comparison(numbers: dict[str, Any]) -> str:
     interval = numbers["interval"]
-    reach = float("nan") if interval is None or None in interval else (interval[1] - interval[0]) / 2
+    known = interval is not None and None not in interval
+    reach = (interval[1] - interval[0]) / 2 if known else float("nan")
     left, right = (number_text(float(numbers[side]), reach) for side in ("left", "right"))
-    where = f" at {text(numbers['at'])}" if numbers["at"] else ""
+    difference = f" [{', '.join(number_text(float(end), reach) for end in interval)}]" if known else ""
+    where = f" at {numbers['at']}" if numbers["at"] else ""
     word = {True: "", False: ", does not hold", None: ", inconclusive"}[numbers["holds"]]
-    return f"{code(' '.join(numbers['text'].split()))}{where}: {left} and {right}{word}"
+    return f"{' '.join(numbers['text'].split())}{where}: {left} and {right}{word}{difference}"
 
 
 def _size(size: dict[str, Any]) -> str:
     computed = number_text(float(size["computed"]))
-    return f"{code(' '.join(size['of'].split()))}: stated {text(str(size['stated']))}, computed {computed}"
-
-
-def _links(configuration: Configuration, claim: dict[str, Any] | None = None) -> str:
-    """Links to a configuration, its claims and the figure that git keeps, if a reader sees the statement there."""
-    found = [f"[{configuration.name}](../{configuration.path.relative_to(ROOT).as_posix()})"]
-    claims = configuration.results / "claims.md"
-    if configuration.claims:
-        found.append(f"[claims](../{claims.relative_to(ROOT).as_posix()})")
-    folder = (configuration.results / "figures").relative_to(ROOT).as_posix()
-    kept = [path for path in kept_figures() if path.startswith(f"{folder}/")]
-    # A claims.json of an earlier version does not name the figures of a claim.
-    shown = (claim or {}).get("figures", [Path(path).stem for path in kept])
-    found += [f"[figure](../{path})" for path in kept if Path(path).stem in shown]
-    found += [f"figure `{name}`" for name in shown if f"{folder}/{name}.svg" not in kept]
-    return ", ".join(found)
-
-
-def _overview(found: Sequence[Configuration]) -> str:
-    rows = []
-    for each in sorted(found, key=lambda one: one.name):
-        data = each.data
-        rows.append((_links(each), text(data.get("title", "")), text(data.get("summary", "")), f"{data['runs']:,}"))
-    return table(("configuration", "what is compared", "what was found", "runs"), rows)
-
-
-def _additional(group: str) -> list[str]:
-    """Claims and configurations of a folder."""
-    found = configurations(group)
-    groups = statements(Place(each, claim) for each in found for claim in each.claims)
-    rows = [_row(group, places) for places in groups]
-    header = ("statement", "source", "finding", "numbers", "where")
-    return [f"### {TITLES['additional result']}", table(header, rows), "### Configurations", _overview(found)]
-
-
-def _others() -> list[str]:
-    """Systems and examples, which reproduce no paper of the list."""
-    about = "Small systems of the literature, which other configurations use with `plant: {from: ..}`."
-    parts = [heading(2, "Systems of the literature", SYSTEMS), about, _overview(configurations(SYSTEMS))]
-    for group, (title, introduction) in FURTHER.items():
-        parts += [heading(2, title, group), introduction, *_additional(group)]
-    about = "Experiments with functions or components of a user, explained in [examples.md](examples.md)."
-    return [*parts, "## Examples", about, _overview(configurations("examples"))]
+    return f"{' '.join(size['of'].split())}: stated {size['stated']}, computed {computed}"
