@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -21,39 +22,6 @@ from scipy import stats
 PAGE = DOCS / "numbers.md"
 ROUNDING = 1e-6
 """Relative change of a value without a standard error that counts as moved; the files have six digits."""
-TEXTS = {
-    "every run": "No number of runs confirms a statement about every run, although these runs agree with it. The "
-    "largest value of all runs is not known, nor whether a share is 1. A share of runs, such as 98 %, can be confirmed.",
-    "few values": "Most runs have one value, or the same difference or ratio. So they do not bound what other runs may "
-    "have, and an equality may fail in a run that was not computed.",
-    "undecided": "Where some interpretations confirm a statement and the others are inconclusive, nothing contradicts "
-    "it.",
-    "none confirms": "A statement that no interpretation confirms is not confirmed. Before, it was called dependent on "
-    "the assumptions.",
-    "some inconclusive": "No interpretation confirms one statement, and one or more are inconclusive.",
-    "printed law": "x(0) follows the printed law (77), and the noise is used as printed. Before, x(0) was x_hat(0), "
-    "and noise outside its ellipsoid was moved to the boundary. Both laws are crossed in twelve interpretations.",
-    "new row": "A statement of the paper has a row: without uncertainty the predictor is the Kalman predictor.",
-    "other optimum": "The tuned radius of WKF is 64.42, not 76.2; the two objectives differ by 4e-5.",
-}
-"""Cause -> what it means."""
-CAUSES = {
-    "ma2025": ("printed law",),
-    "belda2017": ("none confirms",),
-    "belda2017/exp2": ("none confirms", "every run", "few values"),
-    **dict.fromkeys(
-        ("belda2017/windows", "ma2025/certificate", "servo-constrained/penalty"), ("every run", "few values")
-    ),
-    "souto2011/benchmarks": ("few values", "undecided"),
-    "souto2011/comparison": ("undecided",),
-    **dict.fromkeys(("belda2017/bursts", "belda2017/constrained", "belda2017/fig4"), ("every run",)),
-    **dict.fromkeys(("estimators/friction", "estimators/outliers", "mayne2005/tube"), ("every run",)),
-    **dict.fromkeys(("servo-constrained", "zenere2018/rivals", "zenere2018/sim1"), ("every run",)),
-    "souto2011/fig2": ("some inconclusive", "undecided"),
-    "souto2011/table": ("new row",),
-    "estimators/friction-tuned": ("other optimum",),
-}
-"""Configuration, or group of configurations -> why its numbers have moved."""
 
 
 class Moved(NamedTuple):
@@ -130,15 +98,15 @@ def only_in_one(old: pd.DataFrame, new: pd.DataFrame) -> str:
     return ", ".join(counts)
 
 
-def cause(name: str) -> str:
-    """Name why the numbers of a configuration have moved; the longest key that names it decides."""
-    found = [key for key in CAUSES if name == key or name.startswith(f"{key}/")]
+def cause(name: str, written: str) -> str:
+    """Return why the numbers of a configuration have moved: a person has written it below its heading on the page."""
+    found = re.search(rf"^## {re.escape(name)}\n\n(Cause: .+)$", written, re.MULTILINE)
     if not found:
-        raise SystemExit(f"{name} has moved: say why in CAUSES")
-    return f"Cause: *{'* and *'.join(CAUSES[max(found, key=len)])}*."
+        raise SystemExit(f"{name} has moved: say why on docs/numbers.md, as `Cause: ..` below its heading")
+    return found[1]
 
 
-def section(name: str, parts: Iterable[tuple[str, str, list[Moved]]]) -> str:
+def section(name: str, parts: Iterable[tuple[str, str, list[Moved]]], written: str) -> str:
     """Return the part of the page on one configuration, empty if nothing of it has moved."""
     lines = []
     for file, counts, rows in parts:
@@ -146,7 +114,7 @@ def section(name: str, parts: Iterable[tuple[str, str, list[Moved]]]) -> str:
             lines += [f"`{file}`" + (f" ({counts})" if counts else ""), ""]
         if rows:
             lines += [table(["Row", "Before", "Now"], [[text(cell) for cell in row] for row in rows]), ""]
-    return "\n".join([f"## {name}", "", cause(name), "", *lines]) if lines else ""
+    return "\n".join([f"## {name}", "", cause(name, written), "", *lines]) if lines else ""
 
 
 def main(revision: str) -> None:
@@ -156,6 +124,8 @@ def main(revision: str) -> None:
         found = subprocess.run(["git", "show", f"{revision}:{path}"], cwd=ROOT, capture_output=True, text=True)
         return found.stdout if found.returncode == 0 else None
 
+    written = PAGE.read_text(encoding="utf-8")
+    causes = re.search(r"^\| Cause \|.*?(?=\n\n)", written, re.MULTILINE | re.DOTALL)
     sections, same = [], 0
     for directory in sorted({path.parent for path in (ROOT / "results").glob("*/*/claims.json")}):
         parts = []
@@ -169,15 +139,15 @@ def main(revision: str) -> None:
             else:
                 old, new = pd.read_csv(io.StringIO(before)), pd.read_csv(path)
                 parts.append((file, only_in_one(old, new), list(moved_rows(old, new))))
-        made = section(f"{directory.parent.name}/{directory.name}", parts)
+        made = section(f"{directory.parent.name}/{directory.name}", parts, written)
         sections, same = [*sections, made] if made else sections, same + (not made)
-    head = HEAD.format(revision=revision, same=same, causes=table(["Cause", "Meaning"], TEXTS.items()))
+    head = HEAD.format(revision=revision, same=same, causes=causes[0] if causes else "")
     PAGE.write_text("\n".join([head, *sections]).rstrip() + "\n", encoding="utf-8")
 
 
 HEAD = """# Numbers that have moved
 
-<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; changes by hand are lost. -->
+<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; by hand only the causes. -->
 
 What is kept below `results/`, at `{revision}` and now (NUMERICS 3). A row of a table is listed where its number has
 moved by more than its standard error, or where its verdict is another one. A statement is listed where its finding is

@@ -5,6 +5,7 @@ import pytest
 
 from docs import numbers_page
 
+PAGE = numbers_page.PAGE.read_text(encoding="utf-8")
 SUMMARY = pd.DataFrame(
     {
         "point": [None, "a"],
@@ -32,6 +33,11 @@ COMPARED = pd.DataFrame(
 def test_a_mean_within_its_standard_error_has_not_moved():
     new = SUMMARY.assign(mean=[1.09, 2.11])
     assert list(numbers_page.moved_rows(SUMMARY, new)) == [("a, KF, mse", "2", "2.11")]
+
+
+def test_the_name_of_a_point_stands_for_lists_and_mappings():
+    frame = SUMMARY.assign(point=["a", None], noise=["{cov: 1}", "[1, 2]"])[["point", "noise", "method", "metric", "n"]]
+    assert [*numbers_page.keyed(frame, "metric").index] == ["a, KF, mse", "KF, mse"]
 
 
 def test_an_exact_value_moves_by_more_than_rounding():
@@ -63,4 +69,6 @@ def test_a_claim_moves_by_its_finding_or_an_inequality():
 def test_rows_of_one_state_are_counted_and_a_change_without_a_cause_is_refused():
     assert numbers_page.only_in_one(SUMMARY, SUMMARY.iloc[:1]) == "1 rows gone"
     with pytest.raises(SystemExit, match="nowhere/x has moved: say why"):
-        numbers_page.section("nowhere/x", [("summary.csv", "1 new rows", [])])
+        numbers_page.section("nowhere/x", [("summary.csv", "1 new rows", [])], PAGE)
+    made = numbers_page.section("ma2025/fig4", [("summary.csv", "1 new rows", [])], PAGE)
+    assert made.startswith("## ma2025/fig4\n\nCause: *printed law*.\n\n`summary.csv` (1 new rows)")
