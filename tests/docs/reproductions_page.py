@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from docs.markdown import DOCS, ROOT, anchor, heading, page, table, text
+from docs.markdown import DOCS, ROOT, anchor, filled, heading, table, text
 
 from rmpc_bench.claims.claim import IDENTIFIERS, Finding
 from rmpc_bench.claims.markdown import number_text
@@ -25,53 +25,6 @@ PAPERS = {
     "belda2017": "K. Belda and L. Pavelková, Online Tuned Model Predictive Control for Robotic Systems with Bounded "
     "Noise (2017)",
 }
-INTRODUCTION = """# Reproductions
-
-What five papers state, and what we find, statement by statement. A finding is computed from the trials and
-compared with the one that the configuration records; `make papers` computes all of them again and stops at the first
-difference. A finding holds for the experiment as we interpret it. Where a paper leaves something open, the claim in the
-configuration lists the assumptions, and the pages of the methods explain them. A statement that several configurations
-check has one finding, joined over all interpretations. There is no score per paper. The link behind a finding has its
-numbers, source and figures.
-
-| finding | meaning |
-| --- | --- |
-| confirmed | every comparison of the check holds, with its interval |
-| confirmed, in 1 of 8 cases | of a statement with "can" one case is enough, with "usually" more than half are needed |
-| confirmed, but below the margin of relevance | the direction is as stated; no difference reaches the margin |
-| confirmed, smaller (larger) effect | the direction is as stated, the size is outside its tolerance |
-| partially confirmed | some comparisons hold, some do not |
-| inconclusive | an interval contains the border; the runs that would decide are named |
-| depends on unstated assumptions | at least one admissible interpretation confirms it, and another one does not |
-| not confirmed | the check does not hold, and its interval does not contain the border |
-| not confirmed: confirmed under none of 7 interpretations | at least one of them contradicts it |
-| not testable | the experiment cannot show it; there is no check |
-| equal to the digits printed | a number without Monte Carlo error agrees in every digit that the paper prints |
-| close, different | its relative difference is small (the claim names the limit), or it is not |
-
-Two numbers after a comparison are its left and its right side, and brackets the interval of their difference.
-[statistics.md](statistics.md) explains how intervals and verdicts are computed, [experiments.md](experiments.md) how
-claims are written.
-
-**Versions.** Trials have the same bytes on Python 3.11, 3.12 and 3.13 with the same versions of the libraries. NumPy
-and SciPy bring OpenBLAS, and another version of it rounds differently: NumPy 2.5 in place of 2.4, or SciPy 1.18 in
-place of 1.17, changes values of quickstart and zenere2018/fig7 by at most 1.3e-14 (relative), and none of ma2025.
-`make dist-check` prints hashes of the trials for each Python and compares those with the same versions. Python 3.11,
-for which there is no NumPy 2.5, was compared once by hand. `rmpc-bench compare` prints differences of two results.
-
-**Reported covariances.** `rmpc-bench run configs/souto2011/comparison.yaml --runs 100 -s calibration=true`, and the
-same with wkf2018/fig5, ma2025/fig1-3 and zenere2018/sim1, give each filter a word, explained in
-[statistics.md](statistics.md#calibration-of-reported-covariances). A number is the size of the errors over the reported
-standard deviations. On souto2011 with delta on [-1, 1] the enhanced robust predictor is conservative, as a bound has to
-be: 0.64, and 0.70 when tuned. Designed for half of the uncertainty (ERP-state) it is conservative there, too, 0.90, but
-overconfident with delta at its extremes, 1.15: that uncertainty is outside of its design. The classic predictor is
-overconfident, 8.3, and with R = 100 V 100' 1.3. Sayed's filter, whose P is no bound, is overconfident, 1.6. LMMSE and
-oracle are calibrated. On wkf2018 the Kalman filter is calibrated at the small white uncertainty, 1.00, and
-overconfident at the large one, white 1.3 and frozen 2.5. The Wasserstein filter is conservative at the small white one,
-0.89, calibrated at the large white one, and overconfident, size uncertain, at the large frozen one, 1.12. On ma2025 the
-P of the mixed filter is that of the stochastic part of the error only, so that P alone is overconfident, 2.5; that of
-the Kalman filter, 3.5. On the nominal servomechanism of zenere2018 the noise is at most 0.03 of that of the design, and
-every filter is conservative. In Fig. 7 and 8 the plant has five states and the filters four: there is no x_hat - x."""
 TITLES = {
     "statement of the paper": "What the paper says",
     "additional result": "Additional results",
@@ -86,10 +39,7 @@ def _named(paper: str) -> str:
 
 GROUPS = {
     **{paper: (paper, f"{_named(paper)}. [Equations and assumptions](methods/{paper}.md).") for paper in PAPERS},
-    "benchmarks": (
-        "Systems of the literature",
-        "Small systems, which other configurations use with `plant: {from: ..}`.",
-    ),
+    "benchmarks": ("Systems of the literature", "Plants for other configurations: `plant: {from: ..}`."),
     "wkf2018": (
         "Wasserstein Kalman filter",
         "Fig. 5 of S. Shafieezadeh-Abadeh, V. Nguyen, D. Kuhn and P. Mohajerin Esfahani, Wasserstein Distributionally "
@@ -101,10 +51,7 @@ GROUPS = {
         "Experiments of our own with the estimators that the literature compares with. [tuning.md](tuning.md) explains "
         "how their parameters are chosen.",
     ),
-    "servo-constrained": (
-        "Servomechanism with constraints",
-        "Experiments of our own, explained in [constraints.md](constraints.md).",
-    ),
+    "servo-constrained": ("Servomechanism with constraints", "Explained in [constraints.md](constraints.md)."),
     "mayne2005": (
         "Tube predictive control",
         "The example of Mayne, Seron and Rakovic, Robust model predictive control of constrained linear systems with "
@@ -129,24 +76,24 @@ class Configuration(NamedTuple):
         return str(self.data["name"])
 
 
-class Place(NamedTuple):
-    """A claim in a configuration."""
-
-    configuration: Configuration
-    claim: dict[str, Any]
+Place = tuple[Configuration, dict[str, Any]]
+"""A configuration and a claim in it."""
 
 
 def generated() -> str:
-    """Return the page."""
+    """Return the page; its introduction is written by hand."""
     parts = [part for group in GROUPS for part in (heading(2, GROUPS[group][0], group), *group_parts(group))]
     links = ", ".join(f"[{title}](#{group})" for group, (title, _) in GROUPS.items())
-    return page(INTRODUCTION, f"Papers and other experiments: {links}.", *parts)
+    made = "\n\n".join([f"Papers and other experiments: {links}.", *parts])
+    return filled(PAGE.read_text(encoding="utf-8"), {"statements": lambda: made})
 
 
 def configurations(group: str) -> list[Configuration]:
     """Return the configurations of a folder, in the order of their statements: interpretations come last."""
     found = [configuration(path) for path in sorted((ROOT / "configs" / group).glob("*.yaml"))]
-    return sorted(found, key=_is_of_interpretations)
+    return sorted(
+        found, key=lambda one: any(each["ground"] for claim in one.claims for each in claim["interpretations"])
+    )
 
 
 def configuration(path: Path) -> Configuration:
@@ -158,26 +105,16 @@ def configuration(path: Path) -> Configuration:
     return Configuration(path, data, claims, results)
 
 
-def _is_of_interpretations(configuration: Configuration) -> bool:
-    """Whether it checks statements of another configuration under other interpretations."""
-    return any(each["ground"] for claim in configuration.claims for each in claim["interpretations"])
-
-
-def statements(places: Iterable[Place]) -> list[list[Place]]:
-    """Group claims by statement: those of one id are one statement."""
-    groups: dict[Any, list[Place]] = {}
-    for number, place in enumerate(places):
-        groups.setdefault(place.claim["id"] or number, []).append(place)
-    return list(groups.values())
-
-
 def group_parts(group: str) -> list[str]:
     """Introduction, statements by kind and configurations of a folder."""
     found = configurations(group)
     parts = [GROUPS[group][1]]
-    places = [Place(each, claim) for each in found for claim in each.claims]
     for kind, title in TITLES.items():
-        rows = [_row(group, each) for each in statements(place for place in places if place.claim["kind"] == kind)]
+        # Claims of one id are one statement.
+        statements: dict[Any, list[Place]] = {}
+        for place in ((each, claim) for each in found for claim in each.claims if claim["kind"] == kind):
+            statements.setdefault(place[1]["id"] or id(place[1]), []).append(place)
+        rows = [_row(group, places) for places in statements.values()]
         parts += [f"### {title}", table(("statement", "finding", "numbers"), rows)] if rows else []
     links = ", ".join(f"[{each.name}](../{_relative(each.path)})" for each in sorted(found, key=lambda one: one.name))
     return [*filter(None, parts), f"Configurations: {links}."]
@@ -188,21 +125,19 @@ def _relative(path: Path) -> str:
 
 
 def _row(group: str, places: Sequence[Place]) -> tuple[str, ...]:
-    first = places[0].claim
+    first = places[0][1]
     mark = f'<a id="{anchor(group, first["id"])}"></a>' if first["id"] else ""
     links = [f"[{each.name}](../{_relative(each.results)}/claims.md)" for each, _ in places]
     return f"{mark}{text(first['statement'])}", _finding(places), ", ".join(links)
 
 
 def _finding(places: Sequence[Place]) -> str:
-    joined = {place.claim["joined"] for place in places}
-    assert len(joined) == 1, [place.claim["id"] for place in places]
+    joined = {claim["joined"] for _, claim in places}
+    assert len(joined) == 1, [claim["id"] for _, claim in places]
     word = Finding(joined.pop()).sentence
-    here = {place.configuration.name: _words(place.claim) for place in places}
-    if len(here) == 1:
+    here = {each.name: _words(claim) for each, claim in places}
+    if len(here) == 1 or {*here.values()} == {word}:
         return f"**{next(iter(here.values()))}**"
-    if set(here.values()) == {word}:
-        return f"**{word}**"
     return f"**{word}**: {'; '.join(f'{words} in {name}' for name, words in here.items())}"
 
 

@@ -123,14 +123,11 @@ def systems_table() -> str:
             numbers = [interval(row, name, with_mean=name != "next") for name in ("rows", "plants", "clipped", "next")]
             won = "-" if method == BASELINE else f"{row.won:.0f}"
             effect = "-" if method == "KF" else f"{row.effect:.0f}"
-            cells = [
-                "1" if method == BASELINE else printed,
-                numbers[0].partition(" ")[2] or "1",
-                f"{row['median']:.3f}",
-            ]
-            rows.append((method, ("none", "direction")[number], effect, *cells, won, *numbers[1:]))
+            ratio, over = "1" if method == BASELINE else printed, numbers[0].partition(" ")[2] or "1"
+            cells = (effect, ratio, over, f"{row['median']:.3f}", won)
+            rows.append((method, ("none", "direction")[number], *cells, *numbers[1:]))
     n, plants = int(found.n_rows.iloc[0]), int(found.n_plants.iloc[0])
-    heads = (
+    heads = [
         "method",
         "information",
         "has an effect",
@@ -138,7 +135,7 @@ def systems_table() -> str:
         f"over {n} rows",
         "median row",
         "won",
-    )
+    ]
     more = (f"one vote per plant ({plants})", f"clipped to 1/{MOST:g}..{MOST:g}, per plant", "next plant")
     return table([*heads, *more], rows)
 
@@ -176,11 +173,7 @@ def left_out_table() -> str:
     return table(["left out", f"place of {BASELINE}", *methods], rows)
 
 
-TABLES: Mapping[str, Callable[[], str]] = {
-    "systems": systems_table,
-    "rows": rows_table,
-    "left-out": left_out_table,
-}
+TABLES: Mapping[str, Callable[[], str]] = {"systems": systems_table, "rows": rows_table, "left-out": left_out_table}
 
 
 def generated() -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-GENERATED = {"reference.md", "components.md", "reproductions.md"}
+GENERATED = {"reference.md", "components.md"}
 """Their sentences are those of docstrings, of the schema and of claims."""
 PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name not in GENERATED]
 LONGEST = 30

@@ -9,6 +9,7 @@ import pytest
 from docs.followed_page import follow
 from docs.suite_page import LEFT_OUT, NOT_APPLICABLE, ONE_PLANT, interval, kept, over_systems, row_logs, short, without
 
+from rmpc_bench import load_config
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
 
@@ -21,6 +22,12 @@ SET = ROOT / "configs" / "suite" / "suite-1.yaml"
 @pytest.fixture(scope="module")
 def tree():
     return plain(load(SET))
+
+
+def plant_of(row):
+    """Build the plant of a row of the set."""
+    overrides = ["methods={KF: {estimator: {kind: kalman}}}", "statistics={}", "claims=[]", "figures=[]"]
+    return load_config(SET.parent / row["plant.from"], overrides=overrides).experiment.plant
 
 
 def table(head):
@@ -39,11 +46,8 @@ def test_the_systems_of_the_page_are_those_of_the_set(tree):
 
 def test_sizes_and_uncertainty_of_the_page(tree):
     """Oracle: the plants that the configuration builds."""
-    from rmpc_bench import load_config
-
-    overrides = ["methods={KF: {estimator: {kind: kalman}}}", "statistics={}", "claims=[]", "figures=[]"]
     for row, cells in zip(tree["sweep"]["zip"], table("system"), strict=True):
-        plant = load_config(SET.parent / row["plant.from"], overrides=overrides).experiment.plant
+        plant = plant_of(row)
         assert cells[1] == f"{plant.nx}, {plant.ny}"
         law = row.get("plant.uncertainty", {"per": plant.uncertainty.per})
         if plant.system.over_time.H_A.any():
@@ -129,27 +133,18 @@ def test_the_place_of_the_baseline_depends_on_single_rows(first):
 def test_an_interval_over_systems_contains_its_mean_and_widens(first):
     """Equal ratios have no width, one more plant is less certain than the mean, and clipping acts."""
     found = over_systems(first.assign(geometric_pct=-20.0)).loc["WKF"]
-    assert {short(found[f"{name}{end}"]) for name in ("rows", "plants", "next") for end in ("_low", "", "_high")} == {
-        "0.80"
-    }
+    ends = [f"{name}{end}" for name in ("rows", "plants", "next") for end in ("_low", "", "_high")]
+    assert {short(found[end]) for end in ends} == {"0.80"}
     found = over_systems(first)
     assert (found.next_high >= found.clipped_high).all() and (found.next_low <= found.clipped_low).all()
-    assert over_systems(first.assign(geometric_pct=900.0)).loc["WKF", ["plants", "clipped"]].round(9).tolist() == [
-        10,
-        4,
-    ]
+    far = over_systems(first.assign(geometric_pct=900.0)).loc["WKF"]
+    assert (round(far.plants, 9), round(far.clipped, 9)) == (10, 4)
 
 
-def test_sayed_is_the_kalman_filter_where_the_page_says_so():
+def test_sayed_is_the_kalman_filter_where_the_page_says_so(tree):
     """Oracle: the matrices of the plants, C H_A = 0; and the kept means of both filters."""
-    from rmpc_bench import load_config
-
-    overrides = ["methods={KF: {estimator: {kind: kalman}}}", "statistics={}", "claims=[]", "figures=[]"]
-    rows = []
-    for row in plain(load(SET))["sweep"]["zip"]:
-        system = load_config(SET.parent / row["plant.from"], overrides=overrides).experiment.plant.system.over_time
-        if not np.any(system.C @ system.H_A):
-            rows.append(row["name"])
+    systems = {row["name"]: plant_of(row).system.over_time for row in tree["sweep"]["zip"]}
+    rows = [name for name, system in systems.items() if not np.any(system.C @ system.H_A)]
     assert {*rows} == {*NOT_APPLICABLE["Sayed"]}
     means = kept("summary.csv").pivot(index=["name", "noise"], columns="method", values="mean")
     assert {*means.index[(means.Sayed == means.KF).to_numpy()].get_level_values("name")} == {*rows}
@@ -163,21 +158,14 @@ def test_the_table_says_where_a_filter_has_no_effect():
     assert [name for name, row in rows.items() if row[1] == "direction"] == [*rows][-2:] == ["KF-dir", "Sayed"]
 
 
-def claims_of_the_readme(text):
-    """Numbers of the sentence on the suite: largest difference of eight filters and of Sayed, rows won by KF."""
-    found = re.search(
-        r"eight filters differ from KF-R by ([\d.]+) % at most, Sayed by ([\d.]+) %", " ".join(text.split())
-    )
-    won = re.search(r"\((\d+) of (\d+) rows won\)", " ".join(text.split()))
-    return [float(number) for number in found.groups()] + [int(number) for number in won.groups()]
-
-
 def test_the_sentence_of_the_readme_is_that_of_the_kept_numbers():
+    """Largest difference of eight filters and of Sayed, rows won by KF."""
     found = over_systems(kept())
-    off = 100 * (found["median"] - 1).abs().drop("KF-R")
-    stated = claims_of_the_readme((ROOT / "README.md").read_text(encoding="utf-8"))
-    kf = found.loc["KF"]
-    assert stated == [round(off.drop("Sayed").max(), 1), round(off["Sayed"]), kf.won, kf.n_rows] and kf.won == 0
+    off, kf = 100 * (found["median"] - 1).abs().drop("KF-R"), found.loc["KF"]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    most = off.drop("Sayed").max()
+    assert f"eight filters differ from KF-R by {most:.1f} % at most, Sayed by {off['Sayed']:.0f} %" in readme
+    assert f"({kf.won:.0f} of {kf.n_rows:.0f} rows won)" in readme and kf.won == 0
     assert "2.3 %" in TEXT and off.drop("Sayed").size == 8
     others = found.drop("KF-R")
     for name in ("rows", "plants", "clipped"):
@@ -185,53 +173,38 @@ def test_the_sentence_of_the_readme_is_that_of_the_kept_numbers():
     assert found.ratio.idxmin() == "KF-dir" and without(kept(), ONE_PLANT[1:]).index[0] == "KF-R"
 
 
-def test_numbers_in_the_sentences_of_the_page():
-    """Of simon-motor, wang2021-fixed, sayed2001 and of the ends of ranges, from the kept tables."""
-    text = " ".join(TEXT.split())
-    means = kept("summary.csv").pivot(index=["name", "noise"], columns="method", values="mean")
-    of_motor = [
-        f"{means.KF['simon-motor', noise]:.3f}" for noise in ("as modelled", "scaled", "heavy-tailed", "biased")
-    ]
-    assert f"{', '.join(of_motor[:3])} and {of_motor[3]} in the four noise worlds" in text
-    fixed = means.loc["wang2021-fixed", "as modelled"]
-    assert f"errors are {fixed['KF-dir']:.0f} and {fixed.Sayed:.0f}" in text
-    assert f"`KF-R` is {fixed['KF-R']:,.0f} and that of `KF` {fixed.KF:,.0f}" in text
-    here, methods = means.loc["sayed2001", "as modelled"], ("KF-dir", "Sayed", "WKF")
-    compared = kept()
-    factors = (
-        1
-        + compared[(compared["name"] == "sayed2001") & (compared.noise == "as modelled")]
-        .set_index("method")
-        .geometric_pct
-        / 100
-    )
-    ratios = [f"{here[name] / here['KF-R']:.2f} (`{name}`)" for name in methods]
-    assert f"of the means are {ratios[0]}, {ratios[1]} and {ratios[2]}" in text
-    shown = [f"{factors[name]:.2f}" for name in methods]
-    assert f"geometric means are {shown[0]}, {shown[1]} and {shown[2]}" in text
-    tails = (
-        1
-        + compared[compared.noise == "heavy-tailed"].pivot(index="name", columns="method", values="geometric_pct") / 100
-    )
-    mean, middle = np.exp(np.log(tails).mean()), tails.median()
-    assert f"`huber` and `student` are {mean.huber:.2f} and {mean.student:.2f}, which" in text
-    assert f"{middle.huber:.2f}" == f"{middle.student:.2f}" and f"row is {middle.huber:.2f} for both" in text
-    others = (np.log(tails).drop("simon-motor")).mean()
-    assert abs(others.huber) < 0.05 and abs(others.student) < 0.05
+def sentences_from_the_tables():
+    """Of simon-motor, wang2021-fixed, sayed2001 and of the ends of ranges."""
+    means = kept("summary.csv").pivot(index=["noise", "name"], columns="method", values="mean")
+    factors = 1 + kept().pivot(index=["noise", "name"], columns="method", values="geometric_pct") / 100
+    motor = "{as modelled:.3f}, {scaled:.3f}, {heavy-tailed:.3f} and {biased:.3f} in the four noise worlds"
+    yield motor.format(**means.KF.xs("simon-motor", level="name"))
+    fixed, here = (means.loc["as modelled", name] for name in ("wang2021-fixed", "sayed2001"))
+    yield "errors are {KF-dir:.0f} and {Sayed:.0f}".format(**fixed)
+    yield "`KF-R` is {KF-R:,.0f} and that of `KF` {KF:,.0f}".format(**fixed)
+    yield "means are {KF-dir:.2f} (`KF-dir`), {Sayed:.2f} (`Sayed`) and {WKF:.2f} (`WKF`)".format(**here / here["KF-R"])
+    shown = factors.loc["as modelled", "sayed2001"]
+    yield "geometric means are {KF-dir:.2f}, {Sayed:.2f} and {WKF:.2f}".format(**shown)
+    logs = np.log(factors.loc["heavy-tailed"])
+    yield "`huber` and `student` are {huber:.2f} and {student:.2f}, which".format(**np.exp(logs.mean()))
+    for name in ("huber", "student"):
+        yield f"row is {np.exp(logs[name].median()):.2f} for both"
+        assert abs(logs[name].drop("simon-motor").mean()) < 0.05
     outliers = pd.read_csv(ROOT / "results" / "estimators" / "outliers" / "summary.csv")
-    outliers = outliers[(outliers.name == "10 % outliers") & (outliers.metric == "estimation_mse")].set_index("method")[
-        "mean"
-    ]
-    assert "{huber:.0f} and {student:.0f} against {KF-R:.0f} with 10 % outliers".format(**outliers) in text
+    outliers = outliers.query("name == '10 % outliers' and metric == 'estimation_mse'").set_index("method")["mean"]
+    yield "{huber:.0f} and {student:.0f} against {KF-R:.0f} with 10 % outliers".format(**outliers)
     ends = kept("tuning.csv").end_of_range
-    assert f"{int(ends.sum())} of {len(ends)}" in text
-    logs = row_logs(compared)
+    yield f"{int(ends.sum())} of {len(ends)}"
+    logs = row_logs(kept())
+    yield f"factors of up to {round(float(np.exp(logs.max().max())), -3):,.0f}"
     for name in ("student", "huber"):
         logs.loc["simon-motor", name] = logs.loc["simon-motor", "KF"]
-    as_kf = np.exp(logs.mean())
-    assert f"would be {as_kf.student:.2f} and {as_kf.huber:.2f}, below the {as_kf.KF:.2f} of `KF`" in text
-    largest = float(np.exp(row_logs(compared).max().max()))
-    assert f"factors of up to {round(largest, -3):,.0f}" in text
+    yield "would be {student:.2f} and {huber:.2f}, below the {KF:.2f} of `KF`".format(**np.exp(logs.mean()))
+
+
+def test_numbers_in_the_sentences_of_the_page():
+    text = " ".join(TEXT.split())
+    assert [sentence for sentence in sentences_from_the_tables() if sentence not in text] == []
 
 
 def test_systems_that_are_not_quadratically_stable():

@@ -32,8 +32,8 @@ def write(site: Site) -> None:
             parts = [f"# {papers.GROUPS[group][0]}", *parts, "## Experiments", cards(group, found, with_titles=True)]
             site.add(f"experiments/{group}/index.md", "\n\n".join(parts), "reproductions.md")
             site.lead("reproductions.md", group, f"experiments/{group}/index.md")
-    links = "\n".join(f"- [{title}](/experiments/{group}/index.md)" for group, (title, _) in papers.GROUPS.items())
-    site.add("experiments/reproductions.md", f"{papers.INTRODUCTION}\n\n{links}", "reproductions.md")
+    (_, introduction), *_ = sections((DOCS / "reproductions.md").read_text(encoding="utf-8"))
+    site.add("experiments/reproductions.md", introduction, "reproductions.md")
     site.lead("reproductions.md", "", "experiments/reproductions.md")
     _suite(site)
     site.add("experiments/index.md", gallery(groups), "reproductions.md", anchors=False)
