@@ -100,7 +100,7 @@ def results_parts(rows: Sequence[Mapping[str, str]]) -> list[str]:
         lines.append((*cells, row["verdict"].replace("-size", ", size").replace("-", " ")))
     average = " or ".join(sorted({row["average"] for row in rows} - {""}))
     heads = (*axes, "method", *several, "change [%]", *["not adjusted"] * adjusted, "won/lost/tied", "verdict")
-    about = f"{', '.join(metrics)} against {', '.join(sorted({row['baseline'] for row in rows}))}"
+    about = f"Change of {', '.join(metrics)} against {', '.join(sorted({row['baseline'] for row in rows}))}"
     more = f"The first {N_ROWS} of {len(rows)} comparisons." * (len(rows) > N_ROWS)
     return ["## Results", f"{text(about)}{f' ({average})' if average else ''}.", table(heads, lines), more]
 
