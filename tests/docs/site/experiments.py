@@ -21,6 +21,9 @@ OF_SUITE = "What suite-1 can say"  # section of docs/suite.md about results, not
 
 def write(site: Site) -> None:
     """Add the pages below experiments/, and the guide of the suite."""
+    (_, introduction), *_ = sections((DOCS / "reproductions.md").read_text(encoding="utf-8"))
+    site.add("experiments/reproductions.md", introduction, "reproductions.md")
+    site.lead("reproductions.md", "", "experiments/reproductions.md")
     groups = shipped()
     for group, found in groups.items():
         for each in found:
@@ -32,9 +35,6 @@ def write(site: Site) -> None:
             parts = [f"# {papers.GROUPS[group][0]}", *parts, "## Experiments", cards(group, found, with_titles=True)]
             site.add(f"experiments/{group}/index.md", "\n\n".join(parts), "reproductions.md")
             site.lead("reproductions.md", group, f"experiments/{group}/index.md")
-    (_, introduction), *_ = sections((DOCS / "reproductions.md").read_text(encoding="utf-8"))
-    site.add("experiments/reproductions.md", introduction, "reproductions.md")
-    site.lead("reproductions.md", "", "experiments/reproductions.md")
     _suite(site)
     site.add("experiments/index.md", gallery(groups), "reproductions.md", anchors=False)
 
@@ -86,15 +86,15 @@ def comparisons(results: Path) -> list[dict[str, str]]:
 
 
 def results_parts(rows: Sequence[Mapping[str, str]]) -> list[str]:
-    """Table of the first comparisons: change with its interval, runs won, lost and tied, and verdict."""
+    """Table of the first comparisons, point by point: change with its interval, runs won, lost and tied, verdict."""
     if not rows:
         return []
     axes, metrics = _axes(rows), sorted({row["metric"] for row in rows})
-    adjusted = any(row.get("adjusted_form") for row in rows)
-    several = ["metric"] * (len(metrics) > 1)
+    adjusted, several = any(row.get("adjusted_form") for row in rows), ["metric"] * (len(metrics) > 1)
     lines = []
-    for row in rows[:N_ROWS]:
-        cells = [text(row[key]) for key in (*axes, "method", *several)]
+    for row, before in zip(rows[:N_ROWS], [{}, *rows], strict=False):
+        told = axes if all(row[key] == before.get(key) for key in axes) else []
+        cells = [text(row[key]) * (key not in told) for key in (*axes, "method", *several)]
         plain = [_change(row, row["average"]) if row.get("adjusted_form") else ""] if adjusted else []
         cells += [_change(row), *plain, f"{row['won']}/{row['lost']}/{row['tied']}"]
         lines.append((*cells, row["verdict"].replace("-size", ", size").replace("-", " ")))
@@ -124,8 +124,7 @@ def _change(row: Mapping[str, str], average: str = "") -> str:
         stem = average or "difference"
         names = (stem if stem == "difference" else f"{stem}_pct", f"{stem}_low", f"{stem}_high")
     value, low, high = (f"{float(row[name]):.4g}" if row[name] else "" for name in names)
-    unit = " (difference)" if row["average"] == "difference" else ""
-    return f"{value} \\[{low}, {high}\\]{unit}" if value else ""
+    return f"{value} \\[{low}, {high}\\]{' (difference)' * (row['average'] == 'difference')}" if value else ""
 
 
 def _picture(experiment: Experiment) -> str:
