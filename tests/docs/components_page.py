@@ -1,11 +1,19 @@
-"""docs/components.md: every component with its texts and keys, from docstrings and signatures."""
+"""docs/components.md and docs/components/GROUP/KIND.md: a page per component and per group, from docstrings and signatures.
+
+A plant and a design model of one name share the page of the plant.
+"""
 
 from __future__ import annotations
 
-import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+from pathlib import Path
 
+from docs.component_texts import SHARED_BY, module_text, sharing, texts
 from docs.equations import EQUATIONS
-from docs.markdown import DOCS, anchor, heading, kept_figures, key_table, page, table, text
+from docs.examples_of_kinds import examples, users
+from docs.markdown import DOCS, anchor, kept_figures, key_table, page, table, text
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
@@ -13,21 +21,18 @@ from rmpc_bench.config_file.tree import SHORT_FORMS
 from rmpc_bench.extras import NEEDED_BY
 from rmpc_bench.schema.manual import Manual, manual_of, shared_keys
 
-PAGE = DOCS / "components.md"
-_LABEL = re.compile(r"([A-Z][a-z]+) +(?=\S)")
-_INDENT = 8
-"""Column at which the text of a labelled paragraph of a module begins."""
-_TERM = re.compile(r"(`?[a-z][a-z-]*`?) {2,}(?=\S)")
-_PAPER = re.compile(r"\b[a-z]+\d{4}\b")
+INDEX = DOCS / "components.md"
+FOLDER = DOCS / "components"
 INTRODUCTION = """# Components
 
-What a configuration may name: plants, design models, estimators, controllers, references, inputs, noise laws, metrics
-and figures. `rmpc-bench describe GROUP/NAME` shows the same text on the screen, and `rmpc-bench list KIND` the names,
-those of installed packages included. [own-components.md](own-components.md) describes how to write one.
+What a configuration may name. `rmpc-bench describe GROUP/NAME` shows the same texts on the screen, and
+`rmpc-bench list KIND` the names, those of installed packages included. [own-components.md](own-components.md) describes
+how to write one, and [reference.md](reference.md) the keys that belong to no component.
 
 Names: x state, u input, y output, r reference, w process noise, v measurement noise, k index of the sample, N number of
-control periods, Ts sampling time, ' transposed. [glossary.md](glossary.md) explains the terms,
-[reference.md](reference.md) the keys of a configuration that belong to no component."""
+control periods, Ts sampling time, ' transposed. [glossary.md](glossary.md) explains the terms.
+
+An example is a whole configuration: save it as `example.yaml`, and `rmpc-bench run example.yaml` runs it."""
 PREFERRED = "zenere2018"
 """Paper whose figures are shown where there is a choice."""
 ABOUT = {
@@ -42,129 +47,143 @@ ABOUT = {
     "metrics": "One number per run, in the list `metrics`: `NAME`, or `{kind: NAME, name: COLUMN, ..}`.",
     "figures": "Pictures of the results, in the list `figures`: `NAME`, or `{kind: NAME, ..}`.",
 }
+WITH_FIGURE = ("plants", "models", "estimators", "controllers", "figures")
+JOINT = ("plants", "models")
+"""Groups whose components of one name share a page."""
 
 
-def generated() -> str:
-    """Return the page."""
-    return page(INTRODUCTION, _contents(), *(part for group in registry.BUILT_IN for part in _group(group)))
+def place(group: str, kind: str) -> str:
+    """Return the page of a component, below docs/components."""
+    shared = group in JOINT and kind in registry.BUILT_IN[JOINT[0]]
+    return f"{JOINT[0] if shared else group}/{kind}.md"
 
 
-def _contents() -> str:
+def pages() -> dict[Path, Callable[[], str]]:
+    """Return all pages with the functions that make their texts."""
+    kinds = {place(group, kind) for group, known in registry.BUILT_IN.items() for kind in known}
+    groups = {FOLDER / group / "index.md": partial(_group, group) for group in registry.BUILT_IN}
+    return {INDEX: _index, **groups, **{FOLDER / name: partial(_kind, *name[:-3].split("/")) for name in sorted(kinds)}}
+
+
+def _index() -> str:
     rows = []
     for group, kinds in registry.BUILT_IN.items():
-        links = ", ".join(f"[{kind}](#{anchor(group, kind)})" for kind in sorted(kinds))
-        rows.append((f"[{group}](#{group})", links))
-    return table(("group", "names"), rows)
+        links = ", ".join(f"[{kind}](components/{place(group, kind)})" for kind in sorted(kinds))
+        rows.append((f"[{group}](components/{group}/index.md)", links))
+    return page(INTRODUCTION, table(("group", "names"), rows))
 
 
-def _group(group: str) -> list[str]:
-    title = group.capitalize() if group != "noises" else "Noises"
-    shared = shared_keys(group)
-    common = [f"Every {registry.singular(group)} has these keys beside its own:", key_table(shared)] if shared else []
-    components = [part for kind in sorted(registry.BUILT_IN[group]) for part in _component(group, kind)]
-    return [f"## {title}", ABOUT[group], *common, *components]
+def _group(group: str) -> str:
+    """The kinds of a group in a line each, and what several of them have in common."""
+    kinds = sorted(registry.BUILT_IN[group])
+    rows = [(f"[{kind}](../{place(group, kind)})", text(registry.SHORT[group][kind])) for kind in kinds]
+    every, several = key_table(shared_keys(group)), _shared_rows(group)
+    keys = [f"Every {registry.singular(group)} has these keys:", every] if shared_keys(group) else []
+    keys += [f"Several {group} have these keys:", table(_HEADS, ()) + "\n" + "\n".join(several)] if several else []
+    modules = {tuple(sharing(manual)): module_text(manual) for manual in map(partial(_manual, group), kinds)}
+    common = [
+        f"- {', '.join(f'`{kind}`' for kind in named)}: {about}"
+        for named, about in modules.items()
+        if len(named) >= SHARED_BY and about
+    ]
+    return page(
+        f"# {group.capitalize()}", ABOUT[group], table(("name", "what it is"), rows), "\n".join(common),
+        *(["## Keys", *keys] if keys else []),
+    )  # fmt: skip
 
 
-def _component(group: str, kind: str) -> list[str]:
-    manual = manual_of(group, kind, registered_design(group, kind))
-    keys = [key_table(manual.keys)] if manual.keys else ["It has no keys."]
+def _kind(group: str, kind: str) -> str:
+    """One component, or a plant and a design model of one name."""
+    groups = [each for each in (JOINT if group in JOINT else (group,)) if kind in registry.BUILT_IN[each]]
+    common = {*_rows(JOINT[0], kind)} & {*_rows(JOINT[1], kind)} if len(groups) == 2 else set()
+    parts = []
+    for each in groups:
+        title = f"## As a {'plant' if each == 'plants' else 'design model'}"
+        parts += [f'<a id="{anchor(each, kind)}"></a>\n\n{title}'] if len(groups) == 2 else []
+        parts += _component(each, kind, common)
+    both = [row for row in _rows(group, kind) if row in common]
+    parts += ["## Keys of both", table(_HEADS, ()) + "\n" + "\n".join(both)] if both else []
+    home = ", ".join(f"[{each.capitalize()}](../{each}/index.md)" for each in groups)
+    return page(f"# {kind}", home, *parts, *_in_use([(each, kind) for each in groups]))
+
+
+_HEADS = ("key", "type", "default", "unit", "meaning")
+
+
+def _component(group: str, kind: str, elsewhere: set[str]) -> list[str]:
+    """Texts and keys of a component; rows that stand elsewhere on the page are left out."""
+    manual = _manual(group, kind)
     examples = [f"```pycon\n{manual.examples}\n```"] if ">>>" in manual.examples else []
     form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
     short = [f"Short form: {form}"] if form else []
     extra = NEEDED_BY.get((group, kind))
-    short += [f"Needs a library: `pip install '.[{extra}]'`; see [libraries.md](libraries.md)."] if extra else []
+    short += [f"Needs a library: `pip install '.[{extra}]'`; see [libraries.md](../../libraries.md)."] if extra else []
     equation = EQUATIONS.get((group, kind), "")
     formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
-    return [heading(3, kind, group, kind), *_texts(manual, formula), *_picture(group, kind), *short, *keys, *examples]
+    return [*texts(manual, formula), *short, *_keys(group, kind, elsewhere), *examples]
 
 
-def _picture(group: str, kind: str) -> list[str]:
-    """A figure of this kind among those that git keeps."""
-    kept = [path for path in kept_figures() if group == "figures" and path.endswith(f"/{kind}.svg")]
-    shown = min(kept, key=lambda path: (PREFERRED not in path, path), default="")
-    experiment = "/".join(shown.split("/")[1:3])
-    return [f"![{kind} of {experiment}](../{shown})", f"Figure of {experiment}."] if shown else []
+def _keys(group: str, kind: str, elsewhere: set[str]) -> list[str]:
+    """Keys of a component, and the names of those whose rows stand on the page of its group."""
+    rows, shared = _rows(group, kind), _shared_rows(group)
+    own = [row for row in rows if row not in shared and row not in elsewhere]
+    names = [row.split("`")[1] for row in rows if row in shared]
+    names = [name for name in names if name.rpartition(".")[0] not in names]
+    keys = [table(_HEADS, ()) + "\n" + "\n".join(own)] if own else []
+    link = f"[{group}](../{group}/index.md#keys)"
+    if names:
+        keys += [f"{'Also' if keys else 'Keys'}, as other {link}: {', '.join(f'`{name}`' for name in names)}."]
+    return keys or ([] if rows else ["It has no keys."])
 
 
-def _texts(manual: Manual, formula: list[str]) -> list[str]:
-    """Paragraphs of the docstrings; the labelled ones of the module as a list."""
-    title, labelled = _labelled(manual.module)
-    items = [_item(label, words) for label, words in labelled]
-    labelled_items = "\n".join(items)
-    sharing = _sharing(manual)
-    if len(sharing) > 1:
-        about = f"The kinds {', '.join(f'`{kind}`' for kind in sharing)} share a module, which is described as follows:"
-        return [*_paragraphs(manual.text), *formula, about, *_paragraphs(title), labelled_items, *_methods(manual)]
-    return [*_paragraphs(title), *_paragraphs(manual.text), *formula, labelled_items, *_methods(manual)]
+def _in_use(components: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """An example of each component of a page, the experiments that use them, and a figure of one of them."""
+    shown = dict.fromkeys(part for each in components for part in _example(*each))
+    yield from ("## Example", *shown)
+    configs = list(dict.fromkeys(name for each in components for name in users().get(each, ())))
+    if configs:
+        yield "Used in " + ", ".join(f"[{name}](../../../configs/{name}.yaml)" for name in configs[:3]) + "."
+    group, kind = components[0]
+    of_kind = [path for path in kept_figures() if group == "figures" and path.endswith(f"/{kind}.svg")]
+    kept = of_kind or [path for name in configs for path in kept_figures() if path.startswith(f"results/{name}/")]
+    if kept and group in WITH_FIGURE:
+        figure = min(kept, key=lambda path: PREFERRED not in path)
+        yield f"![{kind} in {'/'.join(figure.split('/')[1:3])}](../../../{figure})"
 
 
-def _sharing(manual: Manual) -> list[str]:
-    """The kinds of the group that are in the same module."""
-    kinds = registry.BUILT_IN[manual.group]
-    modules = {kind: place.partition(":")[0] for kind, place in kinds.items()}
-    return sorted(kind for kind, module in modules.items() if module == modules[manual.kind])
+def _example(group: str, kind: str) -> list[str]:
+    """Files that name a component, or the command that runs a shipped one."""
+    if (group, kind) not in examples():
+        return [f"`rmpc-bench run {users()[group, kind][0]} --smoke`"]
+    found = examples()[group, kind]
+    files = [f"```{Path(name).suffix[1:]} {name}\n{content}```" for name, content in found.files.items()]
+    return [f"```yaml example.yaml\n{found.text}```", *files]
 
 
-def _item(label: str, words: str) -> str:
-    """A labelled paragraph as an item of a list; its terms are items below it, its equations are code."""
-    found: list[tuple[str, list[str]]] = [("prose", [])]
-    for line in words.split("\n"):
-        inner = line.removeprefix(" " * _INDENT)
-        term = _TERM.match(inner)
-        kind = "equation" if inner.startswith("    ") and found[-1][0] in ("prose", "equation") else "prose"
-        if term:
-            found.append(("term", [f"`{term[1].strip('`')}` {inner[term.end() :]}"]))
-        elif found[-1][0] == kind or (found[-1][0] == "term" and inner.startswith(" ")):
-            found[-1][1].append(inner)
-        else:
-            found.append((kind, [inner]))
-    (_, first), *rest = [(kind, lines) for kind, lines in found if "".join(lines).strip() or kind == "prose"]
-    parts = [f"- **{label}** {text(' '.join(first))}".rstrip()]
-    for kind, lines in rest:
-        if kind == "equation":
-            inner = "\n".join(f"  {line.strip()}" for line in lines)
-            parts.append(f"\n  ```text\n{inner}\n  ```\n")
-        else:
-            parts.append(f"  {'- ' if kind == 'term' else ''}{text(' '.join(lines))}")
-    return "\n".join(parts)
+@cache
+def _manual(group: str, kind: str) -> Manual:
+    return manual_of(group, kind, registered_design(group, kind))
 
 
-def _labelled(module: str) -> tuple[str, list[tuple[str, str]]]:
-    """Split the docstring of a module into its first part and its labelled paragraphs."""
-    first, *lines = module.split("\n")
-    title, found = [first], []
-    for line in lines:
-        label = _LABEL.match(line)
-        if label and label.end() == _INDENT:
-            found.append((label[1], [line[_INDENT:]]))
-        elif found and (line.startswith(" ") or not line):
-            found[-1][1].append(line)
-        else:
-            title.append(line)
-    return "\n".join(title), [(label, "\n".join(words)) for label, words in found]
+@cache
+def _rows(group: str, kind: str) -> list[str]:
+    """Rows of the table of keys; a default that is the name of the kind is written NAME."""
+    keys = [key._replace(default="NAME") if key.default == kind else key for key in _manual(group, kind).keys]
+    return key_table(keys).split("\n")[2:]
 
 
-def _paragraphs(doc: str) -> list[str]:
-    """Paragraphs of a docstring; indented ones are code."""
-    found = []
-    for paragraph in re.split(r"\n\s*\n", doc.strip()):
-        indented = paragraph.startswith("    ")
-        found.append(f"```text\n{paragraph}\n```" if indented else text(paragraph))
-    return [each for each in found if each]
-
-
-def _methods(manual: Manual) -> list[str]:
-    """Links to the pages of the papers that the module names."""
-    papers = dict.fromkeys(_PAPER.findall(manual.module + manual.text))
-    links = [f"[{paper}](methods/{paper}.md)" for paper in papers if (DOCS / "methods" / f"{paper}.md").exists()]
-    return [f"All equations, assumptions and findings: {', '.join(links)}."] if links else []
+@cache
+def _shared_rows(group: str) -> list[str]:
+    """Rows that several kinds of a group have."""
+    counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
+    return [row for row, count in counts.items() if count >= SHARED_BY]
 
 
 def index() -> list[tuple[str, str]]:
     """Return every key of a component with a link to it, for the index of the reference."""
-    found = []
-    for group, kinds in registry.BUILT_IN.items():
-        for kind in kinds:
-            manual = manual_of(group, kind, registered_design(group, kind))
-            found += [(key.name, f"[{kind}](components.md#{anchor(group, kind)})") for key in manual.keys]
-    return found
+    return [
+        (key.name, f"[{kind}](components/{place(group, kind)})")
+        for group, kinds in registry.BUILT_IN.items()
+        for kind in kinds
+        for key in _manual(group, kind).keys
+    ]

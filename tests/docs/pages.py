@@ -19,7 +19,7 @@ from docs import (
 )
 
 PAGES: Mapping[Path, Callable[[], str]] = {
-    components_page.PAGE: components_page.generated,
+    **components_page.pages(),
     reference_page.PAGE: reference_page.generated,
     reproductions_page.PAGE: reproductions_page.generated,
     constraints_page.PAGE: constraints_page.generated,
@@ -33,10 +33,19 @@ PAGES: Mapping[Path, Callable[[], str]] = {
 """Page -> the function that makes its text."""
 
 
+def left_over() -> list[Path]:
+    """Return the pages of components that are no longer made."""
+    return sorted({*components_page.FOLDER.rglob("*.md")} - {*PAGES})
+
+
 def main() -> None:
-    """Write the pages that have changed."""
+    """Write the pages that have changed, and remove those of components that no longer exist."""
+    for path in left_over():
+        path.unlink()
+        print(f"removed {path.relative_to(ROOT)}")
     for path, make in PAGES.items():
         text = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
             print(f"written {path.relative_to(ROOT)}")

@@ -1,0 +1,109 @@
+"""Docstrings of a component as Markdown: paragraphs, labelled ones as a list, links to the pages of papers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from docs.markdown import DOCS, text
+
+from rmpc_bench import registry
+from rmpc_bench.schema.manual import Manual
+
+_LABEL = re.compile(r"([A-Z][a-z]+) +(?=\S)")
+_INDENT = 8
+"""Column at which the text of a labelled paragraph of a module begins."""
+_TERM = re.compile(r"(`?[a-z][a-z_-]*`?) {2,}(?=\S)")
+_PAPER = re.compile(r"\b[a-z]+\d{4}\b")
+SHARED_BY = 3
+"""Kinds with the same key or text from which on it stands on the page of their group only."""
+
+
+def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
+    """Return the paragraphs of a component: its own ones, its equation and those of its module.
+
+    The first line of a module is left out: that of the component says the same.  A part of the module that names
+    another kind of it is left out, too.
+    """
+    rest, labelled = _labelled(manual.module)
+    others = {*sharing(manual)} - {manual.kind}
+    items = [item for label, words in labelled for item in _item(label, words, others)]
+    about = [] if len(others) + 1 >= SHARED_BY else _paragraphs(rest)
+    return [*_paragraphs(manual.text), *about, *formula, "\n".join(items), *_methods(manual)]
+
+
+def module_text(manual: Manual) -> str:
+    """Return what the kinds of a module have in common, in one line, without its labelled paragraphs."""
+    return text(" ".join(_labelled(manual.module)[0].split()))
+
+
+def sharing(manual: Manual) -> list[str]:
+    """Return the kinds of the group that are in the same module."""
+    kinds = registry.BUILT_IN[manual.group]
+    modules = {kind: place.partition(":")[0] for kind, place in kinds.items()}
+    return sorted(kind for kind, module in modules.items() if module == modules[manual.kind])
+
+
+def _item(label: str, words: str, others: set[str]) -> Iterator[str]:
+    """A labelled paragraph as an item of a list; its terms are items below it, its equations are code."""
+    (_, first), *rest = _parts(words)
+    kept = [(kind, lines) for kind, lines in rest if kind != "term" or lines[0].split("`")[1] not in others]
+    opened = " ".join(first).strip()
+    if not opened and len(kept) == 1 < len(rest):
+        opened, kept = " ".join(kept[0][1]).partition("` ")[2], []
+    if opened or kept:
+        yield f"- **{label}** {text(opened)}".rstrip()
+    for kind, lines in kept:
+        if kind == "equation":
+            inner = "\n".join(f"  {line.strip()}" for line in lines)
+            yield f"\n  ```text\n{inner}\n  ```\n"
+        else:
+            yield f"  {'- ' if kind == 'term' else ''}{text(' '.join(lines))}"
+
+
+def _parts(words: str) -> list[tuple[str, list[str]]]:
+    """Prose, terms and equations of a labelled paragraph, the first one prose."""
+    found: list[tuple[str, list[str]]] = [("prose", [])]
+    for line in words.split("\n"):
+        inner = line.removeprefix(" " * _INDENT)
+        term = _TERM.match(inner)
+        kind = "equation" if inner.startswith("    ") and found[-1][0] in ("prose", "equation") else "prose"
+        if term:
+            found.append(("term", [f"`{term[1].strip('`')}` {inner[term.end() :]}"]))
+        elif found[-1][0] == kind or (found[-1][0] == "term" and inner.startswith(" ")):
+            found[-1][1].append(inner)
+        else:
+            found.append((kind, [inner]))
+    return [found[0], *((kind, lines) for kind, lines in found[1:] if "".join(lines).strip())]
+
+
+def _labelled(module: str) -> tuple[str, list[tuple[str, str]]]:
+    """Split the docstring of a module, without its first line, at its labelled paragraphs."""
+    _, *lines = module.split("\n")
+    title: list[str] = []
+    found: list[tuple[str, list[str]]] = []
+    for line in lines:
+        label = _LABEL.match(line)
+        if label and label.end() == _INDENT:
+            found.append((label[1], [line[_INDENT:]]))
+        elif found and (line.startswith(" ") or not line):
+            found[-1][1].append(line)
+        else:
+            title.append(line)
+    return "\n".join(title), [(label, "\n".join(words)) for label, words in found]
+
+
+def _paragraphs(doc: str) -> list[str]:
+    """Paragraphs of a docstring; indented ones are code."""
+    found = []
+    for paragraph in re.split(r"\n\s*\n", doc.strip()):
+        indented = paragraph.startswith("    ")
+        found.append(f"```text\n{paragraph}\n```" if indented else text(paragraph))
+    return [each for each in found if each]
+
+
+def _methods(manual: Manual) -> list[str]:
+    """Links to the pages of the papers that the module names."""
+    papers = dict.fromkeys(_PAPER.findall(manual.module + manual.text))
+    links = [f"[{paper}](../../methods/{paper}.md)" for paper in papers if (DOCS / "methods" / f"{paper}.md").exists()]
+    return [f"Equations, assumptions and findings: {', '.join(links)}."] if links else []
