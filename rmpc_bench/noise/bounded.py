@@ -1,12 +1,11 @@
 """Bounded noise: uniform in a box, at the corners of a box, and laws for an ellipsoid.
 
-Model   w = center + L u.  `uniform`: u in the box [-1, 1]^n.  `corners`: u at a corner of it.  `ellipsoid`: u in the
-        unit ball, L a root of the shape matrix M, so that (w - center)' M^-1 (w - center) <= 1.  A singular M gives a
-        flat ellipsoid.
-Source  ma2025, (1), (74), (75); Section V for the skewed cube.  A point of this cube may be outside the unit ball: the
-        key `outside` selects how it is treated.
-Limit   `ellipsoid` with skew 1/2 and outside `reject` is uniform in the ellipsoid.
-Sums    {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]} adds noises; each one has its own random stream.
+Model   `uniform`  w = center + L u, L diagonal, u uniform in the box [-1, 1]^n.
+        `corners`  w = center + L u, L diagonal, u at a corner of the box [-1, 1]^n.
+        `ellipsoid`  w = center + L u, u in the unit ball, L a root of the shape matrix M: (w - center)' M^-1
+          (w - center) <= 1.  A singular M gives a flat ellipsoid.
+Source  `ellipsoid`  ma2025, (1), (74), (75); Section V for the skewed cube.
+Limit   `ellipsoid`  with skew 1/2 and outside `reject` is uniform in the ellipsoid.
 Bursts  are time intervals in which the noise is larger.  The law then depends on k and has no moments `mean` and `cov`.
 """
 

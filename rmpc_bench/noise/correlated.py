@@ -1,11 +1,11 @@
 """Noise that is correlated over time: a random walk, and first-order coloured noise.
 
-Model   `drift`: w(0) = start, w(k) = w(k-1) + d(k), d(k) ~ N(0, D).  E (w(j) - start)(w(k) - start)' = min(j, k) D.
-        `coloured` (first-order Gauss-Markov): w(k) = mean + c(k), c(k+1) = a c(k) + sqrt(1 - a^2) d(k+1), c(0) = d(0),
-        d(k) ~ N(0, cov).  It is stationary: E c(j) c(k)' = a^|j - k| cov.  With a correlation time a = exp(-Ts/time).
-Moments of one sample: `drift` has the mean `start` and no constant covariance; `coloured` has `mean` and `cov`.
-        Neither is white, so that the exact moments of an experiment (`evaluate: moments`) are refused.
-Limit   a = 0 is `gaussian`.
+Model   `drift`  w(0) = start, w(k) = w(k-1) + d(k), d(k) ~ N(0, D).  E (w(j) - start)(w(k) - start)' = min(j, k) D.
+        `coloured`  w(k) = mean + c(k), c(k+1) = a c(k) + sqrt(1 - a^2) d(k+1), c(0) = d(0), d(k) ~ N(0, cov), with a
+          correlation time a = exp(-Ts/time).  Stationary: E c(j) c(k)' = a^|j - k| cov.
+Moments `drift`  mean `start`, no constant covariance; not white, so that `evaluate: moments` is refused.
+        `coloured`  `mean` and `cov`; not white, so that `evaluate: moments` is refused.
+Limit   `coloured`  a = 0 is `gaussian`.
 Source  Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 8.2.
 """
 

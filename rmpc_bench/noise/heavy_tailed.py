@@ -1,15 +1,18 @@
 """Heavy-tailed noise: Student's t, and normal noise with outliers.
 
-Model   `student-t`: w = mean + S t, where S is a root of the scale matrix and t = z / sqrt(c / dof) with z ~ N(0, I)
-        and c ~ chi-squared(dof), one c per coordinate or one for the whole vector.
-        `outliers`: w = mean + d, d ~ N(0, cov) with probability 1 - p, factor d with probability p (contaminated
-        normal).  A sample is an outlier in all coordinates or in none.
-Moments `student-t`: mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
-        `outliers`: covariance (1 - p + p factor^2) cov.
-Limit   dof -> infinity, p = 0 or factor = 1 is `gaussian`.
-Streams z is that of `gaussian` with the same stream.  c and the outliers come from a child of the generator, and the
-        outliers of a smaller p are among those of a larger one.
-Source  Lange, Little and Taylor, JASA 84 (1989); Tukey, A survey of sampling from contaminated distributions (1960).
+Model   `student-t`  w = mean + S t, S a root of the scale matrix, t = z / sqrt(c / dof), z ~ N(0, I),
+          c ~ chi-squared(dof), one c per coordinate or one for the whole vector.
+        `outliers`  w = mean + d, d ~ N(0, cov) with probability 1 - p, factor d with probability p (contaminated
+          normal).  A sample is an outlier in all coordinates or in none.
+Moments `student-t`  mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
+        `outliers`  covariance (1 - p + p factor^2) cov.
+Limit   `student-t`  dof -> infinity is `gaussian`.
+        `outliers`  p = 0 or factor = 1 is `gaussian`.
+Streams z is that of `gaussian` with the same stream.
+        `student-t`  c comes from a child of the generator.
+        `outliers`  outliers come from a child of the generator, and those of a smaller p are among those of a larger.
+Source  `student-t`  Lange, Little and Taylor, JASA 84 (1989).
+        `outliers`  Tukey, A survey of sampling from contaminated distributions (1960).
 """
 
 from __future__ import annotations

@@ -1,22 +1,21 @@
 """Laws that alter a signal in place of adding to it: rounding to a grid, missing and delayed samples.
 
-Model   y(k) is the output of the plant with all noise that adds to it.  The laws of `noise.measurement` that alter it
-        are applied after that, in the order of the list.
-        `quantised`: offset + step round((y - offset) / step); a tie goes to the even multiple.
-        `missing`: y(k) is NaN at random samples, a two-state Markov chain in its stationary law: a sample is missing
-        with `probability`, and missing samples come in gaps of `gap` on average.  With `every`: m a sample is there at
-        k = first + i m only.
-        `delayed`: the value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.  Wherever
-        `missing` stands in the list, it omits the sample when that is taken.
-Moments none: the error of rounding depends on y, and a missing measurement has no error.  For a step that is small
-        beside the change of y from sample to sample the error is close to uniform with the variance step^2 / 12.
-Limit   `missing` without `gap` has independent samples, where the mean length of a gap is 1 / (1 - probability).
-        `delayed` by 0 is no law.
-Streams `quantised` and constant delays draw nothing.  `missing` draws one number per sample (per sample and output with
-        `outputs: each`), and without `gap` the missing samples of a smaller probability are among those of a larger
-        one.  A random delay is one number per sample or run, the same for all outputs.
-Source  Widrow, Kollar and Liu, IEEE Trans. Instrum. Meas. 45 (1996) for the error; Gilbert, Bell Syst. Tech. J. 39
-        (1960) for the chain.
+Model   These laws are applied to y(k) after all noise that adds to it, in the order of the list.
+        `quantised`  offset + step round((y - offset) / step); a tie goes to the even multiple.
+        `missing`  y(k) is NaN at random samples, a stationary Markov chain of two states: a sample is missing with
+          `probability`, in gaps of `gap` samples on average.  With `every`: m a sample is there at k = first + i m
+          only.  Wherever it stands in the list, it omits the sample when that is taken.
+        `delayed`  the value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.
+Moments `quantised`  none, since the error depends on y.  For a step that is small beside the change of y from sample to
+          sample the error is close to uniform with the variance step^2 / 12.
+Limit   `missing`  without `gap` samples are independent, and the mean length of a gap is 1 / (1 - probability).
+        `delayed`  by 0 is no law.
+Streams `quantised`  draws nothing.
+        `missing`  draws a number per sample (per output, too, with `outputs: each`).  Without `gap` the missing samples
+          of a smaller probability are among those of a larger one.
+        `delayed`  draws a number per sample or run for all outputs, and none for a constant delay.
+Source  `quantised`  Widrow, Kollar and Liu, IEEE Trans. Instrum. Meas. 45 (1996).
+        `missing`  Gilbert, Bell Syst. Tech. J. 39 (1960).
 """
 
 from __future__ import annotations

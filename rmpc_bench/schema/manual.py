@@ -1,6 +1,6 @@
 """The manual of a component: its texts, and type, limits, unit, default and meaning of its keys.
 
-`rmpc-bench describe` shows it on the screen, and docs/components.md is made from it.
+`rmpc-bench describe` shows it on the screen, and docs/components is made from it.
 """
 
 from __future__ import annotations

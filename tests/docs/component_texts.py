@@ -106,4 +106,4 @@ def _methods(manual: Manual) -> list[str]:
     """Links to the pages of the papers that the module names."""
     papers = dict.fromkeys(_PAPER.findall(manual.module + manual.text))
     links = [f"[{paper}](../../methods/{paper}.md)" for paper in papers if (DOCS / "methods" / f"{paper}.md").exists()]
-    return [f"Equations, assumptions and findings: {', '.join(links)}."] if links else []
+    return [f"Paper: {', '.join(links)}."] if links else []

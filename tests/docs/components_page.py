@@ -130,9 +130,9 @@ def _keys(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     names = [row.split("`")[1] for row in rows if row in shared]
     names = [name for name in names if name.rpartition(".")[0] not in names]
     keys = [table(_HEADS, ()) + "\n" + "\n".join(own)] if own else []
-    link = f"[{group}](../{group}/index.md#keys)"
     if names:
-        keys += [f"{'Also' if keys else 'Keys'}, as other {link}: {', '.join(f'`{name}`' for name in names)}."]
+        link = f"[{'Further keys' if keys else 'Keys'}](../{group}/index.md#keys)"
+        keys += [f"{link}: {', '.join(f'`{name}`' for name in names)}."]
     return keys or ([] if rows else ["It has no keys."])
 
 
@@ -148,7 +148,7 @@ def _in_use(components: Sequence[tuple[str, str]]) -> Iterator[str]:
     kept = of_kind or [path for name in configs for path in kept_figures() if path.startswith(f"results/{name}/")]
     if kept and group in WITH_FIGURE:
         figure = min(kept, key=lambda path: PREFERRED not in path)
-        yield f"![{kind} in {'/'.join(figure.split('/')[1:3])}](../../../{figure})"
+        yield f"![{'/'.join(figure.split('/')[1:3])}](../../../{figure})"
 
 
 def _example(group: str, kind: str) -> list[str]:

@@ -1,4 +1,4 @@
-r"""The central equation of every component in standard notation, for docs/components.md.
+r"""The central equation of every component in standard notation, for docs/components.
 
 The docstrings write the same in ASCII, because `rmpc-bench describe` shows them in a terminal.  Time is an index here:
 x_k is x(k).  Code hosts take a backslash before punctuation for Markdown: \lbrace, no \{, and no \, here.

@@ -66,22 +66,23 @@ def users() -> dict[tuple[str, str], list[str]]:
     found: dict[tuple[str, str], list[str]] = {}
     for file in files:
         name = file.relative_to(CONFIGS).with_suffix("").as_posix()
-        for key in dict.fromkeys(_named(plain(load(file)), "")):
+        for key in dict.fromkeys(named(plain(load(file)))):
             found.setdefault(key, []).append(name)
     return found
 
 
-def _named(tree: Any, group: str) -> Iterator[tuple[str, str]]:
-    """The kinds that a part of a configuration names; the group is that of the section around it."""
+def named(tree: Any, group: str = "") -> Iterator[tuple[str, str]]:
+    """Find the kinds that a configuration, or a part of it in the section of a group, names."""
     known = registry.BUILT_IN.get(group, {})
     if isinstance(tree, Mapping):
         for key, value in tree.items():
             if key in known:
                 yield group, key
-            yield from _named(value, SECTION_OF.get(key, group))
-        tree = [tree.get("kind")]
+            if key == "kind" or not isinstance(value, str):
+                yield from named(value, SECTION_OF.get(key, group))
+        return
     for each in tree if isinstance(tree, list) else [tree]:
         if isinstance(each, str) and each in known:
             yield group, each
         elif isinstance(each, Mapping):
-            yield from _named(each, group)
+            yield from named(each, group)

@@ -91,7 +91,7 @@ def _section(name: str, schema: Mapping[str, Any]) -> list[str]:
     meaning = [] if keys == [_plain(name, schema)] else [text(schema["description"])]
     parts = [heading(3, name, "key", name), *meaning, *_details(name)]
     if name in COMPONENTS:
-        parts.append(f"Kinds and their keys: [components.md](components.md#{COMPONENTS[name]}).")
+        parts.append(f"Kinds and their keys: [{COMPONENTS[name]}](components/{COMPONENTS[name]}/index.md).")
     parts.append(key_table(keys))
     example = EXAMPLES.get(name, "")
     return [*parts, f"```yaml\n{example.strip()}\n```" if example else ""]
@@ -223,7 +223,7 @@ def _index(schema: Mapping[str, Any]) -> list[str]:
 def _short(links: list[str]) -> str:
     """Links to the places of a key; of a key that a whole group has, only to the group."""
     for group, kinds in registry.BUILT_IN.items():
-        own = [link for link in links if f"(components.md#{group}-" in link]
+        own = [link for link in links if f"(components/{group}/" in link]
         if len(own) > 6 and len(own) > len(kinds) // 2:
-            links = [*(link for link in links if link not in own), f"[most {group}](components.md#{group})"]
+            links = [*(link for link in links if link not in own), f"[most {group}](components/{group}/index.md)"]
     return ", ".join(links)

@@ -7,7 +7,7 @@ import pytest
 from docs.equations import EQUATIONS, IN_WORDS
 from docs.examples_of_keys import EXAMPLES
 from docs.followed_page import README, TUNING, TUTORIAL, followed
-from docs.pages import PAGES
+from docs.pages import PAGES, left_over
 from docs.test_methods import compiled
 from jsonschema import Draft7Validator
 
@@ -32,6 +32,10 @@ def test_a_page_is_up_to_date(page):
     pairs = itertools.zip_longest(written.splitlines(), made.splitlines())
     changed = [f"now  {now}\nmade {new}" for now, new in pairs if now != new]
     assert written == made, f"docs/{page.name} is stale: make docs\n" + "\n".join(changed[:3])
+
+
+def test_no_page_is_left_over():
+    assert left_over() == [], "make docs"
 
 
 @pytest.fixture(scope="module")
