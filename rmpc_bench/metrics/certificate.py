@@ -1,8 +1,8 @@
 """Metric of the validity and tightness of the cost bound that a robust controller certifies.
 
-The controller certifies rho: the bounded noise cannot add more than this to the cost.  A search over the admissible
-noise gives the largest cost that it finds.  If this cost exceeds rho, the bound is violated.  If it is close to rho,
-the bound is tight.  If it is far below rho, the bound is conservative or the search has missed the worst case.
+The controller certifies rho: the bounded noise cannot add more to the cost.  If the largest cost that a search finds
+exceeds rho, the bound is violated; close to rho it is tight; far below, it is conservative or the search has missed the
+worst case.
 """
 
 from __future__ import annotations
@@ -36,18 +36,17 @@ CertificateValue: TypeAlias = Literal["excess", "rho", "worst"]
 class Certificate(Metric):
     """Worst cost of a search over the admissible noise, relative to the certified bound; above 1 the bound is violated.
 
-    Both are costs over the controller's horizon that start at the estimate of the run at one sample, minus the least
-    cost without bounded noise.  A method whose controller has no certificate is an error of the configuration.  A run
-    without a finite estimate has no value.
+    Both are costs over the controller's horizon from the estimate at one sample, minus the least cost without bounded
+    noise.  A method whose controller has no certificate is an error of the configuration.  A run without a finite
+    estimate has no value.
 
     Parameters
     ----------
-    of : `excess` is worst / rho and best at 1; `rho` is the certified cost and `worst` the one that was found, for both
-        lower is better
+    of : `excess` is worst / rho, best at 1; `rho` is the certified cost and `worst` the one found, lower is better
     at : the sample, in seconds or samples as `time` of the experiment, at most N-1
     starts : number of starting points of the search
-    noise : `each` searches over noise that is in its set at every sample, `shared` over noise whose samples over the
-        horizon are in one set together, a smaller one
+    noise : `each` searches noise that is in its set at every sample, `shared` noise whose samples are in one set
+        together, a smaller one
 
     Examples
     --------

@@ -26,8 +26,8 @@ class ComponentMetric(WindowMetric):
 
     Parameters
     ----------
-    only : names of the components that count, or their indices (from 0); all if not given.  They are added to the name
-        of the metric unless `name` is given
+    only : names or indices (from 0) of the components that count (default: all), added to the name of the metric unless
+        `name` is given
     """
 
     only: list[Chosen] | None = None
@@ -75,7 +75,7 @@ class SumMetric(ComponentMetric):
 
     Parameters
     ----------
-    scale : divisors that make the components dimensionless, by name, or a list of one per component that counts
+    scale : divisors that make the components dimensionless, by name or one per component that counts
     """
 
     scale: dict[str, Positive] | list[Positive] | None = None

@@ -27,13 +27,12 @@ class Nees(ComponentMetric):
     """Normalised estimation error squared: mean of (x_hat - x)' P^-1 (x_hat - x) / nx over k = 0..N-1; 1 is best.
 
     P is the covariance of x_hat(k) - x(k) that the estimator reports; with `only` it is the block of these states.  The
-    mean over runs is 1 if P is the actual error covariance, above 1 if the filter is overconfident, and below 1 if it
-    is conservative, as a robust filter is on its nominal plant.  The values 2 and 1/2 are equally far from the best
-    one.
+    mean over runs is 1 for the actual error covariance, above 1 for an overconfident filter, below 1 for a conservative
+    one. 2 and 1/2 are equally far from the best value.
 
     If P is singular, its pseudo-inverse is used, and the mean of a consistent filter is rank(P)/nx.  A run whose error
-    leaves the range of P has the value inf.  A method whose estimator reports no P is an error of the configuration.  A
-    method that reports P at some samples only has no value.
+    leaves the range of P has the value inf.  A method that reports no P is an error of the configuration; one that
+    reports P at some samples only has no value.
 
     Examples
     --------
@@ -138,9 +137,9 @@ class Coverage(ReportedMetric):
     """Share of the samples k = 0..N-1 at which the error lies in the region of a level that the covariance P gives.
 
     `joint` is the ellipsoid e' P^+ e <= c, e = x_hat - x, where c is the quantile of chi-square with as many degrees of
-    freedom as P has rank; `x.I` is |e_I| <= z sd_I.  An error out of the range of a singular P is not covered.  The
-    mean over runs is the level if P is the covariance of a Gaussian error.  Higher is better up to the level only: the
-    key `calibration` says in words which estimator is overconfident.
+    freedom as P has rank; `x.I` is |e_I| <= z sd_I. An error out of the range of a singular P is not covered.  With the
+    covariance of a Gaussian error the mean over runs is the level, and higher is better up to it only: the key
+    `calibration` says which estimator is overconfident.
 
     A method that reports no P has no value.  Where it reports P at some samples only, these count, from 20 per run on.
 
@@ -192,7 +191,7 @@ class Crps(ReportedMetric):
     """Continuous ranked probability score of a state with the normal distribution of x_hat and P; lower is better.
 
     The mean over k = 0..N-1 of sd (z (2 Phi(z) - 1) + 2 phi(z) - 1/sqrt(pi)), z = e/sd; |e| where sd = 0.  It has the
-    unit of the state.  An accurate estimate and a right covariance both lower it.  P counts as in `coverage`.
+    unit of the state.  P counts as in `coverage`.
 
     Parameters
     ----------
@@ -230,7 +229,7 @@ class LogScore(ReportedMetric):
     """Logarithmic score: mean over k = 0..N-1 of minus the log density of x under the distribution N(x_hat, P).
 
     0.5 (nx log(2 pi) + e' P^-1 e + log det P) with e = x_hat - x; inf where P is singular.  Lower is better; it may be
-    negative, and other units of the states shift it.  P counts as in `coverage`.
+    negative, and units of the states shift it.  P counts as in `coverage`.
 
     Examples
     --------

@@ -29,7 +29,7 @@ from rmpc_bench.types import (
 class Cost(WindowMetric):
     """Quadratic cost of a run: the sum over k = 0..N-1 of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k); lower is better.
 
-    The value is a sum, not a mean.
+    The sum, no mean, starts with x(1), because no input can change x(0).
 
     Parameters
     ----------

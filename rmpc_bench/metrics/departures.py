@@ -1,7 +1,6 @@
 """Number of times that the control error temporarily exceeds its usual size.
 
-belda2017 says of its Fig. 3 that the errors oscillate around zero "with only two departures caused by the noise
-increases", but does not define a departure: all numbers here are ours.
+belda2017 counts departures in its Fig. 3 without a definition: all numbers here are ours.
 """
 
 from __future__ import annotations
@@ -29,13 +28,12 @@ class Departures(ComponentMetric):
 
     Parameters
     ----------
-    during : departures that count: `all`, or those of `bursts`, which start during a burst or up to `after` seconds
-        after its end
+    during : `all`, or those that start during `bursts` or up to `after` seconds later
     smooth : length of the centred moving average [s]
     size : threshold of a departure, as a multiple of the usual size
     apart : a departure that starts less than this time [s] after the previous one is counted as part of it
-    memory : time after the end of a burst in which samples are not quiet [s]
-    after : time after the end of a burst in which a departure counts as caused by it [s]
+    memory : time after a burst in which samples are not quiet [s]
+    after : time after a burst in which a departure counts as caused by it [s]
 
     Examples
     --------

@@ -1,7 +1,6 @@
 """Metrics of the estimation error x_hat - x.
 
-They compare x_hat with x coordinate by coordinate, so the plant must have the states of the estimator's model.
-Different lengths are an error of the configuration.
+The plant must have the states of the estimator's model; different lengths are an error of the configuration.
 """
 
 from __future__ import annotations

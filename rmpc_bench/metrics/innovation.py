@@ -65,7 +65,7 @@ class InnovationMetric(ComponentMetric):
 class InnovationMse(InnovationMetric, SumMetric):
     """Mean square of the innovation over k = 0..N: mean of e(k)^2 over samples and outputs; lower is better.
 
-    It needs no true state.  It contains the noise of the measurement, so that it does not go to 0.
+    It contains the noise of the measurement, so that it does not go to 0.
 
     Examples
     --------
@@ -87,8 +87,8 @@ class InnovationMse(InnovationMetric, SumMetric):
 class Nis(InnovationMetric):
     """Normalised innovation squared: mean of e(k)' S(k)^-1 e(k) / ny over k = 0..N; 1 is best.
 
-    S is the covariance of the innovation that the estimator reports.  The mean over runs is 1 if it is the actual
-    covariance, above 1 if the estimator is overconfident, and below 1 if it is conservative.
+    S is the covariance of the innovation that the estimator reports.  The mean over runs is 1 for the actual
+    covariance, above 1 for an overconfident estimator, below 1 for a conservative one.
 
     Examples
     --------

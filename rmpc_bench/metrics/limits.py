@@ -38,10 +38,9 @@ class SignalMetric(WindowMetric):
 
     Parameters
     ----------
-    of : the signal: `y`, `x`, `u` (applied input) or `u_command` (before the bounds of the plant) for all components,
-        one component such as `x.0`, the name of a state, an input or an output, or an extra signal of the plant, such
-        as `shaft_torque`
-    between : number of equally spaced times between two samples that count as well; 0 for the samples only
+    of : `y`, `x`, `u` (applied input), `u_command` (before the bounds of the plant), a component such as `x.0`, the
+        name of a state, input or output, or an extra signal of the plant, such as `shaft_torque`
+    between : number of equally spaced times between two samples that count, too
     """
 
     of: str
@@ -83,8 +82,7 @@ class Violation(SignalMetric):
     """How often, how far or how long a signal of the true system exceeds its limit, k = 0..N-1; lower is better.
 
     A sample counts if a component exceeds its limit by more than a millionth of the limit, or of the larger of two.
-    The excess of a sample is that of the component with the largest one.  Between two samples a signal may be larger
-    than at them; see `between`.
+    The excess of a sample is that of the component with the largest one.
 
     Parameters
     ----------
@@ -168,8 +166,6 @@ class Violation(SignalMetric):
 @dataclass(frozen=True, kw_only=True)
 class Largest(SignalMetric):
     """Largest size of a component of a signal of the true system over k = 0..N-1; lower is better.
-
-    Between two samples a signal may be larger than at them; see `between`.
 
     Examples
     --------

@@ -38,14 +38,12 @@ STEPS: Mapping[Result, tuple[OptimisedStep, ...]] = {
 class QpShare(WindowMetric):
     """Share of the samples k = 0..N-1 at which the quadratic program of the controller had the result `of`.
 
-    The results are `skipped`: no limit acts, and the closed form was applied; `solved`: the program was solved without
-    slack; `softened`: it was solved, and the slack of a soft limit is in use; `failed`: the fallback was applied, as no
-    moves satisfy the hard limits (`infeasible`) or the solver did not find the minimum (`not-converged`).  The shares
-    of skipped, solved, softened and failed add up to 1.  A higher share of skipped samples is better, and a lower share
-    of the others.
+    `skipped`: no limit acts, and the closed form was applied; `solved`: without slack; `softened`: with the slack of a
+    soft limit; `failed`: the fallback was applied, as no moves satisfy the hard limits (`infeasible`) or the solver did
+    not find the minimum (`not-converged`).  These four add up to 1.  More skipped samples are better, and fewer of the
+    others.
 
-    A method without a quadratic program, such as one that clips its input, has no value.  It is an error of the
-    configuration if no method has one.
+    A method without a quadratic program has no value; no method with one is an error of the configuration.
 
     Parameters
     ----------

@@ -1,8 +1,6 @@
 """Metric of the set that an estimator reports: whether it contains the true state.
 
-The set is E(x_hat, S) = {x : (x - x_hat)' S^-1 (x - x_hat) <= 1}.  S is the reported set M, the reported covariance P
-scaled to the confidence ellipsoid of a Gaussian error, or the sum of both, which is the set of an estimator for mixed
-noise.
+The set is E(x_hat, S) = {x : (x - x_hat)' S^-1 (x - x_hat) <= 1}.
 """
 
 from __future__ import annotations
@@ -37,18 +35,16 @@ EDGE = 1e-9
 class Inside(WindowMetric):
     """Share of the samples k = 0..N-1 at which the true state lies in the set that the estimator reports.
 
-    Higher is better, up to 1 for a set that bounds the error and up to the level for a confidence ellipsoid.  The
-    metric detects an overconfident estimator.  It does not detect a conservative one, whose value is 1: compare the
-    size of the matrices in series.csv.
+    Higher is better, up to 1 for a set that bounds the error and up to the level for a confidence ellipsoid.  A
+    conservative estimator has the value 1, too: compare the size of the matrices in series.csv.
 
-    If S is singular, an error outside its range is outside the set.  A method whose estimator does not report the
-    matrices of S is an error of the configuration.  A method that reports them at some samples only has no value.
+    If S is singular, an error outside its range is outside the set.  A method that does not report the matrices of S is
+    an error of the configuration; one that reports them at some samples only has no value.
 
     Parameters
     ----------
-    of : `set` is M; `gaussian` is the confidence ellipsoid of P; `sum` is the smallest ellipsoid that contains the sum
-        of both, or the one of the two that the estimator reports.  If not given, M if the estimator reports it, else
-        the confidence ellipsoid of P
+    of : `set` is the reported M, `gaussian` the confidence ellipsoid of P (for a Gaussian error), `sum` the smallest
+        ellipsoid that contains the sum of both, or the one that is reported; M, else that of P, if not given
     level : probability of the confidence ellipsoid of P
 
     Examples

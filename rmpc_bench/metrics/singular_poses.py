@@ -28,8 +28,7 @@ class NearSingular(WindowMetric):
 
     Parameters
     ----------
-    below : threshold for the smallest singular value of the matrix from output velocities to drive velocities; a pose
-        with a smaller value is close to a singular one
+    below : threshold of the smallest singular value of the matrix from output to drive velocities
 
     Examples
     --------

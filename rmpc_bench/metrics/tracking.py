@@ -135,7 +135,7 @@ class Mae(ErrorMetric):
 class Iae(ErrorMetric):
     """Integral of the absolute error, Ts/ny sum_k sum_i |y_i(k) - r_i(k)| over k = 0..N-1; lower is better.
 
-    This is the length of the window times the mean absolute error: the mean over the coordinates, not their sum.
+    The length of the window times the mean absolute error: a mean over the coordinates, no sum.
 
     Examples
     --------

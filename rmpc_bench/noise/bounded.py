@@ -5,8 +5,8 @@ Model   `uniform`  w = center + L u, L diagonal, u uniform in the box [-1, 1]^n.
         `ellipsoid`  w = center + L u, u in the unit ball, L a root of the shape matrix M: (w - center)' M^-1
           (w - center) <= 1.  A singular M gives a flat ellipsoid.
 Source  `ellipsoid`  ma2025, (1), (74), (75); Section V for the skewed cube.
-Limit   `ellipsoid`  with skew 1/2 and outside `reject` is uniform in the ellipsoid.
-Bursts  are time intervals in which the noise is larger.  The law then depends on k and has no moments `mean` and `cov`.
+Limit   `ellipsoid`  With skew 1/2 and outside `reject` is uniform in the ellipsoid.
+Bursts  make the law depend on k, without moments `mean` and `cov`.
 """
 
 from __future__ import annotations
@@ -85,13 +85,12 @@ def uniform(
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    radius : half-width of the box: a number (for every coordinate) or one per coordinate
-    center : centre of the box: a number (for every coordinate) or one per coordinate
-    mix : matrix that correlates the coordinates: a number (times the identity), a diagonal or a matrix; the identity if
-        not given
-    bursts : time intervals in which the deviation from the centre is multiplied by `factor`; in overlapping bursts the
-        factors multiply.  Either a list of {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every
-        run, or random bursts, {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
+    radius : half-width of the box
+    center : centre of the box
+    mix : matrix that correlates the coordinates; the identity if not given
+    bursts : time intervals in which the deviation from the centre is multiplied by `factor` (overlapping ones
+        multiply): {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every run, or random ones,
+        {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
 
     Raises
     ------
@@ -114,15 +113,15 @@ def corners(
 ) -> KnownBoundedNoise | BurstyNoise:
     """Noise at a corner of a box, center - radius or center + radius in every coordinate, all equally likely.
 
-    The largest noises of a box are those at its corners: they test a law that is designed for all noises in it.
+    It tests a law that is designed for all noises in a box.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    radius : half-width of the box: a number (for every coordinate) or one per coordinate
-    center : centre of the box: a number (for every coordinate) or one per coordinate
-    bursts : time intervals in which the deviation from the centre is larger, as in `uniform`
+    radius : half-width of the box
+    center : centre of the box
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------
@@ -148,25 +147,24 @@ def ellipsoid(
 ) -> BoundedNoise | BurstyNoise:
     """Noise center + scale L u for an ellipsoid with the shape matrix M, where L is a root of M.
 
-    `uniform`: u is uniform in the unit ball, so that the noise is uniform in the ellipsoid.  `skewed-cube` (ma2025,
-    Section V): every coordinate of u is uniform on (0, 1) with probability `skew`, else on (-1, 0).  The corners of the
-    cube are outside the unit ball, so that the noise may leave the ellipsoid; see `outside`.
+    `uniform`: u is uniform in the unit ball.  `skewed-cube` (ma2025, Section V): every coordinate of u is uniform on
+    (0, 1) with probability `skew`, else on (-1, 0).  Corners of the cube are outside the unit ball: the noise may leave
+    the ellipsoid, see `outside`.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    shape : M, positive semidefinite: a number (times the identity), a diagonal or a matrix
-    law : how u is distributed, `uniform` or `skewed-cube`
-    root : root L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the factor R with R' R = M that
-        MATLAB's chol returns, used as if it were L; R R' differs from M, and the noise may leave the ellipsoid
-    outside : treatment of a u of the skewed cube outside the unit ball: `keep` it (as in ma2025), `project` it radially
-        onto the sphere, or `reject` it and draw again; a u inside the ball is the same in all three cases; with
-        `project` the moments are not known
-    center : centre of the ellipsoid: a number (for every coordinate) or one per coordinate
+    shape : M, positive semidefinite
+    law : distribution of u
+    root : root L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the R with R' R = M of MATLAB's chol
+        as if it were L; R R' differs from M, and the noise may leave the ellipsoid
+    outside : what becomes of a u of the skewed cube outside the unit ball: `keep` it (as in ma2025), `project` it
+        radially onto the sphere (moments unknown), or `reject` it and draw again; the others are the same
+    center : centre of the ellipsoid
     skew : probability of a positive coordinate of the skewed cube
     scale : factor on L
-    bursts : time intervals in which the deviation from the centre is larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------

@@ -38,7 +38,7 @@ class RandomBursts:
     within : windows [from, to] [s]; each contains one burst, whose start is uniform over the starts that fit
     duration : duration of a burst [s], a number or the range [low, high] of a uniform law; start and duration are
         rounded to samples
-    factor : factor on the deviation of the noise in all bursts of a run, a number or the range [low, high]
+    factor : factor on the deviation of the noise in all bursts of a run, or the range [low, high]
     """
 
     within: list[tuple[NonNegative, NonNegative]]

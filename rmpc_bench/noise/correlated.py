@@ -99,11 +99,11 @@ def drift(
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    std : standard deviation of the increment from one sample to the next, a number or one per coordinate
-    cov : covariance of an increment: a number (times the identity), a diagonal or a matrix
-    start : value at k = 0, a number (in every coordinate) or one per coordinate
+    std : standard deviation of the increment from one sample to the next
+    cov : covariance of an increment
+    start : value at k = 0
     scale : factor on the standard deviation
-    bursts : time intervals in which the increments are larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------
@@ -131,13 +131,13 @@ def coloured(
     ----------
     n : dimension
     Ts : sampling time [s]
-    std : standard deviation of a sample, a number or one per coordinate
-    cov : covariance of a sample: a number (times the identity), a diagonal or a matrix
+    std : standard deviation of a sample
+    cov : covariance of a sample
     time : correlation time [s], in which the correlation decays to 1/e
     pole : correlation of a sample with the next one
-    mean : a number (in every coordinate) or one per coordinate
+    mean : mean of the noise
     scale : factor on the standard deviation
-    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------

@@ -61,12 +61,12 @@ def gaussian(
     n : dimension
     Ts : sampling time [s], for bursts
     sampled : spectral density -> covariance of a sample, of the plant's channel
-    mean : a number (in every coordinate) or one per coordinate
-    std : standard deviation, a number or one per coordinate
-    cov : covariance: a number (times the identity), a diagonal or a matrix
+    mean : mean of the noise
+    std : standard deviation
+    cov : covariance
     density : spectral density of white noise of x' or of y of a continuous plant, as that of `noise` of design models
     scale : factor on the standard deviation
-    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------

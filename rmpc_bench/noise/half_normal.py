@@ -54,17 +54,16 @@ def half_normal(
     scale: NonNegative = 1.0,
     bursts: list[Burst] | RandomBursts | None = None,
 ) -> HalfNormal | BurstyNoise:
-    """Half-normal noise: never below its center; its mean is center + sqrt(2 / pi) std.
+    """Half-normal noise: never below its center.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    std : standard deviation of the normal noise whose absolute value is taken: a number (for every coordinate) or one
-        per coordinate
-    center : lower end of the noise: a number (for every coordinate) or one per coordinate
+    std : standard deviation of the normal noise
+    center : lower end of the noise
     scale : factor on std
-    bursts : time intervals in which the deviation from the center is larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------

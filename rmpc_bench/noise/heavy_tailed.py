@@ -2,15 +2,15 @@
 
 Model   `student-t`  w = mean + S t, S a root of the scale matrix, t = z / sqrt(c / dof), z ~ N(0, I),
           c ~ chi-squared(dof), one c per coordinate or one for the whole vector.
-        `outliers`  w = mean + d, d ~ N(0, cov) with probability 1 - p, factor d with probability p (contaminated
-          normal).  A sample is an outlier in all coordinates or in none.
-Moments `student-t`  mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
+        `outliers`  w = mean + d, d ~ N(0, cov), with probability p factor d.  A sample is an outlier in all coordinates
+          or in none.
+Moments `student-t`  Mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
         `outliers`  covariance (1 - p + p factor^2) cov.
 Limit   `student-t`  dof -> infinity is `gaussian`.
         `outliers`  p = 0 or factor = 1 is `gaussian`.
 Streams z is that of `gaussian` with the same stream.
         `student-t`  c comes from a child of the generator.
-        `outliers`  outliers come from a child of the generator, and those of a smaller p are among those of a larger.
+        `outliers`  Outliers come from a child of the generator, and those of a smaller p are among those of a larger.
 Source  `student-t`  Lange, Little and Taylor, JASA 84 (1989).
         `outliers`  Tukey, A survey of sampling from contaminated distributions (1960).
 """
@@ -102,19 +102,19 @@ def student_t(
 ) -> StudentT | BurstyNoise:
     """Student's t noise; give either scale or scale_matrix.
 
-    Its standard deviation is sqrt(dof / (dof - 2)) times the scale, and infinite for dof <= 2.
+    Its standard deviation is sqrt(dof / (dof - 2)) times the scale, infinite for dof <= 2.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
     dof : degrees of freedom; 1 is the Cauchy law, which has no mean
-    scale : scale of a coordinate, a number or one per coordinate; the standard deviation is larger
-    scale_matrix : scale matrix, of which `scale` is the root: a number (times the identity), a diagonal or a matrix
-    mean : centre, a number (in every coordinate) or one per coordinate
-    joint : whether all coordinates of a sample are large together (multivariate t); otherwise they are independent
-        before the scale matrix is applied
-    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+    scale : scale of a coordinate
+    scale_matrix : scale matrix, of which `scale` is the root
+    mean : mean of the noise
+    joint : whether the coordinates of a sample are large together (multivariate t) or independent before the scale
+        matrix is applied
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------
@@ -144,13 +144,13 @@ def outliers(
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    probability : probability that a sample is an outlier, in all coordinates together
+    probability : probability of an outlier
     factor : factor on the deviation of an outlier from the mean
-    std : standard deviation of the other samples, a number or one per coordinate
-    cov : covariance of the other samples: a number (times the identity), a diagonal or a matrix
-    mean : a number (in every coordinate) or one per coordinate
+    std : standard deviation of the other samples
+    cov : covariance of the other samples
+    mean : mean of the noise
     scale : factor on the standard deviation
-    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+    bursts : time intervals of larger noise, as in `uniform`
 
     Raises
     ------

@@ -5,15 +5,15 @@ Model   These laws are applied to y(k) after all noise that adds to it, in the o
         `missing`  y(k) is NaN at random samples, a stationary Markov chain of two states: a sample is missing with
           `probability`, in gaps of `gap` samples on average.  With `every`: m a sample is there at k = first + i m
           only.  Wherever it stands in the list, it omits the sample when that is taken.
-        `delayed`  the value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.
-Moments `quantised`  none, since the error depends on y.  For a step that is small beside the change of y from sample to
+        `delayed`  The value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.
+Moments `quantised`  None, since the error depends on y.  For a step that is small beside the change of y from sample to
           sample the error is close to uniform with the variance step^2 / 12.
-Limit   `missing`  without `gap` samples are independent, and the mean length of a gap is 1 / (1 - probability).
-        `delayed`  by 0 is no law.
-Streams `quantised`  draws nothing.
-        `missing`  draws a number per sample (per output, too, with `outputs: each`).  Without `gap` the missing samples
-          of a smaller probability are among those of a larger one.
-        `delayed`  draws a number per sample or run for all outputs, and none for a constant delay.
+Limit   `missing`  Without `gap` samples are independent, and the mean length of a gap is 1 / (1 - probability).
+        `delayed`  A delay of 0 is no law.
+Streams `quantised`  It draws nothing.
+        `missing`  A number per sample (per output, too, with `outputs: each`).  Without `gap` the missing samples of a
+          smaller probability are among those of a larger one.
+        `delayed`  A number per sample or run for all outputs, none for a constant delay.
 Source  `quantised`  Widrow, Kollar and Liu, IEEE Trans. Instrum. Meas. 45 (1996).
         `missing`  Gilbert, Bell Syst. Tech. J. 39 (1960).
 """
@@ -153,15 +153,13 @@ def quantised(
 ) -> Quantised:
     """Rounding to a grid, as by an analogue-to-digital converter or an encoder.
 
-    It acts after all noise that adds.
-
     Parameters
     ----------
     ny : number of outputs, or of inputs
     signal_names : their names
-    step : distance of the points of the grid, a number (for every output) or one per output; with `only`, one per name
-    offset : a point of the grid, a number (for every output) or one per output; with `only`, one per name
-    only : names or indices (from 0) of the outputs or inputs that are rounded (default: all)
+    step : distance of the points of the grid, one per output, or per name of `only`
+    offset : a point of the grid, in the same way
+    only : names or indices (from 0) of the outputs or inputs concerned (default: all)
 
     Raises
     ------
@@ -194,13 +192,13 @@ def missing(
     ----------
     ny : number of outputs, or of inputs
     signal_names : their names
-    probability : probability that a sample is missing (default: 0 with `every`, otherwise it must be given)
-    gap : mean number of successive missing samples (default: 1 / (1 - probability), independent samples)
-    outputs : `together` omits all outputs of a sample, `each` omits every output by itself
-    every : m measures at k = first + i m only, as a slow sensor; without it every sample is measured
-    first : first sample that is measured, with `every`, less than it (default: 0)
-    only : names or indices (from 0) of the outputs or inputs that are concerned (default: all)
-    known : whether a method knows that its input is held; of the channel `input` only (default: true)
+    probability : probability that a sample is missing (default with `every`: 0; needed without)
+    gap : mean length of a gap in samples (default: 1 / (1 - probability), independent samples)
+    outputs : whether a sample is missing in all outputs `together` or in `each` by itself
+    every : m: samples at k = first + i m only, as of a slow sensor
+    first : first sample with `every`, less than it (default: 0)
+    only : names or indices (from 0) of the outputs or inputs concerned (default: all)
+    known : of the channel `input`: whether a method knows that its input is held (default: true)
 
     Raises
     ------
@@ -247,7 +245,7 @@ def delayed(
     signal_names : their names
     samples : delay in samples, 0 to 100; [low, high] for a random whole number, all equally likely
     per : whether a random delay is drawn anew at every `step` or once per `run`
-    only : names or indices (from 0) of the outputs or inputs that are late (default: all)
+    only : names or indices (from 0) of the outputs or inputs concerned (default: all)
 
     Raises
     ------

@@ -220,7 +220,7 @@ class Metric:
     Parameters
     ----------
     name : name of the column in tables and in claims
-    label : words for figures, tables and captions; the name with blanks if not given
+    label : words for figures, tables and captions (default: the name with blanks)
     """
 
     name: str
@@ -301,8 +301,7 @@ class WindowMetric(Metric):
     Parameters
     ----------
     from_ : first sample, in seconds or samples as `time` of the experiment; k = 0 if not given
-    to : last sample, included; `N` is the last one of the experiment; if not given, the last sample of the default
-        window of the metric
+    to : last sample, included, `N` for the last of the experiment; that of the default window if not given
     """
 
     from_: Bound = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from docs.markdown import DOCS, text
 
@@ -27,7 +28,7 @@ def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
     """
     rest, labelled = _labelled(manual.module)
     others = {*sharing(manual)} - {manual.kind}
-    items = [item for label, words in labelled for item in _item(label, words, others)]
+    items = [item for label, words in labelled for item in _item(label, words, manual.kind, others)]
     about = [] if len(others) + 1 >= SHARED_BY else _paragraphs(rest)
     return [*_paragraphs(manual.text), *about, *formula, "\n".join(items), *_methods(manual)]
 
@@ -44,37 +45,44 @@ def sharing(manual: Manual) -> list[str]:
     return sorted(kind for kind, module in modules.items() if module == modules[manual.kind])
 
 
-def _item(label: str, words: str, others: set[str]) -> Iterator[str]:
+def _item(label: str, words: str, kind: str, others: set[str]) -> Iterator[str]:
     """A labelled paragraph as an item of a list; its terms are items below it, its equations are code."""
-    (_, first), *rest = _parts(words)
-    kept = [(kind, lines) for kind, lines in rest if kind != "term" or lines[0].split("`")[1] not in others]
-    opened = " ".join(first).strip()
-    if not opened and len(kept) == 1 < len(rest):
-        opened, kept = " ".join(kept[0][1]).partition("` ")[2], []
-    if opened or kept:
-        yield f"- **{label}** {text(opened)}".rstrip()
-    for kind, lines in kept:
-        if kind == "equation":
-            inner = "\n".join(f"  {line.strip()}" for line in lines)
+    parts = [part for part in _parts(words) if part.name not in others]
+    opened = [line for part in parts if part is parts[0] or part.name == kind for line in part.lines]
+    if not "".join(opened).strip() and len(parts) == 1:
+        return
+    yield f"- **{label}** {text(' '.join(opened))}".rstrip()
+    for part in parts[1:]:
+        if part.form == "equation":
+            inner = "\n".join(f"  {line.strip()}" for line in part.lines)
             yield f"\n  ```text\n{inner}\n  ```\n"
-        else:
-            yield f"  {'- ' if kind == 'term' else ''}{text(' '.join(lines))}"
+        elif part.name != kind:
+            mark = f"- `{part.name}` " if part.name else ""
+            yield f"  {mark}{text(' '.join(part.lines))}"
 
 
-def _parts(words: str) -> list[tuple[str, list[str]]]:
-    """Prose, terms and equations of a labelled paragraph, the first one prose."""
-    found: list[tuple[str, list[str]]] = [("prose", [])]
+class _Part(NamedTuple):
+    """Prose, an equation, or what is said of a name."""
+
+    form: str
+    lines: list[str]
+    name: str = ""
+
+
+def _parts(words: str) -> list[_Part]:
+    """Parts of a labelled paragraph, the first one prose."""
+    found = [_Part("prose", [])]
     for line in words.split("\n"):
         inner = line.removeprefix(" " * _INDENT)
         term = _TERM.match(inner)
-        kind = "equation" if inner.startswith("    ") and found[-1][0] in ("prose", "equation") else "prose"
+        form = "equation" if inner.startswith("    ") and found[-1].form in ("prose", "equation") else "prose"
         if term:
-            found.append(("term", [f"`{term[1].strip('`')}` {inner[term.end() :]}"]))
-        elif found[-1][0] == kind or (found[-1][0] == "term" and inner.startswith(" ")):
-            found[-1][1].append(inner)
+            found.append(_Part("term", [inner[term.end() :]], term[1].strip("`")))
+        elif found[-1].form == form or (found[-1].form == "term" and inner.startswith(" ")):
+            found[-1].lines.append(inner)
         else:
-            found.append((kind, [inner]))
-    return [found[0], *((kind, lines) for kind, lines in found[1:] if "".join(lines).strip())]
+            found.append(_Part(form, [inner]))
+    return [found[0], *(part for part in found[1:] if "".join(part.lines).strip())]
 
 
 def _labelled(module: str) -> tuple[str, list[tuple[str, str]]]:

@@ -43,7 +43,7 @@ ABOUT = {
     "references": "What the output follows, `reference: {kind: NAME, ..}`.",
     "inputs": "Inputs in open loop, `input: {kind: NAME, ..}`, in place of a controller.",
     "noises": "Laws of noises and of the initial state, `noise: {measurement: {NAME: {..}}}`. `{sum: [LAW, LAW]}` adds "
-    "laws, `{same: {scale: 0.5}}` is the noise of the design model with half of its standard deviation.",
+    "laws with a random stream each, `{same: {scale: 0.5}}` is the noise of the design model with half of its standard deviation.",
     "metrics": "One number per run, in the list `metrics`: `NAME`, or `{kind: NAME, name: COLUMN, ..}`.",
     "figures": "Pictures of the results, in the list `figures`: `NAME`, or `{kind: NAME, ..}`.",
 }
