@@ -182,23 +182,23 @@ def plant(
 ) -> ode.OdePlant:
     """CasADi function, or differential-algebraic equation, as a plant.
 
-    A function gives time derivatives, which are integrated as those of `ode` are, or x(k+1).  An equation in the form
-    of `casadi.integrator` is a dict with x, ode and, where it has them, t, u, p; with z and alg it has algebraic
-    variables, and CasADi integrates it over a sample, run by run.  `linearise: plant` has exact derivatives.
+    A function gives time derivatives, integrated as those of `ode`, or x(k+1).  An equation in the form of
+    `casadi.integrator` is a dict with x, ode and, where it has them, t, u, p; with z and alg CasADi integrates it, run
+    by run.  `linearise: plant` has exact derivatives.
 
     Parameters
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
     casadi : ``PATH.py:NAME`` of a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
-        these names, of a dict as casadi.integrator takes it, or of a function without arguments that returns one
+        these names, of a dict for casadi.integrator, or of a function that returns one
     output : ``PATH.py:NAME`` of a casadi.Function or a function of Python of (x, p); without it all states are measured
     states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}`` (default: as many as there are)
     outputs : names; needed with `output`
     parameters : name -> nominal value, in the order of p; `perturb` and `set` may name them
     discrete : whether the function returns x(k+1) in place of time derivatives
     solver : integration of an equation without algebraic variables, as for `ode`
-    algebraic : name of an algebraic variable -> value from which it is computed, in the order of z (default: 0 each)
+    algebraic : algebraic variable -> value from which its computation starts, in the order of z (default: 0)
     integrator : of CasADi, for an equation with algebraic variables
     options : of this integrator, such as ``{reltol: 1e-10}``
     bounds : name of a state or an input -> lower and upper bound

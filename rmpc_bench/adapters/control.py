@@ -183,8 +183,8 @@ def plant(
     Ts : sampling time [s], which that of a discrete system must be
     n_steps : number of control periods N
     control : ``PATH.py:NAME`` of a StateSpace, TransferFunction or NonlinearIOSystem, or of a function that returns one
-    parameters : nominal values of `params`, or of the arguments of a function that returns a linear system, which
-        `perturb` and `set` may name (default: those of the system or the function)
+    parameters : nominal values of `params`, or of the arguments of a function that returns a linear system; `perturb`
+        and `set` may name them (default: those of the system)
     solver : integration of a nonlinear continuous system, as for `ode`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
@@ -219,7 +219,7 @@ def model(
     Ts : sampling time [s]; a linear continuous system is sampled with the input held
     plant : plant of the experiment; a program needs none for a linear system
     control : ``PATH.py:NAME`` of a system, or of a function that returns one, as for the plant
-    parameters : values of its parameters (default: those of the system or the function)
+    parameters : values of its parameters (default: those of the system)
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point of a nonlinear system, as for `linearise`
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)

@@ -212,8 +212,7 @@ def plant(
     """Co-simulation unit (FMU) of version 2 or 3.
 
     An FMU does not show its true state: x consists of the variables under `states`.  It starts from `initial.x` where
-    the file allows to set their start values, else from its own.  There is no process noise, since the state inside
-    the FMU cannot be changed.  Every run has its own instance.
+    the file allows that, else from its own start values.  There is no process noise.  Every run has its own instance.
 
     Parameters
     ----------

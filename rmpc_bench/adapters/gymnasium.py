@@ -1,10 +1,9 @@
 """Environment of Gymnasium as kind of plant: its keys, and the trial whether its random numbers depend on actions.
 
 Model   x(k+1) is the state after `step` with the action u(k), plus w(k);  y(k) are entries of the state or the
-        observation, or output(x, p), plus v(k).  There is one environment per run and method.
-Random  The seed of `reset` is drawn from the stream of the run, so that all methods have the same initial state.  An
-        environment that draws other random numbers after other actions gives the methods different noise; `check`
-        tests this and says so.
+        observation, or output(x, p), plus v(k).
+Random  The seed of `reset` is drawn from the stream of the run, so that all methods have the same initial state.
+        `check` says where an environment draws other random numbers after other actions.
 Time    One call of `step` is one sample.  The time limit of the registration does not apply.
 Inputs  A box limits u to its bounds; how often is counted.  Discrete actions need values of u, the key `action`.
 Fails   Status `out-of-range`: the environment has terminated or truncated the episode, with `terminated: end`.

@@ -1,23 +1,19 @@
 """Generalised predictive control: positional form, output weight constant or adapted to the noise.
 
-This file checks the keys. The laws are in gpc_law.py, their limits in gpc_limits.py, gpc_rows.py and gpc_programs.py.
-
 Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
         apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  The cost weighs the inputs,
-        not their increments: a reference that needs a constant input is reached with an offset.  With a model that
-        has an operating point, u stands for u - u_op throughout, and `lp-noise` takes deviations from it.
-        A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
-        The predictions include the constant parts of the model and, if the estimator estimates it, the mean of the
-        process noise (`w_mean` of the estimate), which is held over the horizon.
+        not their increments: a reference that needs a constant input is reached with an offset.  With an operating
+        point, u stands for u - u_op throughout.  A state-dependent model is evaluated at x_hat(k-1), at k = 0 at
+        x_hat(0); a time-varying one at k.  The predictions include the constant parts of the model and a mean of the
+        process noise that is estimated (`w_mean`), held over the horizon.
 Limits  `enforce: clip` clips the increment u(k) - u(k-1) of that input, then the input; u(-1) is 0 or u_op.
         `enforce: qp` adds the constraints
             u_low <= u(k+j) <= u_high,  du_low <= u(k+j) - u(k+j-1) <= du_high           for j = 0..Np-1
             z_low - eps <= z(k+j) <= z_high + eps,  eps >= 0                             for j = 1..steps, `soft`
-        and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Runs in which no limit
-        acts have the input of the law without limits.  `loss` is the minimal cost without limits.
-        `linear` is in the unit of the cost: with outputs in metres and Q_yw = 1, an output error of 1 cm over a
-        horizon of 10 samples costs 1e-3.
+        and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Where no limit acts, the
+        law is that without limits.  `linear` is in the unit of the cost: with Q_yw = 1 an output error of 0.01 over 10
+        samples costs 1e-3.
 Source  belda2017, section III; order of the steps as in its section VI.  The limits are an addition.
 Tuning  `constant`, or `lp-noise` (noise_tuning.py), which computes Q_yw(k) from recent estimates and measurements.
 Limit   Without a reference lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u.  With Np = 1, Q_u = 0 and
@@ -73,13 +69,11 @@ def design(
         `lp-noise` starts after the window of an estimator with a window is full
     plant_info : names of the states and outputs, which soft limits may use
     Np : prediction horizon [samples]
-    Q_yw : root of the weight of the output error: a number, a diagonal or a matrix
-    Q_u : root of the weight of the input: a number, a diagonal or a matrix
+    Q_yw : root of the weight of the output error
+    Q_u : root of the weight of the input
     tuning : `{kind: constant}` keeps Q_yw, `{kind: lp-noise, ..}` adapts Q_yw to estimated bounds of the noise
-    limits : bounds of the input and of its increment, `{u: [low, high], du: [low, high], enforce: clip}`; with
-        `enforce: qp` they are constraints of the optimisation
-    soft : limits of predicted signals of the design model, measured or not, which may be exceeded at a cost; they need
-        `enforce: qp`
+    limits : bounds of the input and of its increment
+    soft : limits of predicted signals, measured or not, which may be exceeded at a cost; they need `enforce: qp`
 
     Raises
     ------

@@ -29,13 +29,13 @@ class Limits:
 
     Parameters
     ----------
-    u : [low, high] for every input, or one pair per input, in the unit of the input; null where there is no bound
-    du : [low, high] of the increment u(k) - u(k-1), or one pair per input; without 0 inside, the
-        input cannot stay as it is, and the program becomes infeasible at the limits of u
-    enforce : `clip` clips the unconstrained minimiser, first its increment, then the input; `qp` makes the limits
-        constraints of the optimisation, a quadratic program
-    fallback : what is applied where the quadratic program has no solution or is not solved, `clip` by default: `clip`
-        applies the clipped unconstrained minimiser, `hold` repeats u(k-1), and `stop` ends the run
+    u : [low, high] for every input, or one pair per input; null where there is no bound
+    du : [low, high] of u(k) - u(k-1), or one pair per input; without 0 inside, the program becomes infeasible at the
+        limits of u
+    enforce : `clip` clips the unconstrained minimiser, first its increment, then the input; `qp` solves a quadratic
+        program
+    fallback : where the quadratic program has no solution or is not solved, `clip` (default) applies the clipped
+        unconstrained minimiser, `hold` u(k-1), and `stop` ends the run
     """
 
     u: Pairs | None = None
@@ -50,12 +50,12 @@ class SoftLimit:
 
     Parameters
     ----------
-    limits : [low, high] of the signal, or one pair per row of it, in its unit; null where there is no bound
+    limits : [low, high] of the signal, or one pair per row of it; null where there is no bound
     linear : cost of a slack of one `scale`; above the largest multiplier of the hard limit the limit is kept wherever
         that is possible
     scale : unit of the slack (default: high - low)
     quadratic : cost of half the square of a slack of one `scale`
-    steps : number of predicted samples that are limited, k+1 to k+steps (default: all of the horizon)
+    steps : samples k+1 to k+steps are limited (default: the horizon)
     of : row or rows Z of a signal z = Z x, where the design model does not name it; Z has no columns for disturbances
     """
 

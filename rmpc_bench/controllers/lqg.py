@@ -1,17 +1,14 @@
 """Linear-quadratic control of the estimate with integrals of the control error: follows a reference without offset.
 
-This file checks the keys and computes the gains. The law is in lqg_law.py.
-
 Model   The design model without noise is augmented by the sums q of the control errors,
             x(k+1) = A x(k) + B u(k) + f,   q(k+1) = q(k) + y(k) - r(k),  y = C x + D u,
         and, with x_s and u_s the steady state of the model with y = r, the law is
             u = u_s - K_x (x_hat - x_s) - K_q (q - q_s(r)).
         [K_x, K_q] minimises the sum over all k of x' Q_x x + q' Q_i q + u' R_u u of the augmented model (the stationary
-        Riccati equation); x, u and q stand for deviations from the steady state.  f has the constant part of the model,
-        the mean of the process noise that an estimator reports (`w_mean`), and the disturbances of a model that
-        estimates them: all of them change x_s and u_s only, since no input can control a disturbance.
-        Of several steady states with y = r, the one with the least u' R_u u is taken.
-        `feedforward` selects what a step of the reference does at once.  K_q q_s(r) does not change the final value.
+        Riccati equation); x, u and q stand for deviations from the steady state. f has the constant part of the model,
+        a reported mean of the process noise (`w_mean`) and estimated disturbances, which change x_s and u_s only.  Of
+        several steady states with y = r, the one with the least u' R_u u is taken.  `feedforward` selects what a step
+        of the reference does at once.  K_q q_s(r) does not change the final value.
             optimal  q_s(r) = - S x_s(r), the q with the least remaining cost after a step of the reference at rest:
                      S = P_qq^-1 P_qx of the solution P of the Riccati equation.
             target   q_s = 0.  The sum of all errors then ends at 0 on an exact model, so every step overshoots.
@@ -69,16 +66,15 @@ def design(
     model : design model, the same at all k
     Ts : sampling time [s]
     estimator : estimator of the method; the steady state uses the mean of the process noise if it estimates one
-    R_u : weight of the input, positive definite: a number, a diagonal or a matrix
-    Q_i : weight of the sums of the control errors, in the same forms; positive definite, or 0 for no integrals
-    Q_x : weight of the state without disturbances, in the same forms; exactly one of `Q_x` and `Q_y` is given
+    R_u : weight of the input, positive definite
+    Q_i : weight of the sums of the control errors; positive definite, or 0 for no integrals
+    Q_x : weight of the state without disturbances; exactly one of `Q_x` and `Q_y` is given
     Q_y : weight of the output y = C x in place of that of the state
     outputs : outputs that follow the reference, counted from 0, at most as many as inputs (default: all)
-    on : `y` sums the errors of the measured output, `estimate` those of C x_hat + d0, which leaves an offset where the
-        estimate has one
-    feedforward : what a step of the reference does at once: `optimal`, `target` or `none`
+    on : `y` sums the errors of the measured output, `estimate` those of C x_hat + d0, with the offset of the estimate
+    feedforward : what a step of the reference does at once
     limits : bounds of the input, `{u: [low, high]}` or one pair per input
-    anti_windup : treatment of the sums while a limit acts: `clamping`, `back-calculation` or `none`
+    anti_windup : treatment of the sums while a limit acts
     Tt : tracking time of the back-calculation [s], at least Ts (default: Ts)
 
     Raises

@@ -178,7 +178,7 @@ def design(
     n_steps : number of control periods; the games are those of k = 0..n_steps-1
     estimator : estimator of the method, for the sets of the estimation error and of the process noise
     horizon : N [samples]
-    Q_x : weight of the state: a number, a diagonal or a matrix
+    Q_x : weight of the state
     R_u : weight of the input, positive definite
     set : admissible noise sequences: `stacked` as printed (rho is not a bound), `product` (rho is a bound), `stages`
         (rho is the tightest bound)

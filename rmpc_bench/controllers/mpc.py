@@ -158,13 +158,11 @@ def design(
     n_steps : number of control periods, for a model that varies with k
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
-    Q : weight of the scaled output error: a number, a diagonal or a matrix
-    R : weight of the scaled input increment (of the scaled input for `law: printed`): a number, a diagonal or a matrix
+    Q : weight of the scaled output error
+    R : weight of the scaled input increment (of the scaled input for `law: printed`)
     scale : divisors `u` and `y` of the signals in the cost
-    limits : bounds of the input and of its increment, `{u: [low, high], du: [low, high], enforce: clip}`; with
-        `enforce: qp` they are constraints of the optimisation
-    soft : limits of predicted signals of the design model, measured or not, which may be exceeded at a cost; they need
-        `enforce: qp`
+    limits : bounds of the input and of its increment
+    soft : limits of predicted signals, measured or not, which may be exceeded at a cost; they need `enforce: qp`
     law : `increment` minimises (2); `printed` is (4), which weighs the inputs; both hold the input after Hu
 
     Raises

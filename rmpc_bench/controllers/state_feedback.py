@@ -1,15 +1,16 @@
 """State feedback over a receding horizon: linear-quadratic (`lqr`) and H-infinity of finite horizon (`game-gain`).
 
 Model   From the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t) of
-        x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence.  Both laws regulate to x = 0 and do not
-        follow a reference.  With a model that has an operating point, x and u stand for x - x_op and u - u_op.
-        lqr        d is the mean of the process noise: known from the model, in addition estimated (`w_mean` of the
-                   estimate), or ignored; w = 0.
-        game-gain  w maximises the cost minus the penalty tau w' M_w^-1 w, where tau is `ratio` times the smallest
-                   multiplier for which the game is bounded.  M_w is the estimator's set of the process noise.  Unlike
-                   in minimax-lq, u(t) may depend on x(t), so that smaller multipliers are sufficient.
-Source  lqr: textbook.  game-gain: H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
-Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
+        x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence.  There is no reference: x goes to 0, or
+        to the operating point, from which x and u then count.
+        `lqr`  d is the mean of the process noise: known from the model, in addition estimated (`w_mean` of the
+          estimate), or ignored; w = 0.
+        `game-gain`  w maximises the cost minus the penalty tau w' M_w^-1 w, where tau is `ratio` times the smallest
+          multiplier for which the game is bounded.  M_w is the estimator's set of the process noise.  Unlike in
+          minimax-lq, u(t) may depend on x(t), so that smaller multipliers are sufficient.
+Source  `game-gain`  H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
+Limit   `lqr`  horizon -> infinity gives the stationary Riccati gain.
+        `game-gain`  ratio -> infinity gives lqr.
 Cost    One small matrix-vector product per run and step.
 Fails   Design error: a weight is not admissible (R_u must be positive definite), or noise grows beyond 1e100.
 """
@@ -158,10 +159,10 @@ def lqr(
     n_steps : number of control periods; gains are computed for k = 0..n_steps-1
     estimator : estimator of the method; `mean: estimated` needs one that estimates the mean of the process noise
     horizon : N [samples]
-    Q_x : weight of the state: a number, a diagonal or a matrix
+    Q_x : weight of the state
     R_u : weight of the input, positive definite
-    mean : mean of the process noise: `known` uses that of the model, `estimated` adds the estimated one, `ignored`
-        uses 0 (default: `estimated` if the estimator estimates the mean, otherwise `known`)
+    mean : mean of the process noise: `known` of the model, `estimated` in addition (default where the estimator has
+        it), `ignored` (0)
     limits : bounds `u` to which the input is clipped; none if not given
 
     Raises
@@ -235,7 +236,7 @@ def game_gain(
     n_steps : number of control periods; gains are computed for k = 0..n_steps-1
     estimator : estimator of the method, for the set of the process noise
     horizon : N [samples]
-    Q_x : weight of the state: a number, a diagonal or a matrix
+    Q_x : weight of the state
     R_u : weight of the input, positive definite
     ratio : multiplier of the noise divided by the smallest one for which the game is bounded
 

@@ -174,7 +174,7 @@ def design(
     model : constant design model
     plant_info : names of the states and outputs of the plant
     estimator : estimator of the method; must not estimate a mean of the process noise
-    Q_x : weight of the state: a number, a diagonal or a matrix
+    Q_x : weight of the state
     R_u : weight of the input, positive definite
     horizon : N, number of corrections of the feedback [samples]
     limits : [low, high] by signal: `u` (one pair for all inputs, or one per input), `u.0`, `x.1`, `y.0`, or a signal

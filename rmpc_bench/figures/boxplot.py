@@ -44,9 +44,9 @@ MARGIN = 42.0  # width of the numbers of the axis and its label [pt]
 class Boxplot(SweepFigure):
     """An upright box per method: median, quartiles, whiskers from 5 to 95 % of the runs, and points beyond them.
 
-    Every run beyond the whiskers is a point; of more than 500 in a panel those at equal ranks are drawn.  The inside of
-    a box has the colour of the verdict.  A box or whisker ends in an arrow where the event of the metric did not occur.
-    The points of a sweep are panels on a common axis, one below the other; of more than 6 the first 6 are drawn.
+    Of more than 500 runs beyond the whiskers in a panel those at equal ranks are drawn.  The inside of a box has the
+    colour of the verdict.  A box or whisker ends in an arrow where the event of the metric did not occur.  The points
+    of a sweep are panels on a common axis, one below the other; of more than 6 the first 6 are drawn.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Boxplot(SweepFigure):
     height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, and more
         for long names
     order : methods to show, from left to right; all if not given
-    at : points of the sweep to show, from top to bottom, each by values of its paths; the first 6 if not given
+    at : points of the sweep, from top to bottom, each by values of its paths (default: the first 6)
     """
 
     needs_runs: ClassVar[bool] = True

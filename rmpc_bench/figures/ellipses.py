@@ -112,10 +112,9 @@ class Ellipses(OnePointFigure):
     """Covariance ellipses of the methods among the runs, one dot each.
 
     The centre of an ellipse (a cross) is the mean of the method's estimates, and its radius is s times the standard
-    deviation of the reported covariance P: (z - c)' P^-1 (z - c) = s^2.  If P is singular, or so
-    nearly that both sides of the ellipse coincide, it is a segment, drawn broad with marks at its ends.  If P is 0, it
-    is a point, drawn as a large cross.  The legend says so.  The dots are grey if all methods have the same values,
-    such as true states; else each method has its own.  Runs that failed have none; the title counts them.
+    deviation of the reported covariance P: (z - c)' P^-1 (z - c) = s^2.  If P is singular, it is a broad segment with
+    marks at its ends; if P is 0, a large cross.  Dots that are the same for all methods, such as true states, are
+    grey.  Failed runs have none; the title counts them.
 
     Parameters
     ----------

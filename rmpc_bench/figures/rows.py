@@ -62,12 +62,12 @@ class Rows(SweepFigure):
     metric : name of the metric; the primary one if not given
     show : columns from left to right, one or several of values, change, mean, share and rank; values and change if not
         given
-    log : logarithmic axis of values and means; `auto` where the largest exceeds 20 times the smallest
+    log : logarithmic axis; `auto` where the largest value exceeds 20 times the smallest
     above : for shares: a run counts if its value is larger than this number
     width : width of the whole picture [in]
     height : height of the whole picture [in]; if not given it follows from the number of rows
     order : methods to show, from top to bottom; all if not given
-    at : points of the sweep to show, from top to bottom, each by values of its paths; the first 6 if not given
+    at : points of the sweep, from top to bottom, each by values of its paths (default: the first 6)
     """
 
     needs_runs: ClassVar[bool] = True

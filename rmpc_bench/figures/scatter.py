@@ -120,9 +120,9 @@ class Scatter(SweepFigure):
 
     Two metrics: a point is not dominated if no other point is better in one metric and at least as good in the other.
     Such points are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is
-    compared, for a ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as
-    are methods whose median or mean is infinite.  In a sweep over numbers a line connects the points of one method.
-    All points are compared with each other, so the sweep should not change the plant, its noises or the reference.
+    compared, for a ratio that is best at 1 the larger of it and its inverse.  Failed runs and methods with an infinite
+    median or mean are left out.  In a sweep over numbers a line connects the points of a method.  All points are
+    compared, so that the sweep should not change plant, noises or reference.
 
     Two signals, each a component such as y.0 or x.1: the path of one recorded run, a line for every method.  Both axes
     have one scale if both have one unit.  The reference of two outputs is dashed, with a broad grey band in bursts of
@@ -137,12 +137,12 @@ class Scatter(SweepFigure):
     log : logarithmic axes of metrics; linear, with a remark, if a value is not positive
     run : index of the recorded run of a path
     marks : time between two marks on the paths [s], with numbers next to the reference; 0 for none
-    magnify : factor by which the distances of outputs from the reference are enlarged, r + magnify (y - r)
+    magnify : factor on the distances from the reference, r + magnify (y - r)
     from_ : first time of a path to show [s]
     to : last time of a path to show [s]
     height : height of the whole picture [in]; if not given 0.8 of the width, or that of the paths within limits
     order : methods to show, later ones above earlier ones; all if not given
-    at : points of the sweep to show, each by values of its paths; all if not given, and the first one of a path
+    at : points of the sweep, each by values of its paths (default: all), and the first one of a path
     """
 
     needs_runs: ClassVar[bool] = True

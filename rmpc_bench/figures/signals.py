@@ -44,9 +44,8 @@ class Signals(OnePointFigure):
     """Signals and other quantities over time, a column per method and a row per quantity on the same axes.
 
     Recorded runs are thin lines, and the one with the middle value of the primary metric is thick.  The reference is
-    dashed, the limits of the controller are dotted unless they are far away, bursts of the noise are grey if they are
-    the same in all runs that are shown.  Failed runs are left out unless all of them failed.  A method without a
-    quantity has no panel.
+    dashed, near limits of the controller are dotted, bursts that all runs have are grey.  Failed runs are left out
+    unless all failed.
 
     Quantities, besides recorded signals (``y``, ``u``, ``x``, what a method reports, and the control error
     ``e`` = r - y) and the series of series.csv (``L``, ``theta``, ``P.1,1``):

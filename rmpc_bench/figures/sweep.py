@@ -47,12 +47,11 @@ class Sweep(SweepFigure):
     show : `change` against the baseline with its interval, or `value`; if not given, the change where there is another
         method
     spread : for values: `interval` shows means with their intervals, `quartiles` medians with quartiles
-    log : whether the axis or the colours of values are logarithmic; `auto` where the largest value exceeds 20 times
-        the smallest
+    log : whether axis or colours are logarithmic; `auto` where the largest value exceeds 20 times the smallest
     label : text of the axis of the swept value; made from the path if not given
     height : height of the whole picture [in]; if not given it follows from the numbers of panels and cells
     order : methods to show; all if not given
-    at : points of the sweep to show, each by values of its paths; all if not given
+    at : points of the sweep, each by values of its paths (default: all)
     """
 
     needs_runs: ClassVar[bool] = True

@@ -37,8 +37,8 @@ class DisturbanceGains:
 
     Parameters
     ----------
-    B_d : (nx, nd) how the disturbances enter x(k+1): rows, or a number times the identity; 0 if not given
-    C_d : (ny, nd) how they enter y(k), in the same way; 0 if not given
+    B_d : (nx, nd) how they enter x(k+1); 0 if not given
+    C_d : (ny, nd) how they enter y(k); 0 if not given
     """
 
     B_d: Matrix | None = None
@@ -51,9 +51,9 @@ class Disturbance:
 
     Parameters
     ----------
-    at : where they enter: `input`, `output`, a name that the model has such as `load`, `{B_d: .., C_d: ..}`, or a list
-    drift : increase per step of the variance of every disturbance, one number or one per disturbance
-    D0 : variance of every disturbance at k = 0, one number or one per disturbance (default: drift)
+    at : `input`, `output`, a name of the model such as `load`, `{B_d: .., C_d: ..}`, or a list
+    drift : increase per step of the variance of every disturbance
+    D0 : variance of every disturbance at k = 0 (default: drift)
     """
 
     at: str | DisturbanceGains | list[str | DisturbanceGains]

@@ -239,9 +239,8 @@ def design(
 ) -> Model:
     """Linear model of the nominal plant around an operating point.
 
-    Controllers work around the operating point: the input before k = 0 is u_op, and weights of states and inputs weigh
-    deviations from it.  Limits, references, measurements and estimates stay in physical units.  The estimators start at
-    `initial.x_hat`, which is a physical state as well.
+    The input before k = 0 is u_op, and weights of states and inputs weigh deviations from the point.  Limits,
+    references, measurements, estimates and `initial.x_hat` stay in physical units.
 
     Parameters
     ----------
@@ -251,8 +250,8 @@ def design(
     at : operating point: `{u: .., guess: ..}` is the steady state of an input, `{y: .., guess: ..}` that of an output,
         `{x: .., u: ..}` any point; `trajectory` linearises again at every estimate (for `kalman` and `gpc`)
     noise : covariances `process` and `measurement` of the noise of the sampled model
-    jacobian : function (x, u, p) that returns (A, B) or (A, B, C), the derivatives of rhs and output; without it they
-        are computed by differences
+    jacobian : function (x, u, p) that returns (A, B) or (A, B, C), the derivatives of rhs and output (default:
+        differences)
 
     Raises
     ------

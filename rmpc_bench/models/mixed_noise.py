@@ -156,8 +156,7 @@ def design(
 ) -> MixedModel:
     """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B, C and D.
 
-    A missing matrix is zero.  A number stands for that number times the identity.  A matrix is a list of rows; a list
-    is a diagonal, except for B, C and D.  Entries may depend on the time index k.
+    A missing matrix is zero; B, C and D are lists of rows.  Entries may depend on k.
 
     Parameters
     ----------

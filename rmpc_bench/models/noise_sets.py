@@ -109,8 +109,8 @@ class Density:
 
     Parameters
     ----------
-    density : spectral density Q_c of the noise of x', or R_c of that of y: a number (times the identity), a diagonal or
-        a matrix; Q_w is the integral of e^(A s) Q_c e^(A' s) over a sample, R_v = R_c / Ts
+    density : spectral density Q_c of the noise of x', or R_c of that of y; Q_w is the integral of e^(A s) Q_c e^(A' s)
+        over a sample, R_v = R_c / Ts
     """
 
     density: Matrix
@@ -122,10 +122,8 @@ class DesignNoise:
 
     Parameters
     ----------
-    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix; or
-        {density: ..}
-    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix; or
-        {density: ..}
+    process : covariance Q_w of the noise of x(k+1), or {density: ..}
+    measurement : covariance R_v of the noise of y(k), or {density: ..}
     """
 
     process: Matrix | Density
@@ -159,7 +157,7 @@ class NoiseScale:
 
     Parameters
     ----------
-    process : factor on the standard deviation of the process noise; its covariance is multiplied by the square
+    process : factor on the standard deviation of the process noise
     measurement : factor on the standard deviation of the measurement noise
     """
 

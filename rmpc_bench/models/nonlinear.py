@@ -1,9 +1,9 @@
 """Nonlinear design model: the nominal plant as functions, for nonlinear filters and user-defined components.
 
-Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
-        plant over a sample with the input held, by the Runge-Kutta method of order 4 with error control
-        (numerics/integration.py) or `substeps` equal steps, or is the map of a discrete plant; it does not know the
-        bounds of the plant.  F and H are the Jacobians of f and h, by differences; those of f use the intervals of x.
+Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w); y(k) = h(x(k)) + v(k), v ~ N(0, R_v). f integrates the nominal
+        plant by the Runge-Kutta method of order 4 with error control (numerics/integration.py) or `substeps` steps, or
+        is the map of a discrete plant, without its bounds.  F and H are the Jacobians of f and h, by differences; those
+        of f use the intervals of x.
 Limit   Around an operating point f has the A and B of models/linearised.py.
 Cost    f of a rhs of two states with `substeps: 10`: about 0.3 ms; compiled (`numba: true`) a few microseconds.
 """
@@ -204,10 +204,8 @@ def design(
 ) -> Model:
     """Nonlinear model of the nominal plant.
 
-    User-defined estimators and controllers use its functions f(x, u) and h(x), the Jacobians F(x, u) and H(x), Q_w,
-    R_v, Ts, the user's own rhs and output, and the nominal parameters p.  The estimators extended-kalman and
-    unscented-kalman use f and h.  Built-in linear methods refuse the model; with an operating point `at` they use the
-    linear model around it.
+    Own components and nonlinear estimators use its functions f(x, u) and h(x), the Jacobians F(x, u) and H(x), Q_w,
+    R_v, Ts, rhs, output and the nominal parameters p.  Built-in linear methods need an operating point `at`.
 
     Parameters
     ----------
@@ -218,7 +216,7 @@ def design(
     at : operating point, as for `linearise`
     jacobian : derivatives at the operating point, as for `linearise`
     substeps : Runge-Kutta steps per sample (default: those of the plant, or error control)
-    numba : whether to compile rhs by numba, which makes f faster
+    numba : whether to compile rhs by numba
 
     Raises
     ------

@@ -48,8 +48,7 @@ def design(
     ----------
     Ts : sampling time [s]
     plant : plant of the experiment
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
-        x(k+1) with `discrete`
+    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
     output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p); without it all states are measured
     states, inputs, outputs : names, such as ``[h1, h2]``, or counts
     parameters : name -> value; they replace those of the plant one by one

@@ -27,8 +27,7 @@ class At:
     x : state; with it, the point need not be a steady state
     u : input
     y : output of a steady state, whose input is computed
-    guess : state from which the search for the steady state starts, by name also inputs (default: the middle of the
-        bounds)
+    guess : where the search for the steady state starts, by name also inputs (default: the middle of the bounds)
     """
 
     x: Values | None = None

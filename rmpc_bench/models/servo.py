@@ -58,8 +58,7 @@ class ServoNoise:
 
     Parameters
     ----------
-    process : factor G-bar of the continuous-time noise on the four states: a number (times the identity), four numbers
-        (a diagonal matrix) or a matrix
+    process : factor G-bar of the continuous-time noise on the four states
     measurement : standard deviation of the measured angle [rad]
     """
 
@@ -119,7 +118,7 @@ def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> LinearModel:
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
+    noise : `process` acts on the four states, `measurement` on the load angle
     parameters : those of the linear servomechanism
     """
     p = values_of(LINEAR, parameters)

@@ -1,9 +1,9 @@
 """Design model of the servomechanism with inductance and dry friction: the plant `servo` at nominal parameters.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), f the flow of plants/servo.py over a sample, integrated from event to event;
-        y = th_l + v.  The filters extended-kalman and unscented-kalman estimate [th_l, w_l, th_m, w_m, I].  The current
-        I [A] is no state of the design model: its estimate is in the info `x_all`, and controllers get the others.
-        Controllers and linear filters use the linear model of models/servo.py with the same parameters and noise.
+        y = th_l + v.  Nonlinear filters estimate [th_l, w_l, th_m, w_m, I].  The current I [A] is no state of the
+        design model: its estimate is in the info `x_all`.  Controllers and linear filters use the linear model of
+        models/servo.py with the same parameters.
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Assumed Covariance of the process noise: that of the linear model for its four states, and 1e-6 A^2 for the current, on
         which the process noise of the paper does not act.  I(0) has this variance and the mean 0.
@@ -128,7 +128,7 @@ def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> ServoModel:
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
+    noise : `process` acts on the four states, `measurement` on the load angle
     parameters : those of the servomechanism
 
     Raises

@@ -93,8 +93,7 @@ def design(
 ) -> UncertainModel:
     """Uncertain linear model; `from: plant` uses the plant's matrices where none are given.
 
-    A missing matrix is zero.  A number stands for that number times the identity.  A matrix is a list of rows; for A, W
-    and V a list is a diagonal.  Entries may depend on the time index k.
+    A missing matrix is zero.  A list is a diagonal for A, W and V only.  Entries may depend on k.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Recorded data as plant: files of runs that took place elsewhere, and which of their cells may be empty.
 
-Model   None: y(k) and u(k) are those of the files, and so is x(k) where it was recorded.  Run i is file i, sorted by
-        name.  The recorded input is replayed, so that there is no controller.
-Limit   Estimators do not act on the data: this is a comparison in open loop.
+Model   None: y(k) and u(k) are those of the files, and so is a recorded x(k).  Run i is file i, sorted by name.  There
+        is no controller.
+Limit   Estimators do not act on the data (open loop).
 Fails   Design error: a file has no such columns, other sampling steps, too few samples or no input at a sample.  A
         missing measurement (NaN) is no failure of the plant; an estimator that does not bridge it diverges there.
 """
@@ -121,11 +121,10 @@ def design(
     Ts : sampling time [s]
     n_steps : number of control periods N
     data : a file, or a pattern such as 'runs/*.csv': file i, sorted by name, is run i
-    columns : names of the columns, `{y: .., u: .., x: ..}`, each one name or a list; without u there is no input,
-        without x no state; an empty cell or NaN in y is a missing measurement
+    columns : names of the columns; an empty cell or NaN in y is a missing measurement
     t : name of the column of the time [s]; without it the rows are Ts apart
-    resample : how to find y and x between recorded samples, `linear` or `previous`; the input is held; without it,
-        other steps than Ts are refused
+    resample : how to find y and x between recorded samples; the input is held; without it, other steps than Ts are
+        refused
 
     Raises
     ------

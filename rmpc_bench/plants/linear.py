@@ -225,8 +225,7 @@ def design(
 ) -> UncertainLinear:
     """Linear system with one noise per state and one per output.
 
-    A missing matrix is zero.  A number stands for that number times the identity.  A is a list of rows or a list, its
-    diagonal; the other matrices are lists of rows.  Entries may depend on the time index k.
+    A missing matrix is zero; B, C and D are lists of rows.  Entries may depend on k.
 
     Parameters
     ----------

@@ -3,9 +3,9 @@
 Model   M(y) v' + N(y, v) v = J' tau with a zero-order hold of the torques.  The process noise w is added to the state
         x = [x_c, y_c, psi, and their velocities] at the end of the sample; y = (x_c, y_c, psi) + v.
 Source  belda2017, section VI, (29); the experiment has measurement noise only.
-Assumed All parameter values, as the paper prints none; two equal integration steps per sample, which leave an error of
-        about 1e-12 m at a sampling time of 0.01 s.
-Cost    2.2 us per run and sample of two steps, a seventh of the time of NumPy for a block of 50 runs.
+Assumed All parameter values, as the paper prints none; two integration steps per sample, with an error of about 1e-12 m
+        at a sampling time of 0.01 s.
+Cost    2.2 us per run and sample of two steps.
 Fails   Status `out-of-range`: a drawn mass, inertia or length is not positive, a damping is negative, or an arm is
         longer than `arm` or shorter than `l_min`.  Status `singular`: the smallest singular value of J is below 0.02,
         so that the torques cannot move the platform in every direction; in the centre this happens at
@@ -180,7 +180,7 @@ ALL = {
 
 @takes(ALL)
 def design(Ts: float, *, substeps: Count = 2, **parameters: float) -> MovingSlide:
-    """Parallel robot; `perturb` and `set` accept all parameters listed here except `substeps`.
+    """Parallel robot; `perturb` and `set` accept all keys but `substeps`.
 
     Parameters
     ----------

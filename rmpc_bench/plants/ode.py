@@ -9,9 +9,9 @@ Method  `rk4`: Runge-Kutta of order 4, for all runs of a block at once where rhs
         LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
 Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  The simulation limits inputs to
         their bounds before they act, and counts how often.
-Blocks  Written with functions of NumPy, rhs computes all runs of a block in one call: x[i] and p.name are rows over
-        the runs.  Whether it gives the same bits as for each run alone is tested when the plant is designed.  A rhs
-        with `if x[0] > 0`, `max` or `math.sin` is called run by run.
+Blocks  Written with functions of NumPy, rhs computes all runs of a block in one call: x[i] and p.name are rows over the
+        runs.  The design tests whether the bits are those of each run alone.  A rhs with `if x[0] > 0`, `max` or
+        `math.sin` is called run by run.
 Events  With the methods of `solve_ivp` a function event(x, u, p) or event(t, x, u, p) is located.  Where it passes
         through 0 the run ends with the text in its attribute `word`, or continues from the state that the function in
         its attribute `reset` returns.  Its attribute `direction` is 1 for upwards only, -1 for downwards only.
@@ -354,8 +354,7 @@ def design(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
-        x(k+1) with `discrete`
+    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
     output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p), u as it acts; without it all states are measured
     states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}``
     outputs : names; needed with `output`

@@ -95,7 +95,7 @@ class Solver:
 
     Parameters
     ----------
-    method : `rk4`, or a method of scipy.integrate.solve_ivp: `LSODA`, `RK45`, `DOP853`, `Radau`, `BDF`
+    method : `rk4`, or one of scipy.integrate.solve_ivp
     substeps : number of equal steps of `rk4` per sample; by default every run controls its own error
     rtol : tolerance of an interval; of `rk4` relative to the range of a state in trial runs (default 1e-7, of the other
         methods 1e-8)

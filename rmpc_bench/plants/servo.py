@@ -1,15 +1,15 @@
 """Nonlinear servomechanism with armature inductance and dry friction on load and motor.
 
 Model   As in models/servo.py with L > 0 and T_f(w) = (alpha_0 + alpha_1 exp(-alpha_2 |w|)) sgn(w) on both bodies.
-        At w = 0 the friction torque is set-valued, the interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1] (Filippov).
-        A body sticks, with velocity exactly zero, as long as a torque of this interval balances the other torques.
-        State x = [th_l, w_l, th_m, w_m, I]: the four states of the linear model and the armature current [A].
+        At w = 0 the friction torque is the interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1] (Filippov): a body
+        sticks, with velocity exactly zero, as long as a torque of it balances the others. x = [th_l, w_l, th_m, w_m,
+        I], with the armature current I [A].
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
-Assumed Process noise is added to the first four states at the end of a sample.  The mode of each body (stick or slip)
-        is determined from the state alone at the start of a sample.  Integration by Taylor series between friction
-        events (models/servo_kernel.py) leaves only rounding errors: 1e-14 rad in the load angle of the loops of Fig. 7.
-Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (0.16 s for its 160,000, `pytest -m perf
-        tests/perf/test_servo_cost.py`).  Below 0.1 H the time is inversely proportional to L: 0.27 ms at 1e-3 H.
+Assumed Process noise is added to the first four states at the end of a sample.  Stick or slip follows from the state
+        alone at the start of a sample.  Taylor series between friction events (models/servo_kernel.py) leave rounding
+        errors only, 1e-14 rad in the load angle of Fig. 7.
+Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (`pytest -m perf tests/perf/test_servo_cost.py`); 0.27 ms with L =
+        1e-3 H.
 Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear ratio is not positive, another parameter
         is negative, or |eigenvalue| Ts of the linear part exceeds 20,000.  Status `too-many-events`: friction stops and
         releases a body more than 1000 times in a sample, or a sample needs more than 20,000 series.  Such a sample
@@ -332,7 +332,7 @@ class ServoLinear(Plant):
 
 @takes(NONLINEAR)
 def design(Ts: float, **parameters: float) -> Servo:
-    """Nonlinear servomechanism; `perturb` and `set` accept all parameters listed here.
+    """Nonlinear servomechanism; `perturb` and `set` accept all keys.
 
     Parameters
     ----------

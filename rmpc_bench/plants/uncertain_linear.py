@@ -2,8 +2,7 @@
 
 Model   x(k+1) = (A + H_A F_x G_x) x + B u + w~,  w~ = (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
         y(k)   = (C + H_C F_x G_x) x + v~,        v~ = (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v.
-        The section `noise` defines w and v; the law `uncertainty` defines F_x, F_w and F_v.  The uncertain matrices
-        make the means, the covariances and the cross-covariance of w~ and v~ uncertain.
+        The section `noise` defines w and v; the law `uncertainty` defines F_x, F_w and F_v.
 Source  souto2011, (20)-(25), (34)-(38); the input B u is an addition.
 Cost    The noises w~ and v~ of a block are computed at once; a step is then five small products per run.
 """
@@ -60,7 +59,7 @@ class Uncertainty:
     law : `uniform` on [low, high], `extremes` low or high, `fixed` at value, or `greedy` against a method
     low, high : bounds of the entries (default -1 and 1)
     per : `step` draws at every k (default), `run` once per run
-    value : value of a fixed law: a number, or one per channel, such as `{x: 1, w: 0, v: -1}` (default 1)
+    value : value of a fixed law, or one per channel, such as `{x: 1, w: 0, v: -1}` (default 1)
     against : method whose error the greedy law maximises
     radius : largest norm of F of the greedy law (default 1)
     """
@@ -357,16 +356,14 @@ def design(
 ) -> UncertainLinear:
     """Uncertain linear system.
 
-    A missing matrix is zero.  A number stands for that number times the identity.  A is a list of rows or a list, its
-    diagonal; the other matrices are lists of rows.  Entries may depend on the time index k.
+    A missing matrix is zero.  A list is a diagonal for A only.  Entries may depend on k.
 
     Parameters
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
     matrices : the matrices of the system
-    uncertainty : law of the matrices F: {law: uniform|extremes, low: -1, high: 1, per: step|run},
-        {law: fixed, value: 1} or {law: greedy, against: METHOD}
+    uncertainty : law of the matrices F
 
     Raises
     ------

@@ -51,8 +51,7 @@ def design(
         input of run i
     columns : name of the column, or one per input
     t : name of the column of the time [s]; without it the rows are Ts apart
-    resample : how to find values between recorded ones, `linear` or `previous`; without it, other steps than Ts are
-        refused
+    resample : how to find values between recorded ones; without it, other steps than Ts are refused
 
     Raises
     ------

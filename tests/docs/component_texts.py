@@ -27,9 +27,10 @@ def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
     another kind of it is left out, too.
     """
     rest, labelled = _labelled(manual.module)
-    others = {*sharing(manual)} - {manual.kind}
+    module = registry.BUILT_IN[manual.group][manual.kind].partition(":")[0]
+    others = {kind for kinds in registry.BUILT_IN.values() for kind in kinds if kinds[kind].startswith(f"{module}:")} - {manual.kind}
     items = [item for label, words in labelled for item in _item(label, words, manual.kind, others)]
-    about = [] if len(others) + 1 >= SHARED_BY else _paragraphs(rest)
+    about = [] if len(sharing(manual)) >= SHARED_BY else _paragraphs(rest)
     return [*_paragraphs(manual.text), *about, *formula, "\n".join(items), *_methods(manual)]
 
 
@@ -106,7 +107,8 @@ def _paragraphs(doc: str) -> list[str]:
     found = []
     for paragraph in re.split(r"\n\s*\n", doc.strip()):
         indented = paragraph.startswith("    ")
-        found.append(f"```text\n{paragraph}\n```" if indented else text(paragraph))
+        items = [text(item) for item in re.split(r"\n(?=- )", paragraph)]
+        found.append(f"```text\n{paragraph}\n```" if indented else "\n".join(items))
     return [each for each in found if each]
 
 
