@@ -193,7 +193,7 @@ def plant(
     casadi : ``PATH.py:NAME`` of a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
         these names, of a dict for casadi.integrator, or of a function that returns one
     output : ``PATH.py:NAME`` of a casadi.Function or a function of Python of (x, p); without it all states are measured
-    states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}`` (default: as many as there are)
+    states, inputs : names, such as ``{pump: ml/s}`` (default: as many as there are)
     outputs : names; needed with `output`
     parameters : name -> nominal value, in the order of p; `perturb` and `set` may name them
     discrete : whether the function returns x(k+1) in place of time derivatives

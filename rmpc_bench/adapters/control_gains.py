@@ -1,9 +1,8 @@
 """Stationary gains of python-control: Kalman filter (`dlqe`) and linear-quadratic regulator (`dlqr`).
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) of the design model, which must not depend on k.
-        control-lqe  `dlqe` solves the Riccati equation for the covariance P of x_pred - x and returns the gain of the
-                     one-step predictor, K = A P C' (C P C' + R_v)^-1.  The filter, whose x_hat(k) uses y(k), has the
-                     gain L = P C' (C P C' + R_v)^-1; with K in its place it would correct by A L.
+        control-lqe  `dlqe` gives the covariance P of x_pred - x and the gain of the predictor, K = A P C' (C P C' +
+                     R_v)^-1; the filter has L = P C' (C P C' + R_v)^-1.
         control-lqr  u = u_op - K_x (x_hat - x_op) with the gain of `dlqr`, which minimises the sum over all k of
                      x' Q_x x + u' R_u u.  It regulates to 0, or to the operating point, as `lqr`.  Disturbances of the
                      model, which no input changes, are held over the horizon, as by `lqr`.

@@ -219,7 +219,7 @@ def plant(
     Ts : sampling time [s], which is the communication step
     n_steps : number of control periods N
     fmu : the file; its content is part of the hash of the experiment
-    states, inputs, outputs : names of variables, such as ``[h1, h2]`` or ``{pump: ml/s}`` (default of outputs: states)
+    states, inputs, outputs : variables, such as ``{pump: ml/s}`` (default of outputs: states)
     parameters : name of a parameter -> nominal value; `perturb` and `set` may name them
     variables : name -> name in the file, where it is another one, such as ``{h1: tank.level}``
     bounds : name of a state or an input -> lower and upper bound

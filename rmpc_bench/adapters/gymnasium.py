@@ -401,7 +401,7 @@ def design(
     start : x(0) is that of `reset` of the environment, or that of the section `initial`
     output : names of states and ``observation.0``, ``observation.1`` .., or ``PATH.py:NAME`` of output(x, p); without
         it all states are measured
-    states, inputs, outputs : names, such as ``[theta, omega]`` or ``{torque: N m}``; a count where not given
+    states, inputs, outputs : names, such as ``{torque: N m}``; a count where not given
     action : values of u for the discrete actions 0, 1, .., of which the nearest is applied, or ``PATH.py:NAME`` of a
         function from u to an action
     parameters : name -> nominal value, of keywords or attributes of the environment; `perturb` and `set` may name them

@@ -2,11 +2,10 @@
 
 Model   As `kalman`; v has outliers.  x_hat is a fixed point of the Kalman correction with R_v over the weights
         exp(-r_i^2 / (2 sigma^2)), r = T (y - C x_hat), T R_v T' = I, T lower triangular; it is iterated from x_pred.
-Source  Chen, Liu, Zhao and Principe, Automatica 76 (2017); formulas not compared with the text of the paper.
+Source  Chen, Liu, Zhao and Principe, Automatica 76 (2017); not compared with the text of the paper.
 Assumed P is that of the Kalman correction with R_v over the weights, as of `huber-kalman`; `robust: both` weights
         x - x_pred, too, as the paper does.
-Order   If R_v is not diagonal, x_hat depends on the order of the outputs (whitening, see numerics/output_weights.py);
-        with `both` on the order of the states.
+Order   As `huber-kalman` (numerics/output_weights.py).
 Method  Reweighting until the residuals of the run change by less than 1e-11, at most 200 times.
 Limit   sigma -> infinity is `kalman`.
 Cost    As estimators/weighted.py.
@@ -45,7 +44,7 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     sigma : width of the kernel, in standard deviations of the measurement noise
-    robust : `measurement` allows for outliers of y only; `both` for outliers of x - x_pred as well
+    robust : `measurement` allows for outliers of y, `both` for those of x - x_pred, too
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

@@ -1,11 +1,10 @@
 """Kalman filter with additional process noise in the directions in which the uncertainty acts.
 
-Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), w ~ N(0, Q_w + q H H'), v ~ N(0, R_v), white,
-        independent.  The columns of H are the directions.  With an uncertain-linear model H is its H_A, through which
-        H_A F G_x x enters x(k+1): for a white F and a state of constant second moment this term is white noise with a
-        covariance in the range of H_A, and one number q replaces its size.
-Source  Noise that represents a model error: Jazwinski, Stochastic Processes and Filtering Theory (1970);
-        the direction H_A as in the uncertain models of sayed2001 and souto2011.
+Model   x(k+1) = A x(k) + B u(k) + w(k), y(k) = C x(k) + v(k), w ~ N(0, Q_w + q H H'), v ~ N(0, R_v), white,
+        independent.  The columns of H are the directions, those of H_A with an uncertain-linear model: for a white F
+        and a state of constant second moment H_A F G_x x is white noise with a covariance in the range of H_A, and q
+        replaces its size.
+Source  Jazwinski, Stochastic Processes and Filtering Theory (1970); the direction H_A as in sayed2001 and souto2011.
 Limit   q = 0 gives the Kalman filter.
         A missing measurement (NaN) is left out of the correction.
 Cost    As every gain schedule.
@@ -83,8 +82,7 @@ def design(
     P0 : (nx, nx) covariance of the initial state
     q : factor of H H' in the covariance of the process noise
     direction : `uncertainty` takes H_A of an uncertain-linear model as H; a list of nx numbers is one column of H, a
-        matrix (nx, r) is H, row by row; a number is that number times the identity.  Estimated disturbances may be left
-        out: their rows of H are then zero
+        matrix (nx, r) is H; rows of estimated disturbances may be left out
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 

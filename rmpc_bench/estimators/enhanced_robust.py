@@ -4,7 +4,7 @@ Model   x(k+1) = (A + H_A F_x G_x) x + B u + f0 + (Bw + H_Bw F_w G_w) w + (Bv + 
         y(k) = (C + H_C F_x G_x) x + d0 + (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v, F' F <= I, w and v white and
         uncorrelated; x_pred+ = Phi x_pred + B u + f0 + K (y - C x_pred - d0).
         While (47) holds (always with `rule: state`), P bounds the covariance of x_pred - x given any sequence of F.
-        P bounds neither the mean error nor the variance of that mean over random F.
+        It does not bound the mean error.
 Symbols a_x, a_w, a_v are 1/alpha_x, 1/alpha_w, 1/alpha_v; X = P11 bounds the covariance of x; Pc, Wc, Vc are P, W, V
         widened in Step 2; B = [Bw Bv], D = [Dw Dv], U_c = diag(Wc, Vc), Step 3; Delta_1, Delta_2, Delta_3 are a_x times
         H_A H_C', H_C H_C', H_A H_A' and the like of w and v, Step 1; Psi_1 = B U_c D' + Delta_1, (72),
@@ -19,11 +19,11 @@ Assumed `equations`: Step 5 of Table 2 is printed with Delta_1, but the P that b
         Phi is that of Step 4, not of (70).  They differ if P22c is singular (at k = 0, (70) gives K C): the bound is
         the same, the mean error differs.
         `tuned` minimises the trace of the next P, not of the last one.  With `rule: state`, X determines every later
-        a_x; therefore a_w and a_v are restricted to values that do not increase the trace of the next X and of G X G'
-        over those of eps or gamma.  With `rule: error` a smaller P gives a smaller a_x, and an error that exceeds P
-        exceeds it sooner (section 5, eps = 0.1, constant F = 1: from k = 10 instead of 16).
+        a_x; therefore a_w and a_v may not increase the trace of the next X and of G X G' over those of eps or gamma.
+        With `rule: error` a smaller P gives a smaller a_x, and an error that exceeds P exceeds it sooner (section 5,
+        eps = 0.1, constant F = 1: from k = 10 instead of 16).
 Limit   Without uncertainty (all H = 0) the Kalman predictor.
-Missing A run with a missing measurement has its own bounds from then on: Table 2 for the outputs that are there.
+Missing The run has its own bounds from then on: Table 2 for the outputs that are there.
 Digits  `equations: printed` forms P at every step: its relative errors are 6e-9 at P(0) = 1e8 R and 1e-3 at 1e14 R
         (measured).
 Cost    As every gain schedule; `tuned` solves for a_w, a_v and K alternately at every step.
@@ -89,14 +89,13 @@ def design(
     P0 : (nx, nx) covariance of the initial state
     rule : `error` computes a_x from G P G' as printed, (76); `state` from the bound X of the state, (47), which
         guarantees the bound P
-    eps : excess of a_x, a_w, a_v over the largest singular value: one number or `{x: .., w: .., v: ..}`, (85)-(87)
+    eps : excess of a_x, a_w, a_v over the largest singular value, (85)-(87)
     gamma : excess as a multiple of the largest singular value; 1 if neither eps nor gamma is given
-    tuned : whether to minimise the trace of the next P over a_w and a_v; with `rule: state` among the values that do
-        not increase the next X compared with eps or gamma
+    tuned : whether to minimise the trace of the next P over a_w and a_v
     design_scale : factor of all uncertainty in this design
     equations : `printed` omits B U D' in the cross term of P (Step 5 as printed)
-    literal : whether to evaluate Table 2 a second time, line by line with plain inverses; the series `literal` is 1
-        while the result is a covariance matrix and 0 after that, and the filter does not use it
+    literal : whether to evaluate Table 2 a second time, line by line, for the series `literal`: 1 while the result is a
+        covariance matrix
 
     Raises
     ------

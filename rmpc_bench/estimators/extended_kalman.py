@@ -7,7 +7,7 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v 
 Source  The textbook filter (Simon 2006, 13.2).  `spread: 1` is the filter of Norgaard, Poulsen and Ravn (Automatica 36,
         2000) without the terms of second order.
 Assumed The Jacobian is that of central differences with ten correct digits (numerics/moment_transform.py).  With dry
-        friction the derivative of a body at rest with respect to its velocity is 0: a resting load never moves; with
+        friction the derivative with respect to the velocity of a body at rest is 0: a resting load never moves; with
         `spread: 1` it can.
 Limit   A linear model: `kalman`.
 Cost    2 n + 1 evaluations of f per run and step, and of h where the output is not linear.

@@ -1,9 +1,8 @@
 """Fading-memory Kalman filter: the covariance of the prediction grows by a factor, so that old measurements fade.
 
-Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
-        P_pred(k+1) = alpha^2 A P(k) A' + Q_w.  With Q_w = 0 and without information at the start, x_hat(k) minimises
-        the sum over j of alpha^(-2 (k - j)) |y(j) - C x(j)|^2_{R_v^-1}.
-        P and P_pred contain the factor: they are design matrices, not covariances of the errors of the model.
+Model   As `kalman`, with P_pred(k+1) = alpha^2 A P(k) A' + Q_w.  With Q_w = 0 and without information at the start,
+        x_hat(k) minimises the sum over j of alpha^(-2 (k - j)) |y(j) - C x(j)|^2_{R_v^-1}. P and P_pred contain the
+        factor: they are no covariances of the errors of the model.
 Source  Sorenson and Sacks, Information Sciences 3 (1971); Simon, Optimal State Estimation (2006), section 7.4.
 Assumed alpha is squared, and Q_w is not multiplied.
 Limit   alpha = 1 gives the Kalman filter.
@@ -44,7 +43,7 @@ def design(
     n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
-    alpha : factor by which the standard deviations of the estimate grow per step, at least 1
+    alpha : factor by which the standard deviations of the estimate grow per step
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 

@@ -1,8 +1,8 @@
 """Kalman filter with an innovation gate: a measurement that is too unlikely is not used.
 
-Model   As `kalman`.  e = y - C x_pred, S = C P_pred C' + R_v.  If e' S^-1 e is above the gate, x_hat = x_pred and
-        P = P_pred: prediction only.  Otherwise the correction of the Kalman filter.
-Source  Standard, for example Bar-Shalom, Li and Kirubarajan (2001), validation gates.
+Model   As `kalman`. e = y - C x_pred, S = C P_pred C' + R_v.  If e' S^-1 e is above the gate, x_hat = x_pred and P =
+        P_pred.
+Source  Bar-Shalom, Li and Kirubarajan (2001), validation gates.
 Assumed All outputs of a sample are used or none.  With missing outputs, e' S^-1 e and the number of degrees of freedom
         are those of the others; a gate given as a number stays.
 Limit   A large gate is `kalman`.
@@ -49,8 +49,8 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     gate : largest e' S^-1 e of a measurement that is used
-    probability : of a Gaussian innovation to be within the gate, by the chi-square distribution with as many degrees of
-        freedom as outputs; 99 % if neither key is given
+    probability : of a Gaussian innovation to be within the gate, by the chi-square distribution; 99 % if neither key is
+        given
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

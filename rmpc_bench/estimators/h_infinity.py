@@ -3,17 +3,17 @@
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), with any w and v.  For theta = 1 / gamma^2 and
         W = weight' weight,
         sum |x - x_hat|^2_W <= gamma^2 (|x(0) - x0|^2_{P0^-1} + sum |w|^2_{Q_w^-1} + sum |v|^2_{R_v^-1}).
-        P_pred(k+1) = A (P_pred^-1 - theta W + C' R_v^-1 C)^-1 A' + Q_w is a design matrix and no covariance of an
-        error: the filter reports no P.
+        P_pred(k+1) = A (P_pred^-1 - theta W + C' R_v^-1 C)^-1 A' + Q_w is no covariance of an error: the filter reports
+        no P.
 Forms   `filter` (a posteriori): L = P_pred C' (C P_pred C' + R_v)^-1 = P C' R_v^-1, where
         P = (P_pred^-1 + C' R_v^-1 C)^-1 must satisfy P^-1 > theta W at every k.
         `predictor` (a priori): K = A V C' (C V C' + R_v)^-1 with V = (P_pred^-1 - theta W)^-1; P_pred^-1 > theta W at
-        every k.  This is the condition of the a-priori gain; Simon prints the weaker one of the other form beside it.
-        At k = 0 without y(0) the condition of both forms is P0^-1 > theta W.
+        every k.  Simon prints the weaker one of the other form.  At k = 0 without y(0) the condition of both forms is
+        P0^-1 > theta W.
 Source  Simon, Optimal State Estimation (2006), chapter 11; Hassibi, Sayed, Kailath (1999); Shaked and Theodor (1992).
 Limit   theta = 0 gives the Kalman filter.  The predictor with W = I is the predictor of `risk-sensitive`.
-Missing A run with a missing measurement has its own P_pred from then on, with the same theta.  Where the
-        condition does not hold for the outputs that are there, the error of this sample has no weight in the bound.
+Missing The run has its own P_pred from then on, with the same theta.  Where the condition does not hold for the other
+        outputs, the error of this sample has no weight in the bound.
 Cost    As every gain schedule.  `fraction` repeats the recursion about 30 times to find theta_max by bisection.
 Fails   Design error if a condition is violated; it names the first k and theta_max, the least upper bound of theta for
         k = 0..N.  Design error if R_v is singular.
@@ -186,7 +186,7 @@ def design(
     theta : 1 / gamma^2, >= 0
     gamma : bound of the energy gain
     fraction : theta as a fraction of theta_max, the least upper bound for k = 0..N; independent of units
-    weight : (nx, nx) matrix M of W = M' M; a number is that number times the identity, a list is a diagonal
+    weight : (nx, nx) matrix M of W = M' M
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 

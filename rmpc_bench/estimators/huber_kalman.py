@@ -10,18 +10,15 @@ Model   As `kalman`; v has outliers.  T R_v T' = I and T_S S T_S' = I are lower 
                     eps is the share of outliers; without the key it is the share for which k is minimax,
                     2 phi(k) / k - 2 Phi(-k) = eps / (1 - eps).
 Source  regression: Boncelet and Dickinson (1983), Karlgaard and Schaub (2007).  innovation: Masreliez and Martin
-        (1977).  Formulas not compared with the texts of the papers.
-Assumed `robust: both` (Karlgaard and Schaub) applies rho to x - x_pred, too, after whitening with the Cholesky factor
-        of P_pred.  It is for outliers of the process noise.  An outlier of y then moves the state, since x - x_pred
-        also costs less.
-Order   With more than one output whitening is a choice: component i of T y is output i minus its prediction from
-        outputs 1..i-1.  If R_v (for `innovation`: S) is not diagonal, x_hat depends on the order of the outputs; with
-        `both`, on the order of the states.
+        (1977).  Not compared with the texts of the papers.
+Assumed `robust: both` (Karlgaard and Schaub), for outliers of the process noise, applies rho to x - x_pred, too,
+        whitened with the Cholesky factor of P_pred.  An outlier of y then moves the state.
+Order   Component i of T y is output i minus its prediction from outputs 1..i-1: if R_v (for `innovation`: S) is not
+        diagonal, x_hat depends on the order of the outputs; with `both`, on the order of the states.
 Limit   k -> infinity is `kalman`.
 Method  regression, measurement: the dual problem by an active set, exact after finitely many steps.  both: reweighting
         until the residuals of the run change by less than 1e-11, at most 200 times.
-Cost    0.7 us per run and step for two states and one output, 1.6 us for four states and two outputs, in blocks of 50
-        runs (`make perf`).
+Cost    0.7 us per run and step for two states and one output (`make perf`).
 Fails   Design error if R_v is singular.  both: where nearly all residuals are large the loss is almost flat, and 200
         repetitions may not suffice.  In 5 of 150 random corrections with three states and innovations of about 60
         standard deviations the loss was up to 8e-4 of its minimum too large, and x_hat far from where it is attained.
@@ -64,12 +61,10 @@ def design(
     n_steps : number of control periods N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
-    k : corner of Huber's function, in standard deviations; 1.345 has 95 % of the efficiency of least squares for
-        Gaussian noise
+    k : corner of Huber's function, in standard deviations; 1.345 is 95 % efficient for Gaussian noise
     variant : `regression` clips the residuals of x_hat, `innovation` the innovations
-    robust : `measurement` allows for outliers of y only; `both` for outliers of x - x_pred as well
-    eps : share of outliers for which P is computed, with the variant `innovation`; that for which k is minimax unless
-        given
+    robust : `measurement` allows for outliers of y, `both` for those of x - x_pred, too
+    eps : share of outliers for P of `innovation` (default: that for which k is minimax)
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

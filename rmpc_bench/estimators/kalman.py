@@ -1,10 +1,10 @@
 """Kalman filter on the nominal model, or on a state-dependent model linearised at the latest estimate.
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
-        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  If A and B depend on the state,
-        they are evaluated at x_hat(k) of each run and held constant over the sample; R_v may then depend on k.
-        With a model linearised along the trajectory this is the extended Kalman filter: x_pred and y_pred are those of
-        the nonlinear model, A is its linearisation at x_hat(k) and u(k), C that at x_pred(k).
+        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  A and B that depend on the state
+        are those at x_hat(k) of each run; R_v may then depend on k.  With a model linearised along the trajectory it is
+        the extended Kalman filter: x_pred and y_pred are those of the nonlinear model, A is its linearisation at
+        x_hat(k) and u(k), C that at x_pred(k).
 Source  zenere2018, (5)-(8).
 Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
         the filter of the linear model.
@@ -150,8 +150,7 @@ def design(
     P0 : (nx, nx) covariance of the initial state
     M0 : (nx, nx) shape matrix of the ellipsoid of a bounded part of x(0) - x0 (default: no bounded part)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
-    noise : `nominal` uses the stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises that
-        are uniform on their ellipsoids
+    noise : `nominal`: stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

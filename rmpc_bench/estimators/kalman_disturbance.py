@@ -2,8 +2,8 @@
 
 Model   x(k+1) = A x(k) + B u(k) + f0 + d(k) + w(k),  y(k) = C x(k) + d0 + v(k),  d(k+1) = d(k) + xi(k),
         w ~ N(0, Q_w), v ~ N(0, R_v), xi ~ N(0, drift I), white, independent; d(0) ~ N(0, D0).
-        P is the covariance of x_hat - x.  The entry `w_mean` of the estimate is d_hat, the mean in addition to f0.
-Source  Additional method: a baseline for noise with non-zero mean, which ma2025 does not include.
+        P is the covariance of x_hat - x.  `w_mean` of the estimate is d_hat, in addition to f0.
+Source  A baseline for noise with non-zero mean, which ma2025 does not have.
 Limit   D0 = 0 and drift = 0 give the Kalman filter.  Where the mean is detectable, which needs as many outputs as
         states, x_hat is that of `kalman` with the key `disturbance: {at: {B_d: 1}, ..}` of the model.  Elsewhere that
         key is refused; here D0 and drift decide how the mean is divided among the states.
@@ -105,10 +105,9 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     M0 : (nx, nx) shape matrix of the ellipsoid of a bounded part of x(0) - x0 (default: no bounded part)
-    drift : increase per step of the variance of each component of the mean; 0 for a constant mean
+    drift : increase per step of the variance of the mean; 0 for a constant one
     D0 : (nx, nx) covariance of the mean at k = 0
-    noise : `nominal` uses the stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises that
-        are uniform on their ellipsoids
+    noise : `nominal`: stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

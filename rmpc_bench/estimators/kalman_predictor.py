@@ -1,11 +1,11 @@
 """One-step Kalman predictor on the nominal model, with correlated noises.
 
 Model   x(k+1) = A x(k) + B u(k) + f0 + w~(k),  y(k) = C x(k) + d0 + v~(k),  w~ and v~ white with covariances Q_w and
-        R_v and cross-covariance E w~ v~' = S_wv.  The uncertainty of an uncertain model is ignored.
-        P is the covariance of x_pred - x under the nominal model; it does not bound the error of an uncertain system.
+        R_v and cross-covariance E w~ v~' = S_wv.  Uncertainty is ignored: P is the covariance of x_pred - x under the
+        nominal model.
 Source  Anderson and Moore, Optimal Filtering (1979); the classic predictor of souto2011, section 5.
 Limit   Without correlation the predictor form of `kalman`.
-Missing A run with a missing measurement has its own gains and P from then on, also with `gain: steady`.
+Missing The run has its own gains and P from then on, also with `gain: steady`.
 Cost    As every gain schedule.
 Fails   Design error: R and S_wv do not form a joint covariance; with `gain: steady` the model varies or the algebraic
         Riccati equation has no stabilising solution.

@@ -1,17 +1,16 @@
 """Linear minimum mean-square error estimator for an uncertain system with white uncertainty of known moments.
 
-Model   The system of uncertain_system.py.  Every F is zero except on its diagonal, whose entries are independent of
-        each other, over time and of all other variables, with common mean and variance.
-        P is the exact covariance of x_hat - x over noises and uncertainty for u = 0; X is the second moment E x x'.
-        An input increases X and, with H_A or H_C, the error.
+Model   The system of uncertain_system.py.  Every F is diagonal, with white independent entries of common mean and
+        variance.  P is the exact covariance of x_hat - x over noises and uncertainty for u = 0; X is the second moment
+        E x x'.
 Forms   `predictor`: x_hat(k) uses y(0..k-1).  `filter`: x_hat(k) uses y(k) as well, with the gain
-        L = P_pred C' (C P_pred C' + R)^-1, where R is the covariance of y(k) given x(k) and x_hat of the predictor.
-        The predictions of both forms are equal: K = (A P_pred C' + S)(C P_pred C' + R)^-1, where S is the covariance of
-        the noises of x(k+1) and y(k) that a common F causes.
-Source  Linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
-        De Koning, Automatica 20 (1984); derived for this system from the moments of [x(k+1); y(k)] given the past.
+        L = P_pred C' (C P_pred C' + R)^-1, R the covariance of y(k) given x(k) and x_hat of the predictor.  Both have
+        the same predictions: K = (A P_pred C' + S)(C P_pred C' + R)^-1, where S is the covariance of the noises of
+        x(k+1) and y(k) that a common F causes.
+Source  Nahi, IEEE Trans.  Information Theory 15 (1969); De Koning, Automatica 20 (1984); derived for this system from
+        the moments of [x(k+1); y(k)].
 Limit   Without uncertainty, or with variance 0, the Kalman filter or predictor of the mean system.
-Missing A run with a missing measurement has its own gains and P from then on.
+Missing The run has its own gains and P from then on.
 Cost    As every gain schedule.
 Fails   Design error if E x x' overflows: the system is not stable in the mean square.
 """
@@ -98,8 +97,7 @@ def design(
     n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
-    law : distribution of the diagonal entries of the F: `{low: -1, high: 1}` is uniform (default), or
-        `{mean: 0, variance: 1/3}`
+    law : law of the entries of F: uniform `{low: -1, high: 1}` (default), or `{mean: 0, variance: 1/3}`
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
 
     Raises

@@ -3,15 +3,14 @@
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k).  w and v are uniform on boxes of unknown half-widths rho
         and r, constant over a window.  The maximum a posteriori estimate of the states, rho and r of the last Ne + 1
         samples minimises the sum of all rho_i and r_j, (17)-(19).  A state-dependent model is evaluated at x_hat(k) for
-        the step to k+1; every step of a window uses the matrices of its own time.
+        the step to k+1.
 Source  belda2017, section IV, LP1.
 Assumed `start: free`: the first state of the window has no state equation, as (17) does not contain the input before
-        it.  `start: anchored`: as (19) is printed, the estimate before the window replaces the unknown state.  The
-        optimum is then not unique.  If it is not unique, the solution minimises a weighted sum of the absolute noises,
-        and the results depend on the weights (`tie_weight`).
-        x_hat(0) is x0; a free window uses y(0).  With fewer than ceil(nx / ny) + 1 samples the estimate is the
-        prediction plus half of the measured correction: x_pred + C^+ (y - C x_pred) / 2.
-        (18) adds quantities of different units: the estimate depends on the units of states and outputs.
+        it.  `start: anchored`: the estimate before the window replaces the unknown state, as (19) is printed.  Where
+        the optimum is not unique (`anchored`), the solution minimises a weighted sum of the absolute noises
+        (`tie_weight`). x_hat(0) is x0; a free window uses y(0).  With fewer than ceil(nx / ny) + 1 samples x_hat =
+        x_pred + C^+ (y - C x_pred) / 2.  (18) adds quantities of different units: the estimate depends on the units of
+        states and outputs.
 Limit   Without noise the exact state.  With Ne = 3 a chain of double integrators has rho = 0.
 Cost    9 us per run and step for Ne = 3, 6 states and 3 outputs; 1.6 ms if rho = 0 cannot be certified.
 Fails   If the window contains NaN or a solver fails, the estimate is that of a short window (the prediction if y(k)
@@ -181,9 +180,8 @@ def design(
     n_steps : number of control periods N
     x0 : (nx,) estimate at k = 0
     Ne : length of the window, which contains the samples k - Ne to k
-    start : `free` does not constrain the first state of the window; `anchored` relates it to the estimate before it
-    tie_weight : weight of the process noise, that of the output noise being 1, in the sum of absolute noises that is
-        minimised where the optimum is not unique
+    start : `free` leaves the first state of the window free; `anchored` relates it to the estimate before it
+    tie_weight : weight of the process noise, that of the output noise being 1, where the optimum is not unique
 
     Raises
     ------

@@ -5,11 +5,10 @@ Model   x(k+1) = A_k x(k) + B_k u(k) + w,  y(k) = C_k x(k) + v.  Every noise is 
         sum with P0 and M0.  x_hat - x = e_s + e_b: P is the covariance of e_s, E(0, M) contains e_b.
 Source  ma2025, Proposition 1, (16)-(24), with M_w at k-1 in (23) and I - L C in (24); L is the paper's Gamma.
 Assumed The weight q of a correction is the fixed point of (22) and (24), which minimises tr P + tr M over gain and
-        weight; the paper does not state how it solves the two equations.  If the optimal q is 0 or infinite, or M_v is
-        nearly singular, tr P + tr M exceeds its minimum by up to 5e-5 of tr P_pred + tr M_pred.  p(k) belongs to the
-        prediction from k to k+1.
+        weight; the paper does not say how.  If the optimal q is 0 or infinite, or M_v is nearly singular, tr P + tr M
+        exceeds its minimum by up to 5e-5 of tr P_pred + tr M_pred. p(k) belongs to the prediction from k to k+1.
 Limit   Without bounded noises (M = 0) the Kalman filter; without stochastic noises `set-membership` without `inflate`.
-Missing A run with a missing measurement has its own gains, P and M from then on.
+Missing The run has its own gains, P and M from then on.
 Cost    As every gain schedule.
 Fails   Design error if the innovation has no noise in some direction, even if its values are always consistent, as for
         P_v = 0 and M_v of rank 1 with ny > nx + 1.
@@ -44,8 +43,8 @@ def design(
     x0 : (nx,) estimate of the initial state before y(0)
     P0 : (nx, nx) covariance of the stochastic part of its error
     M0 : (nx, nx) shape matrix of the ellipsoid of the bounded part of its error
-    q : `fixed-point` solves (22) and (24) together; `lag` evaluates (24) once, with the weight of the previous step;
-        `one-pass` evaluates (24) once, with the weight 1
+    q : `fixed-point` solves (22) and (24) together; `lag` evaluates (24) once with the weight of the previous step,
+        `one-pass` with the weight 1
     use_y0 : `false` starts from x0, P0 and M0 as the estimate at k = 0, as in (16)-(18), and does not use y(0)
 
     Raises

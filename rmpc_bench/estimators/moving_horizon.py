@@ -5,21 +5,19 @@ Model   x(k+1) = A x(k) + B u(k) + f0 + G w(k),  y(k) = C x(k) + v(k),  w ~ N(w_
         |x(k-N) - x_bar|^2 in P_bar^-1 + sum |w - w_mean|^2 in W^-1 + sum |v - v_mean|^2 in R_v^-1
         with low <= w <= high, low <= v <= high, low <= x <= high at all samples of the window.  x_bar is the prediction
         A x_hat(k-N-1) + B u from the estimate of that time, P_bar the covariance P_pred of the Kalman filter at k-N.
-        While k < N the window begins at k = 0 with x0 and P0 and has all data.
-Bounds  Those of w are bounds of the process noise of the design model itself, with its sign, its unit and its mean.
-        With `linear` and most other models G = I, and w has a coordinate for every state; with `uncertain-linear` G is
-        Bw.  If a linear model has noise in one direction g only, w = g w_1, bounds of w_1 are given as bounds of the
-        coordinates g_i w_1.  W is used as a root, never inverted: directions without noise stay without noise.
-        Bounds of v are those of y - C x, and have a coordinate for every output; bounds of x one for every state.
+        While k < N the window begins at k = 0 with x0 and P0.
+Bounds  Those of w are bounds of the process noise of the design model, with its sign, unit and mean.  With
+        `uncertain-linear` G is Bw, else I, with a coordinate per state.  For noise in one direction g, w = g w_1, they
+        are bounds of g_i w_1.  W is used as a root: directions without noise stay without noise.  Bounds of v are those
+        of y - C x, one per output; bounds of x one per state.
 Source  Rao, Rawlings, Lee, Automatica 37 (2001); Rawlings, Mayne, Diehl, Model Predictive Control, chapter 4.
 Limit   Without bounds, or as long as none is active, it is `kalman` for every window.  Where the estimate without
         bounds satisfies all of them, it is the minimum, and no quadratic program is solved.
         P is that of the Kalman filter: the covariance without bounds, and a design matrix where bounds are active.
         A missing measurement (NaN) is left out; the run then has matrices of its own until its covariances are those of
         the other runs again.
-Cost    Two states, one bounded noise, N = 10, blocks of 50: 6 us per run and step (`make perf`).  A run with matrices
-        of its own sets up every window anew, which takes much longer; so does the design at every step until the
-        covariance of the Kalman filter is constant.
+Cost    Two states, one bounded noise, N = 10: 6 us per run and step (`make perf`); much more for a run with matrices of
+        its own.
 Fails   Design error: a covariance of an innovation is singular, or bounds that no noise satisfies.  Status
         `infeasible`: no window satisfies the bounds (those of w alone can be satisfied if they contain its mean);
         `not-converged`: the solver fails.
@@ -270,11 +268,9 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     window : number of steps of the window, which has the samples k - window to k
-    w : [low, high] of the process noise of the design model, mean included, or one pair per coordinate; null where
-        there is no bound
-    v : [low, high] of the measurement noise y - C x, mean included, or one pair per output; null where there is no
-        bound
-    x : [low, high] of the state, or one pair per state; null where there is no bound
+    w : [low, high] of the process noise, mean included, or one pair per coordinate; null for no bound
+    v : [low, high] of the measurement noise y - C x, mean included, or one pair per output
+    x : [low, high] of the state, or one pair per state
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises

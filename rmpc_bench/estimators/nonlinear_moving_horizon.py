@@ -3,11 +3,10 @@
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v);  white, independent.
         x_hat(k) is the last state of the window x(k-N)..x(k) that minimises
         |x(k-N) - x_bar|^2 in P_bar^-1 + sum |x(j+1) - f(x(j), u(j))|^2 in Q_w^-1 + sum |y(j) - h(x(j))|^2 in R_v^-1
-        with low <= x(j) <= high.  x_bar is f of the estimate x_hat(k-N-1).  P_bar is the covariance of the prediction
-        of an extended Kalman filter that is linearised at the estimates.  While k < N the window begins at k = 0 with
-        x0 and P0 and has all data.
-Source  Rao, Rawlings, Mayne, IEEE Transactions on Automatic Control 48 (2003); Haseltine and Rawlings, Industrial and
-        Engineering Chemistry Research 44 (2005); Rawlings, Mayne, Diehl, Model Predictive Control, chapter 4.
+        with low <= x(j) <= high. x_bar is f of the estimate x_hat(k-N-1).  P_bar is that of the prediction of an
+        extended Kalman filter at the estimates.  While k < N the window begins at k = 0 with x0 and P0.
+Source  Rao, Rawlings, Mayne, IEEE Trans.  Automatic Control 48 (2003); Haseltine and Rawlings, Ind.  Eng.  Chem.  Res.
+        44 (2005); Rawlings, Mayne, Diehl, Model Predictive Control, chapter 4.
 Assumed The start is the last window, shifted, with the prediction as its newest state (numerics/nonlinear_window.py).
         P is the covariance of that extended Kalman filter; it knows no bounds.  e and S are those of its prediction.
         Where the flow has more states than the design model (servo), all are estimated, and the others have no bounds.
@@ -200,11 +199,9 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     window : number of steps of the window, which has the samples k - window to k
-    x : [low, high] of the state, or one pair per state; null where there is no bound (default: the state bounds of the
-        model, which a nonlinear one has from its plant)
+    x : [low, high] of the state, or one pair per state; null for no bound (default: those of the model)
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
-    tolerance : the iteration ends when no state of the window moves by more, in standard deviations of a state whose
-        neighbours are known
+    tolerance : the iteration ends when no state of the window moves by more, in its standard deviations
     iterations : most iterations per sample
 
     Raises

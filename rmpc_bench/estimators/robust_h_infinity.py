@@ -2,18 +2,16 @@
 
 Model   x(k+1) = (A + M1 F N) x(k) + w(k),  y(k) = (C + M2 F N) x(k) + v(k), with any F(k) of norm at most 1, M1 = H_A,
         M2 = H_C, N = G_x, and noises with mean zero and covariances Q_w, R_v and S_wv.  x_pred is x_hat.
-        P is a bound of the second moment of x_pred - x for every F, and X of the second moment of x.  theta^2 times the
-        sum of |weight (x_pred - x)|^2 is at most the energy of the noises, each relative to its covariance, plus the
-        start.
-Source  D. Simon, Optimal State Estimation (2006), section 12.2, after Y. S. Hung and F. Yang, Robust H-infinity
-        filtering with error variance constraints for discrete time-varying systems with uncertainty, Automatica 39
-        (2003): P and X here are P and P~ there, the equations are derived in numerics/robust_bounded_real.py.
+        P is a bound of the second moment of x_pred - x for every F, and X of the second moment of x. theta^2 times the
+        sum of |weight (x_pred - x)|^2 is at most the relative energy of noises and start.
+Source  Simon, Optimal State Estimation (2006), section 12.2, after Hung and Yang, Automatica 39 (2003): P and X are P
+        and P~ there, the equations are derived in numerics/robust_bounded_real.py.
 Assumed S1 and S2 default to 2 P0 and 2 P0 + x0 x0', a bound that holds although x(0) and its error are correlated.
         A model without this uncertainty needs no X: the filter then is the H-infinity predictor, with known inputs and
         means, and S1 defaults to P0.  The filter ignores uncertainty in Bw, Bv, Dw and Dv.
 Limit   Without uncertainty, theta = 0 and eps = 0 it is the one-step Kalman predictor.
-Missing A run with a missing measurement has its own gains and P from then on.  Where there is no bound with theta,
-        the error of this sample has no weight in the bound of the energy.
+Missing The run has its own gains and P from then on.  Where there is no bound with theta, the error of this sample has
+        no weight in the bound of the energy.
 Cost    As every gain schedule.
 Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at some k, or a bound overflows.  With
         uncertainty also: A or S2 is singular, or the model has inputs or noises with a mean (F_hat draws the estimate

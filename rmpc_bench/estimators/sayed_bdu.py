@@ -2,20 +2,19 @@
 
 Model   x(k+1) = (A + M Delta E_f) x(k) + B u(k) + f0 + (Bw + M Delta E_g) w(k),  y(k) = C x(k) + d0 + v~(k), with any
         Delta of norm at most 1, M = [H_A H_Bw], E_f = [G_x; 0], E_g = [0; G_w]; w and v~ white and uncorrelated.
-        Every step estimates (x(k), w(k)) from y(k+1) by least squares under the worst Delta.  P is the matrix of the
-        quadratic form of this problem; it does not bound the error covariance.
-Source  A. H. Sayed, A framework for state-space estimation with uncertain models, IEEE Trans. Automatic Control 46
-        (2001) 998-1013: the filter in time- and measurement-update form; here E_f' E_g = 0, so that G does not change.
-        `lam: search` minimises G(lam) of (11) at every step, as its Step 1; lam then depends on the data.
+        Every step estimates (x(k), w(k)) from y(k+1) by least squares under the worst Delta.  P is no bound of the
+        error covariance.
+Source  Sayed, IEEE Trans.  Automatic Control 46 (2001) 998-1013: time- and measurement-update form; here E_f' E_g = 0,
+        so that G does not change.  `lam: search` is its Step 1; lam then depends on the data.
 Assumed `lam: approximate` uses (1 + alpha) lam_l with lam_l = |M' C' R^-1 C M|, the paper's approximation without a
         search.  The search is exact between (1 + 1e-9) lam_l and 1e9 lam_l; the paper gives no upper end.
-        The filter ignores uncertainty in C, Bv, Dw and Dv; use R to account for H_Dv.  The paper's noises have mean
-        zero; here means enter through f0 and d0 without uncertainty.
+        The filter ignores uncertainty in C, Bv, Dw and Dv; use R to account for H_Dv.  Means enter through f0 and d0
+        without uncertainty.
 Limit   C M = 0 or no uncertainty gives the Kalman filter.
-Missing A run with a missing measurement has its own gains and P from then on.  The step to k+1 keeps the lam of all
-        outputs, which is above the bound of every part of them; `lam: search` does not bridge missing measurements.
-Digits  `lam: search` forms P at every step, so that it has fewer than nine digits at P(0) > 1e8 R: the variances have
-        relative errors of 1e-10 at 1e8 R, 3e-8 at 1e10 R and 4e-4 at 1e14 R (measured).
+Missing The run has its own gains and P from then on.  The step to k+1 keeps the lam of all outputs, which is above the
+        bound of every part of them; `lam: search` does not bridge missing measurements.
+Digits  `lam: search` forms P at every step: variances have relative errors of 1e-10 at P(0) = 1e8 R and 4e-4 at 1e14 R
+        (measured).
 Cost    As every gain schedule; with a search 35 us per run and step for two states and one output.
 Fails   Design error: R is singular although lam is needed, w~ and v~ are correlated, or a given lam is below lam_l.
 """
@@ -137,8 +136,8 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
     alpha : relative excess of lam over its lower bound, for `lam: approximate`
-    lam : `approximate` is (1 + alpha) times the lower bound, `search` minimises G(lam) of (11) at every step and for
-        every run, a number is used at every step
+    lam : `approximate` is (1 + alpha) times the lower bound; `search` minimises G(lam) of (11) at every step of every
+        run
     R : (ny, ny) covariance of the measurement noise in the design (default: that of the model)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
 

@@ -1,8 +1,8 @@
 """Set-membership filter: an ellipsoid that contains the state, for noises with known bounds.
 
 Model   x(k+1) = A_k x(k) + B_k u(k) + w,  y(k) = C_k x(k) + v,  w in E(0, M_w), v in E(0, M_v), x(0) - x0 in E(0, M0),
-        plus Gaussian noises.  With `inflate` a Gaussian noise is represented by its confidence ellipsoid, and every set
-        becomes the ellipsoid of least trace that contains the sum of both.  x_hat - x is in E(0, M); there is no P.
+        plus Gaussian noises.  With `inflate` every set is the ellipsoid of least trace that contains its sum with the
+        confidence ellipsoid of the Gaussian noise. x_hat - x is in E(0, M); there is no P.
 Source  ma2025, section V (ESM, from its [25]): (16)-(24) without the stochastic terms.  The paper does not mention the
         inflation, but its Table I agrees with it.  Maksarov and Norton (1996) for the other update.
 Update  linear           corrects the centre with a gain that minimises tr M and does not depend on the data.

@@ -4,18 +4,16 @@ Model   As `kalman`, but v(k) ~ t(dof, 0, R_v): R_v is the scale matrix, the cov
         dof > 2.  One weight per sample: v(k) given lam is N(0, R_v / lam), lam ~ Gamma(dof / 2, dof / 2).
         lam = 1, then repeatedly: (x_hat, P) is the Kalman correction with R_v / lam,
         lam = (dof + ny) / (dof + r' R_v^-1 r + tr R_v^-1 C P C'), r = y - C x_hat.
-Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas not compared with
-        the texts of the papers.
+Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); not compared with the texts of the
+        papers.
 Assumed The number of corrections is fixed, so that a run does not depend on others.  P is that of x_hat - x given lam.
         `R_v: covariance` takes the R_v of the model for the covariance: the scale matrix is (dof - 2) / dof R_v.
-        The noise `same: {dof: ..}` has the covariance of the model: use `R_v: covariance` with it.
-        A common weight of all outputs: the result does not depend on their order.
-        With missing outputs ny is the number of the others, whose marginal law is again t.
-        This is not the filter of Roth, Ozkan and Gustafsson (2013), whose gain at a sample is that of the Kalman
-        filter: an outlier has its full effect on x_hat, and P grows afterwards.
+        The noise `same: {dof: ..}` has the covariance of the model: use `R_v: covariance` with it.  The weight is
+        common to all outputs, so that their order does not matter.  With missing outputs ny is the number of the
+        others.  The filter of Roth, Ozkan and Gustafsson (2013) is another one: an outlier has its full effect on x_hat
+        there.
 Limit   dof -> infinity is `kalman`; the difference decreases as 1 / dof.
-Cost    0.8 us per run and step for two states and one output, 1.2 us for four states and two outputs, in blocks of 50
-        runs (`make perf`).
+Cost    0.8 us per run and step for two states and one output (`make perf`).
 Fails   Design error if R_v is singular.
 """
 
@@ -49,7 +47,7 @@ def design(
     n_steps : number of control periods N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state
-    dof : degrees of freedom of the measurement noise; a small one reduces the effect of outliers
+    dof : degrees of freedom of the measurement noise
     iterations : number of corrections per sample; 1 is the Kalman filter
     R_v : whether R_v of the model is the scale matrix of the measurement noise or its covariance, which needs dof > 2
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)

@@ -10,7 +10,7 @@ Assumed The defaults alpha = 1, beta = 0, kappa = 0 (no weight is negative).  va
 Limit   A linear model: `kalman` for any alpha.  alpha -> 0, beta = 0: the mean of the extended Kalman filter plus terms
         of order P.
 Cost    2 n + 1 evaluations of f per run and step, and of h where the output is not linear.  The servomechanism: 24 us
-        (`make perf`), most of them in the 11 evaluations.
+        (`make perf`).
 Digits  With kappa < 0 or beta < 0 covariances are formed: relative errors of 2e-8 at P(0) = 1e8 R and 3e-2 at 1e14 R
         (measured).
 Fails   As estimators/gaussian_filter.py.  With kappa < 0 or beta < 0 a covariance may become indefinite.

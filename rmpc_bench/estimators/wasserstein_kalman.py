@@ -4,14 +4,14 @@ Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), nominally w ~ N(
         the joint density of (x(k), y(k)) given the past may be any density within Wasserstein distance `radius` (type
         2) of the nominal one, whose covariance is Sigma = [P_pred, P_pred C'; C P_pred, C P_pred C' + R_v].  S is the
         least favourable covariance, L = S_xy S_yy^-1, P = S_xx - L S_yx and P_pred(k+1) = A P A' + Q_w.
-        V is S_xx.  It may exceed P_pred, and tr P may exceed tr P_pred.  S_xy and S_yy differ from the nominal ones,
-        too: it is not the Kalman filter with another P_pred.
+        V is S_xx, which may exceed P_pred.  S_xy and S_yy differ from the nominal ones, too: it is no Kalman filter
+        with another P_pred.
 Source  Shafieezadeh-Abadeh, Nguyen, Kuhn, Mohajerin Esfahani, Wasserstein distributionally robust Kalman filtering,
         NeurIPS 2018, Algorithms 1-3.
 Assumed The step of Frank-Wolfe maximises the objective; see numerics/wasserstein.py.  The tolerance of the relative
-        duality gap is 1e-10; the authors' 1e-4 ends after one step on their example and leaves P 1.8 % too small.
-        The gap bounds the error of tr P of a step.  That of L and P is of the order of its root: with 1e-10, tr P of
-        the stationary filter on wkf2018 with radius 0.2 is off by 2e-6, with 1e-14 by 1e-8 at most.
+        duality gap is 1e-10; the authors' 1e-4 leaves P 1.8 % too small on their example.  The gap bounds the error of
+        tr P of a step, its root that of L and P: with 1e-10 tr P of the stationary filter on wkf2018 with radius 0.2 is
+        off by 2e-6.
 Limit   radius = 0 is the Kalman filter.  If y does not depend on x, tr P = ((tr P_pred)^1/2 + radius)^2.
         If Sigma is multiplied by c and the radius by c^1/2, L stays as it is.
 Missing The ball of a run with missing measurements is that around x(k) and the outputs that are there.  Without any,
@@ -84,8 +84,7 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) covariance of the initial state; may be singular
     radius : radius of the ball in the unit of x and y, the tolerance of model error per step
-    tolerance : duality gap relative to tr P at which the computation of a step ends; the gap is in the series of the
-        design
+    tolerance : relative duality gap at which a step ends; the gap is in the series of the design
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 

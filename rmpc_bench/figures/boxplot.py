@@ -53,8 +53,7 @@ class Boxplot(SweepFigure):
     metric : name of the metric; the primary one if not given
     log : logarithmic axis, linear with a remark if a value is not positive; `auto` where the largest value exceeds 20
         times the smallest
-    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, and more
-        for long names
+    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, more for long names
     order : methods to show, from left to right; all if not given
     at : points of the sweep, from top to bottom, each by values of its paths (default: the first 6)
     """

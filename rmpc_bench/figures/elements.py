@@ -45,8 +45,7 @@ class Elements(OnePointFigure):
     from_ : first time to show [s]
     to : last time to show [s]
     width : width of the whole picture [in]; 3.5 is enough for three columns
-    height : height of the whole picture [in]; if not given 0.7 and 0.8 for every row; legend and title add to it if
-        they need more than a line
+    height : height of the whole picture [in]; if not given 0.7 and 0.8 for every row; long legends and titles add to it
     order : methods to show, later ones above earlier ones; all that report the signal if not given
     """
 

@@ -123,8 +123,7 @@ class Ellipses(OnePointFigure):
     k : the sample whose P and mean are shown; the last one if not given
     sigmas : radii of the ellipses in standard deviations, 4 at most: solid, dashed, dotted and dash-dotted
     components : the two states of the ellipses (counted from 0), the horizontal one first
-    height : height of the whole picture [in]; if not given 2.6; legend and title add to it if they need more than a
-        line
+    height : height of the whole picture [in]; if not given 2.6; long legends and titles add to it
     order : methods to show, later ones above earlier ones; all that have moments and P if not given
     """
 

@@ -65,7 +65,7 @@ class Rows(SweepFigure):
     log : logarithmic axis; `auto` where the largest value exceeds 20 times the smallest
     above : for shares: a run counts if its value is larger than this number
     width : width of the whole picture [in]
-    height : height of the whole picture [in]; if not given it follows from the number of rows
+    height : height of the whole picture [in]; by the number of rows if not given
     order : methods to show, from top to bottom; all if not given
     at : points of the sweep, from top to bottom, each by values of its paths (default: the first 6)
     """

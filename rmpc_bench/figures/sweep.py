@@ -49,7 +49,7 @@ class Sweep(SweepFigure):
     spread : for values: `interval` shows means with their intervals, `quartiles` medians with quartiles
     log : whether axis or colours are logarithmic; `auto` where the largest value exceeds 20 times the smallest
     label : text of the axis of the swept value; made from the path if not given
-    height : height of the whole picture [in]; if not given it follows from the numbers of panels and cells
+    height : height of the whole picture [in]; by the number of panels and cells if not given
     order : methods to show; all if not given
     at : points of the sweep, each by values of its paths (default: all)
     """

@@ -356,7 +356,7 @@ def design(
     n_steps : number of control periods N
     ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
     output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p), u as it acts; without it all states are measured
-    states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}``
+    states, inputs : names, such as ``{pump: ml/s}``
     outputs : names; needed with `output`
     parameters : name -> nominal value; `perturb` and `set` may name them, and rhs reads them as p.name or p["name"]
     solver : integration over one sample

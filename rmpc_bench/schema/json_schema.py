@@ -51,12 +51,12 @@ PLANT_KEYS: dict[str, Schema] = {
     "bounds": {
         "type": "object",
         "description": "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is "
-        "`out-of-range`; a plant with names takes these, and limits its inputs, so that u is what acts and u_command "
-        "what the controller returns: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}",
+        "`out-of-range`; a plant with names takes these and clips its inputs, {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}: "
+        "u is what acts, u_command what the controller returns",
     },
     "diverged": {
         "type": ["number", "string", "array", "object"],
-        "description": "magnitude of a state, one number, one per state or by name, beyond which a run is `diverged`; "
+        "description": "size of a state, for all or by name, beyond which a run is `diverged`; "
         "1e6 times the largest of 1, its initial value and the reference if not given",
     },
     "angles": {

@@ -76,13 +76,22 @@ def _of_type(schema: Schema) -> str:
 def _list_words(schema: Schema) -> str:
     items = schema.get("items")
     if isinstance(items, list):
-        return f"list of {len(items)}: {', '.join(type_words(each) for each in items)}"
+        words = [type_words(each) for each in items]
+        if len(words) == 2 and len({*words}) == 1:
+            return f"pair of {_many(words[0])}"
+        return f"list of {len(items)}: {', '.join(words)}"
     return f"list of {_many(type_words(items))}" if items else "list"
 
 
 def _many(words: str) -> str:
     """Plural of a type, where it is regular."""
-    for one, many in (("number", "numbers"), ("text", "texts"), ("list of", "lists of"), ("mapping", "mappings")):
+    for one, many in (
+        ("number", "numbers"),
+        ("text", "texts"),
+        ("list of", "lists of"),
+        ("pair of", "pairs of"),
+        ("mapping", "mappings"),
+    ):
         if words.startswith(one):
             return words.replace(one, many, 1)
         if words.startswith(f"whole {one}"):

@@ -28,7 +28,9 @@ def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
     """
     rest, labelled = _labelled(manual.module)
     module = registry.BUILT_IN[manual.group][manual.kind].partition(":")[0]
-    others = {kind for kinds in registry.BUILT_IN.values() for kind in kinds if kinds[kind].startswith(f"{module}:")} - {manual.kind}
+    others = {
+        kind for kinds in registry.BUILT_IN.values() for kind in kinds if kinds[kind].startswith(f"{module}:")
+    } - {manual.kind}
     items = [item for label, words in labelled for item in _item(label, words, manual.kind, others)]
     about = [] if len(sharing(manual)) >= SHARED_BY else _paragraphs(rest)
     return [*_paragraphs(manual.text), *about, *formula, "\n".join(items), *_methods(manual)]

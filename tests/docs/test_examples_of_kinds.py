@@ -39,6 +39,10 @@ def test_an_example_is_valid(group, kind, tmp_path):
 
 
 def test_kinds_are_found_in_lists_short_forms_and_values():
-    tree = {"plant": {"ode": "a.py:f"}, "noise": {"w": {"sum": [{"gaussian": {}}]}}, "metrics": ["mse", {"kind": "nees"}]}
+    tree = {
+        "plant": {"ode": "a.py:f"},
+        "noise": {"w": {"sum": [{"gaussian": {}}]}},
+        "metrics": ["mse", {"kind": "nees"}],
+    }
     assert [*named(tree)] == [("plants", "ode"), ("noises", "gaussian"), ("metrics", "mse"), ("metrics", "nees")]
     assert len(pages()) > 100

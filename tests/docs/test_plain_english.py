@@ -8,7 +8,11 @@ import pytest
 ROOT = Path(__file__).parents[2]
 GENERATED = {"reference.md", "components.md"}
 """Their sentences are those of docstrings, of the schema and of claims."""
-PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name not in GENERATED and "components" not in page.parts]
+PAGES = [
+    page
+    for page in sorted((ROOT / "docs").rglob("*.md"))
+    if page.name not in GENERATED and "components" not in page.parts
+]
 LONGEST = 30
 """Words of a sentence; a formula, a name in code or a link counts as one."""
 
