@@ -190,9 +190,9 @@ def plant(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    casadi : ``PATH.py:NAME`` of a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
+    casadi : a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
         these names, of a dict for casadi.integrator, or of a function that returns one
-    output : ``PATH.py:NAME`` of a casadi.Function or a function of Python of (x, p); without it all states are measured
+    output : a casadi.Function or a function of Python of (x, p) (default: all states)
     states, inputs : names, such as ``{pump: ml/s}`` (default: as many as there are)
     outputs : names; needed with `output`
     parameters : name -> nominal value, in the order of p; `perturb` and `set` may name them

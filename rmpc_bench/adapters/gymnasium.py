@@ -397,15 +397,15 @@ def design(
     env : ID such as ``Pendulum-v1`` or ``package:Name-v0``, or ``PATH.py:NAME`` of a class or a function that makes one
     options : keywords of its class
     state : attribute that is the state, or ``PATH.py:NAME`` of get(environment); the observation if not given
-    set_state : ``PATH.py:NAME`` of set(environment, x), where the state is no attribute that can be assigned
+    set_state : set(environment, x), where the state is no attribute that can be assigned
     start : x(0) is that of `reset` of the environment, or that of the section `initial`
     output : names of states and ``observation.0``, ``observation.1`` .., or ``PATH.py:NAME`` of output(x, p); without
         it all states are measured
     states, inputs, outputs : names, such as ``{torque: N m}``; a count where not given
-    action : values of u for the discrete actions 0, 1, .., of which the nearest is applied, or ``PATH.py:NAME`` of a
-        function from u to an action
+    action : values of u for the discrete actions 0, 1, .. (the nearest is applied), or ``PATH.py:NAME`` of a function
+        from u to an action
     parameters : name -> nominal value, of keywords or attributes of the environment; `perturb` and `set` may name them
-    set_parameters : ``PATH.py:NAME`` of set(environment, p), where other attributes depend on the parameters
+    set_parameters : set(environment, p), where other attributes depend on the parameters
     terminated : whether a run ends where the environment ends an episode
     bounds : name of a state or an input -> lower and upper bound
 

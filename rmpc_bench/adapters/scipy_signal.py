@@ -23,16 +23,15 @@ def plant(
 ) -> Plant:
     """Linear system of scipy.signal.
 
-    A continuous system (`lti`) is sampled exactly, with the input held over a sample; the `dt` of a discrete one
-    (`dlti`) must be the sampling time.  A transfer function has the states of scipy.signal's `to_ss`, which are named
-    x.0, x.1 and so on.
+    A continuous system (`lti`) is sampled exactly; the `dt` of a discrete one (`dlti`) must be the sampling time.  A
+    transfer function has the states x.0, x.1 .. of `to_ss`.
 
     Parameters
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    scipy : ``PATH.py:NAME`` of a system, or of a function that returns one; the arguments of the function are
-        parameters, which `perturb` and `set` may name
+    scipy : a system, or of a function that returns one; its arguments are parameters, which `perturb` and `set` may
+        name
     parameters : argument of the function -> nominal value (default: that of the function)
     bounds : name of a state or an input -> lower and upper bound
 
@@ -52,7 +51,7 @@ def model(
     Parameters
     ----------
     Ts : sampling time [s]; a continuous system is sampled with the input held
-    scipy : ``PATH.py:NAME`` of a system, or of a function of parameters that returns one
+    scipy : a system, or of a function of parameters that returns one
     parameters : argument of the function -> value (default: that of the function)
     noise : covariances `process` and `measurement` of the noise of the sampled model
 

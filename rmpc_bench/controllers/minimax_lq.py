@@ -4,16 +4,15 @@ Model   At every k, with x(k) - x_hat(k) = e in E(0, M(k)) and w_b(t) in E(0, M_
         minimise an upper bound of the largest sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t), in the mean over
         the stochastic noise, and apply u(k).  Future measurements are not modelled, so that v has no effect (ma2025,
         (P_k)).  M and M_w are the sets of the estimator; for an estimator without sets they are the 95 % ellipsoids of
-        its P and of Q_w.  The law regulates to x = 0 and does not follow a reference.
-        Sets that do not depend on the data are those of a run without missing measurements, also in a run with them.
+        its P and of Q_w.  It regulates to x = 0, without a reference.  Sets that do not depend on the data are those of
+        a run without missing measurements.
 Source  ma2025, Theorem 1: the semidefinite program (57), solved exactly by the recursion of numerics/lq_game.py.
 Sets    `stacked`  sum over t of w' M_w^-1 w <= 1, as (62) and (65) are printed.  It excludes admissible noise
                    sequences, so that rho is not a bound for the stated problem.
         `product`  M_w -> N M_w, which contains every sequence of admissible w(t): rho is a bound.
         `stages`   one multiplier per stage: rho is the tightest bound of the three (one search per state: slow).
 Limit   M = 0 and M_w = 0 give the control of lqr.
-Cost    stacked, product: tables for all k are computed once per method.  A state is then evaluated by the table, or
-        solved exactly where the table is not valid.  stages: one search per state, 10 to 20 times (N n)^3.
+Cost    stacked, product: tables for all k, once per method. stages: one search per state, 10 to 20 times (N n)^3.
 Fails   Design error: a weight is not admissible, the model has constant parts, or noise grows beyond 1e100 over the
         horizon.  With R_u = 1e-8 Q_x nine digits of rho and seven digits of u are correct.
 """
@@ -180,8 +179,7 @@ def design(
     horizon : N [samples]
     Q_x : weight of the state
     R_u : weight of the input, positive definite
-    set : admissible noise sequences: `stacked` as printed (rho is not a bound), `product` (rho is a bound), `stages`
-        (rho is the tightest bound)
+    set : admissible noise sequences: `stacked`, `product` or `stages`
 
     Raises
     ------

@@ -1,27 +1,22 @@
 """Model predictive control: a linear law computed once, and quadratic programs where limits are constraints.
 
-This file checks the keys and computes the gains. The laws are in mpc_law.py, their limits in limits.py, increments.py
-and constrained.py.
-
 Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
         Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input.
         u(-1) is the input u_op of the operating point of the model, 0 without one.
-        Of a model that varies with k the predictions use A and B of k..k+Hp-1 and C of k+1..k+Hp, so that every k has
-        gains of its own; beyond the last k for which the model is given it stays as it is there.
-        With constant parts f0 and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean` of the
-        estimate), the predictions include them and u(k) has the further terms - u_0 - K_d d_hat(k).
+        A model that varies with k has gains for every k, and stays as it is beyond its last k.  With constant parts f0
+        and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean`), u(k) has the further terms -
+        u_0 - K_d d_hat(k).
 Limits  `enforce: clip` clips the increment of that input, then the input.  `enforce: qp` adds the constraints
             u_low <= u(k+j) <= u_high,  du_low <= du(k+j) <= du_high                     for j = 0..Hu-1
             z_low - eps <= z(k+j) <= z_high + eps,  eps >= 0                             for j = 1..steps, `soft`
-        and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Runs for which no limit
-        acts have the input of the linear law.
+        and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Where no limit acts, the
+        law is the linear one.
 Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2: `law: printed`.
-Assumed `law: increment`, because the text states (2).  `law: printed` holds the input after Hu, as (2) does (du = 0),
-        so that the last block column of Theta is a step response; the printed entry C A^(Hp-Hu-1) B of that column
-        agrees with no interpretation.  The printed law does not depend on u(k-1): K_u = I.
-        `law: printed` weighs u - u_op.
-        `Q`, `R` weigh the scaled signals y / scale.y and u / scale.u.
+Assumed `law: increment`, because the text states (2).  `law: printed` holds the input after Hu, as (2) does, so that
+        the last block column of Theta is a step response; its printed entry C A^(Hp-Hu-1) B agrees with no
+        interpretation.  The printed law does not depend on u(k-1): K_u = I. `law: printed` weighs u - u_op.  `Q`, `R`
+        weigh the scaled signals y / scale.y and u / scale.u.
 Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, with either law.  `enforce: qp` with limits that
         never act is the linear law.
 Cost    Three small matrix-vector products per run and step; with `enforce: qp` about 1 us, and 10 us where limits act.
@@ -124,8 +119,8 @@ class Scale:
 
     Parameters
     ----------
-    u : scale of the input, a number or one per input
-    y : scale of the output, a number or one per output
+    u : scale of the input
+    y : scale of the output
     """
 
     u: Positive | list[Positive] = 1.0
@@ -163,7 +158,7 @@ def design(
     scale : divisors `u` and `y` of the signals in the cost
     limits : bounds of the input and of its increment
     soft : limits of predicted signals, measured or not, which may be exceeded at a cost; they need `enforce: qp`
-    law : `increment` minimises (2); `printed` is (4), which weighs the inputs; both hold the input after Hu
+    law : `increment` minimises (2); `printed` is (4), which weighs the inputs
 
     Raises
     ------

@@ -1,15 +1,13 @@
 """PID control in parallel form, one loop per input, with a filtered derivative and anti-windup.
 
-Model   u = u_op + P + I + D with three independent gains (parallel form, not the ISA standard form):
-            P = Kp (b r - y),   I = Ki integral of (r - y),   D = Kd s / (1 + Tf s) (c r - y).
+Model   u = u_op + P + I + D with three independent gains: P = Kp (b r - y), I = Ki integral of (r - y), D = Kd s / (1 +
+            Tf s) (c r - y).
         The ISA standard form has Ki = Kp / Ti and Kd = Kp Td.  At an operating point r and y are deviations from y_op.
         Discretised by backward Euler with the sampling time Ts, for the integral and for the derivative:
             I(k) = I(k-1) + Ki Ts (r(k) - y(k)),
             D(k) = (Tf D(k-1) + Kd (e_D(k) - e_D(k-1))) / (Tf + Ts),   e_D = c r - y,
-        so that the pole Tf / (Tf + Ts) of the filter is in [0, 1) for every Tf >= 0, where Tustin's rule gives a pole
-        near -1 for a small Tf.  D(0) = 0: the derivative starts without a jump.
-        The input is clipped to `limits`, and then to the bounds of the plant; the result is u(k).  Where u(k) differs
-        from the sum v(k) of the parts, `anti_windup` selects I(k):
+        with D(0) = 0.  The input is clipped to `limits`, and then to the bounds of the plant; the result is u(k).
+        Where u(k) differs from the sum v(k) of the parts, `anti_windup` selects I(k):
             back-calculation  I(k) is corrected by (Ts / Tt) (u(k) - v(k)),
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
             none              I(k) has no correction.
@@ -243,20 +241,19 @@ def design(
     model : design model, for the numbers of inputs and outputs and the operating point
     Ts : sampling time [s]
     measured : names of the measured disturbances
-    Kp : proportional gain [input unit / output unit], a number or one per loop, as every gain
+    Kp : proportional gain [input unit / output unit]
     Ki : integral gain [input unit / (output unit s)]
     Kd : derivative gain [input unit s / output unit]
     Tf : time constant of the filter of the derivative [s], 0 for none
     b : weight of the reference in the proportional part
-    c : weight of the reference in the derivative; with 0 a step of the reference causes no jump of u
+    c : weight of the reference in the derivative
     on : `y` controls the measured output, `estimate` the output C x_hat + d0 of the estimate, h(x_hat) of a
         nonlinear model
     outputs : output of the loop of every input, counted from 0 (default: input i controls output i)
     limits : bounds of the input, `{u: [low, high]}` or one pair per input
-    anti_windup : treatment of the integral while a limit acts: `back-calculation`, `clamping` or `none`
+    anti_windup : treatment of the integral while a limit acts
     Tt : tracking time of the back-calculation [s], at least Ts (default: sqrt(Kd / Ki), without a derivative Kp / Ki)
-    feedforward : measured disturbance -> gain on its deviation from the operating point, a number or one per loop;
-        the section `input` names it in `only`
+    feedforward : measured disturbance (`only` of the section `input`) -> gain on its deviation from the operating point
     start : `rest` starts with an integral of 0, `bumpless` with the one that gives u(0) = u_op
 
     Raises

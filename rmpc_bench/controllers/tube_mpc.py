@@ -13,8 +13,8 @@ Source  tube: Mayne, Seron and Rakovic (2005), Z by Rakovic, Kerrigan, Kouramas 
         Rossiter and Zappa (2001), with the largest terminal set (Gilbert and Tan 1991).
 Holds   If the problem is feasible at k = 0, it stays feasible and no limit is violated, for x measured without noise
         and w in W.  With an estimated state the law uses x_hat as x, and W does not contain the error of the estimate.
-Assumed The design is made for W (1 + `margin`).  Without it the noise can bring x to a point at which exactly one z(0)
-        is allowed, and an error of the solver of 1e-10 makes the next problem infeasible.
+Assumed The design is made for W (1 + `margin`).  Without it x can come to a point with exactly one z(0), where an error
+        of the solver of 1e-10 makes the next problem infeasible.
 Limit   Without an active limit lqr with an infinite horizon.  With W -> 0 all three laws are one.
 Cost    A matrix-vector product per run and step where no limit acts; otherwise a quadratic program, 20 to 30 us.
 Fails   Design error: W leaves no room inside the limits, no input reaches an unstable mode, or Z has too many facets.
@@ -178,12 +178,12 @@ def design(
     R_u : weight of the input, positive definite
     horizon : N, number of corrections of the feedback [samples]
     limits : [low, high] by signal: `u` (one pair for all inputs, or one per input), `u.0`, `x.1`, `y.0`, or a signal
-        that the design model names; `null` in place of a number where there is none
-    W : half widths of the box of the process noise, a number for all states or one per state; `none` does not use it
+        that the design model names; `null` for none
+    W : half widths of the box of the process noise; not for `tightening: none`
     tightening : `tube` tightens every limit by a robust invariant set, `growing` that of step j by the noise of j
         samples, `none` no limit
-    fallback : input where no corrections satisfy the limits: `clip` is the feedback clipped to the limits of the input,
-        `hold` the previous input, `stop` ends the run
+    fallback : input where no corrections satisfy the limits: `clip` is the clipped feedback, `hold` the previous input,
+        `stop` ends the run
     margin : relative margin by which the box of the design is larger than W
     alpha : accuracy of the robust invariant set, which is at most 1/(1 - alpha) times as large as its finite sum
 

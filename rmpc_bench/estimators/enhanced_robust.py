@@ -16,12 +16,11 @@ Assumed `equations`: Step 5 of Table 2 is printed with Delta_1, but the P that b
         not guaranteed after (47) fails; a remark reports this.  With `rule: state` a_x follows from X.
         `eps`, `gamma`: (76) and (47) need an excess over the largest eigenvalue.  `eps` is the paper's; `gamma` is a
         multiple of that eigenvalue and independent of units.
-        Phi is that of Step 4, not of (70).  They differ if P22c is singular (at k = 0, (70) gives K C): the bound is
-        the same, the mean error differs.
-        `tuned` minimises the trace of the next P, not of the last one.  With `rule: state`, X determines every later
-        a_x; therefore a_w and a_v may not increase the trace of the next X and of G X G' over those of eps or gamma.
-        With `rule: error` a smaller P gives a smaller a_x, and an error that exceeds P exceeds it sooner (section 5,
-        eps = 0.1, constant F = 1: from k = 10 instead of 16).
+        Phi is that of Step 4, not of (70), which differs if P22c is singular (K C at k = 0): the bound is the same, the
+        mean error is not.  `tuned` minimises the trace of the next P, not of the last one.  With `rule: state`, X
+        determines every later a_x; therefore a_w and a_v may not increase the trace of the next X and of G X G' over
+        those of eps or gamma.  With `rule: error` a smaller P gives a smaller a_x, and an error exceeds P sooner
+        (section 5, eps = 0.1, constant F = 1: from k = 10 instead of 16).
 Limit   Without uncertainty (all H = 0) the Kalman predictor.
 Missing The run has its own bounds from then on: Table 2 for the outputs that are there.
 Digits  `equations: printed` forms P at every step: its relative errors are 6e-9 at P(0) = 1e8 R and 1e-3 at 1e14 R

@@ -7,8 +7,8 @@ Model   x(k+1) = (A + M1 F N) x(k) + w(k),  y(k) = (C + M2 F N) x(k) + v(k), wit
 Source  Simon, Optimal State Estimation (2006), section 12.2, after Hung and Yang, Automatica 39 (2003): P and X are P
         and P~ there, the equations are derived in numerics/robust_bounded_real.py.
 Assumed S1 and S2 default to 2 P0 and 2 P0 + x0 x0', a bound that holds although x(0) and its error are correlated.
-        A model without this uncertainty needs no X: the filter then is the H-infinity predictor, with known inputs and
-        means, and S1 defaults to P0.  The filter ignores uncertainty in Bw, Bv, Dw and Dv.
+        Without this uncertainty it is the H-infinity predictor, with known inputs and means, and S1 defaults to P0.
+        The filter ignores uncertainty in Bw, Bv, Dw and Dv.
 Limit   Without uncertainty, theta = 0 and eps = 0 it is the one-step Kalman predictor.
 Missing The run has its own gains and P from then on.  Where there is no bound with theta, the error of this sample has
         no weight in the bound of the energy.

@@ -44,16 +44,16 @@ MARGIN = 42.0  # width of the numbers of the axis and its label [pt]
 class Boxplot(SweepFigure):
     """An upright box per method: median, quartiles, whiskers from 5 to 95 % of the runs, and points beyond them.
 
-    Of more than 500 runs beyond the whiskers in a panel those at equal ranks are drawn.  The inside of a box has the
-    colour of the verdict.  A box or whisker ends in an arrow where the event of the metric did not occur.  The points
-    of a sweep are panels on a common axis, one below the other; of more than 6 the first 6 are drawn.
+    Of more than 500 runs beyond the whiskers in a panel those at equal ranks are drawn.  A box has the colour of the
+    verdict, and an arrow where the event of the metric did not occur.  The first 6 points of a sweep are panels on a
+    common axis.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
     log : logarithmic axis, linear with a remark if a value is not positive; `auto` where the largest value exceeds 20
         times the smallest
-    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep, more for long names
+    height : height of the whole picture [in]; if not given 2.4, 1.4 per further point of a sweep, more for long names
     order : methods to show, from left to right; all if not given
     at : points of the sweep, from top to bottom, each by values of its paths (default: the first 6)
     """

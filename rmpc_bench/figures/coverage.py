@@ -37,9 +37,9 @@ NEEDED = "needs shares of covered errors: calibration: true"
 class CoverageFigure(OnePointFigure):
     """Share of errors in the regions of the reported covariance against their level, with intervals, for every method.
 
-    The marks of a covariance that is right lie on the diagonal, those of an overconfident filter below it.  In the grey
-    band errors are as large as promised, up to the margin of `calibration`.  Where x and x_hat are recorded, a second
-    panel shows the share of the recorded runs over time at the level of the verdict, with Wilson intervals.
+    The marks of a right covariance lie on the diagonal, those of an overconfident filter below it; the grey band has
+    the margin of `calibration`.  Where x and x_hat are recorded, a second panel shows the share over time at the level
+    of the verdict, with Wilson intervals.
 
     Parameters
     ----------

@@ -35,8 +35,8 @@ ANY = r"\cdot"
 class Elements(OnePointFigure):
     """All elements of a matrix that methods report, such as Q_yw, over time: a panel for each, as in the matrix.
 
-    The panels of the diagonal have one vertical axis, all others another one.  Bursts of the noise are shaded.  A value
-    that is held over a sample is drawn in steps; there is a gap before the first one.
+    The panels of the diagonal have one vertical axis, the others another one.  Bursts of the noise are shaded.  Held
+    values are drawn in steps.
 
     Parameters
     ----------

@@ -49,19 +49,17 @@ CAPTIONS = {
 class Rows(SweepFigure):
     """A row per method, with one column or several side by side.
 
-    Column `values` has boxes of the runs: median, quartiles, and whiskers from 5 to 95 %.  Column `change` has the
-    change against the baseline with its interval in the colour of the verdict, on the logarithmic axis of a ratio; the
-    margin of relevance is grey, and a change beyond the axis is an arrow.  Column `mean` has means with intervals,
-    `share` the share of the runs in which a metric exceeds `above`, or in which its event occurs.  Column `rank` has
-    the ranks over all points of an experiment with `statistics: {ranks: true}`, and the changes beside them are those
-    over all points.  Up to 6 methods stand in the order of the configuration, more in the order of their change.  The
-    points of a sweep stand below each other; of more than 6 the first 6 are drawn.
+    `values` are boxes of the runs: median, quartiles, whiskers from 5 to 95 %. `change` is that against the baseline
+    with its interval in the colour of the verdict, on a logarithmic axis; the margin of relevance is grey, a change
+    beyond the axis an arrow.  `mean` has intervals; `share` is that of the runs in which a metric exceeds `above` or
+    its event occurs.  `rank` has the ranks over all points of an experiment with `statistics: {ranks: true}`, with
+    changes over all points.  More than 6 methods stand in the order of their change.  Of a sweep the first 6 points are
+    drawn, one below the other.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    show : columns from left to right, one or several of values, change, mean, share and rank; values and change if not
-        given
+    show : columns from left to right, of values, change, mean, share and rank; values and change if not given
     log : logarithmic axis; `auto` where the largest value exceeds 20 times the smallest
     above : for shares: a run counts if its value is larger than this number
     width : width of the whole picture [in]

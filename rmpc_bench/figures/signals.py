@@ -55,8 +55,7 @@ class Signals(OnePointFigure):
     - ``variance``: variance of x - x_hat over the ensemble, and the reported one, which it should not exceed
     - ``mean``: mean of x and of x_hat over the ensemble
     - ``nees``, ``nis``: normalised square of error or innovation, averaged over the runs and divided by the degrees of
-      freedom, with the chi-square band of a consistent estimator (Bar-Shalom, Li, Kirubarajan: Estimation with
-      Applications to Tracking and Navigation, 2001, Section 5.4)
+      freedom, with the chi-square band of a consistent estimator (Bar-Shalom, Li, Kirubarajan 2001, Section 5.4)
     - ``tube``: the true state and the estimate of the thick run, with the set M that the method reports about the
       estimate, else the ellipsoid of P at `level`; states outside of it are hollow circles
 
@@ -64,9 +63,9 @@ class Signals(OnePointFigure):
     ----------
     signals : quantities, from top to bottom; a single component, counted from 0, follows a dot (x_hat.2, error.0);
         y and u if not given
-    show : of recorded signals the `runs`, their median with the `band` from 5 to 95 %, the `width` of this band, or the
-        `difference` of every run from the same run of the baseline
-    run : index of the recorded run to draw thick; the one with the middle value of the primary metric if not given
+    show : of recorded signals the `runs`, their median with the `band` from 5 to 95 %, its `width`, or the `difference`
+        from the same run of the baseline
+    run : index of the thick run; that with the middle value of the primary metric if not given
     runs : number of thin runs, from the first one on; as many as fit if not given
     level : probability of the band of `nees` and `nis` and of the ellipsoid of P, such as 95%
     log : logarithmic axes, linear where a value is not positive; those of `nees` and `nis` only if not given

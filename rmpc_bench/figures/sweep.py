@@ -33,20 +33,18 @@ PAGE = {"wide": (4.65, 3.2), "narrow": (2.7, 2.6)}
 class Sweep(SweepFigure):
     """Change of a metric against the baseline, or its values, at the points of a sweep.
 
-    Over one swept number it has a line per method with its intervals as bands.  The axis of the number is logarithmic
-    if all numbers are positive and the largest exceeds 20 times the smallest.  A change is a ratio on a logarithmic
-    axis; a line that leaves the axis has an arrow at its name.  Over names it is a matrix of points and methods, and
-    over two paths a table per method: cells have the number, and of a change the colour of the verdict.  In a cell ?
-    is inconclusive and ≈ equivalent.  Points that differ in another path are panels of lines, or lines of the matrix.
+    Over one swept number it has a line per method with its intervals as bands.  A change is a ratio on a logarithmic
+    axis; a line that leaves it has an arrow at its name.  Over names it is a matrix of points and methods, and over two
+    paths a table per method: cells have the number, and of a change the colour of the verdict.  In a cell ? is
+    inconclusive and ≈ equivalent.  Other paths give panels of lines, or lines of the matrix.
 
     Parameters
     ----------
-    path : swept path of the axis, two paths for tables, or `points` for a matrix of all points; if not given, the
-        paths that tell the points apart
+    path : swept path of the axis, two paths for tables, or `points` for a matrix; those that differ if not given
     metric : name of the metric; the primary one if not given
     show : `change` against the baseline with its interval, or `value`; if not given, the change where there is another
         method
-    spread : for values: `interval` shows means with their intervals, `quartiles` medians with quartiles
+    spread : of values: means with `interval` or medians with `quartiles`
     log : whether axis or colours are logarithmic; `auto` where the largest value exceeds 20 times the smallest
     label : text of the axis of the swept value; made from the path if not given
     height : height of the whole picture [in]; by the number of panels and cells if not given

@@ -119,9 +119,9 @@ class Whiteness(InnovationMetric):
 
     n^2 sum over j = 1..lags of trace(C_j' C_0^-1 C_j C_0^-1) / (n - j) / (lags ny^2), with the n samples of the window
     and the autocovariances C_j = sum of e(k) e(k-j)' / n of the innovation minus its mean over the window (Hosking,
-    1980).  Times lags ny^2, it has about a chi-square distribution with that many degrees of freedom for a consistent
-    filter.  A large value shows that the innovations are correlated over time: the model or its noises are wrong.  A
-    constant bias has no effect; `nis` shows it.  Samples without a measurement are left out before lags are counted.
+    1980).  Times lags ny^2 it is about chi-square with that many degrees of freedom for a consistent filter.  A large
+    value shows correlated innovations: the model or its noises are wrong.  A constant bias has no effect; `nis` shows
+    it.  Missing samples are left out first.
 
     Parameters
     ----------

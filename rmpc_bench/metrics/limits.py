@@ -86,8 +86,7 @@ class Violation(SignalMetric):
 
     Parameters
     ----------
-    limit : largest size of every component, or `[lowest, highest]` value, in the unit of the signal; `null` in place of
-        a number where there is none
+    limit : largest size of every component, or `[lowest, highest]` value; `null` for none
     what : `share` of the samples that exceed the limit, the `largest` excess, or the `integral` of the excess over time
 
     Examples

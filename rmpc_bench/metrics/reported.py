@@ -37,14 +37,13 @@ FALLBACK = "fallback"
 class Reported(BurstMetric):
     """Signal that all methods report over k = 0..N-1, reduced to a number, such as the median of a tuned penalty.
 
-    The value closest to 0 counts as best.  Samples before the first report are left out, for example before a tuning
-    starts.  A method that does not report the signal is an error of the configuration.
+    The value closest to 0 counts as best.  Samples before the first report are left out.  A method that does not report
+    the signal is an error of the configuration.
 
     Parameters
     ----------
     of : name of the reported signal, such as Q_yw
-    component : index of an entry (counted from 0), I for a vector or "I,J" for a matrix, or a list of them; all entries
-        if not given
+    component : index (from 0), I or "I,J", or a list of them; all entries if not given
     reduce : statistic over samples and components; `last` needs one component
     normalised : whether to divide the entry I,J of a square matrix by the root of I,I times J,J
 

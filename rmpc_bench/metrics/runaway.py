@@ -17,10 +17,8 @@ from rmpc_bench.types import Array, Issue, MetricLayout, Positive, Record
 class Runaway(ComponentMetric):
     """Whether the output of the true system goes far beyond the reference: 1 if it does, else 0; lower is better.
 
-    The mean over the runs is the share of runaways.  A run is a runaway if for some output i the largest |y_i(k)| is
-    larger than `factor` times the largest |r_i(k)| over k = 0..N.  The largest reference of the whole experiment
-    counts, so that a reference may pass through 0.  An output whose reference is always 0 has no such size and is left
-    out; `beyond` gives one.
+    A run is a runaway if for some output i the largest |y_i(k)| exceeds `factor` times the largest |r_i(k)| of the
+    whole experiment.  An output whose reference is always 0 needs `beyond`.
 
     Parameters
     ----------

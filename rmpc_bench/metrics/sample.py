@@ -54,7 +54,7 @@ class Sample(Metric):
     Parameters
     ----------
     of : x.I (true state), x_hat.I (estimate), e.I (x - x_hat), y.I (true output), u.I (applied input) or u_command.I
-        (before the bounds of the plant), with the index I of the component (counted from 0)
+        (before the bounds of the plant), I from 0
     at : the sample, in seconds or samples as `time` of the experiment; `N` is the last one, which is N-1 for u
 
     Examples

@@ -159,15 +159,15 @@ class Iae(ErrorMetric):
 class SettlingTime(ComponentMetric):
     """Time after which the output stays within a band around the reference until the end; lower is better.
 
-    The time starts at the first sample of the window and ends at the first sample after which no output leaves its
-    band.  A run that is outside the band at the last sample did not settle: its value is inf.
+    It counts from the first sample of the window to the first one after which no output leaves its band; inf for a run
+    outside the band at the last sample.
 
     Parameters
     ----------
-    from_ : begin of the step, in seconds or samples as `time` of the experiment; the time is measured from here
+    from_ : begin of the step, in seconds or samples as `time`, from which the time counts
     to : last sample, included; N, the last one of the experiment, if not given
-    band : half-width of the band relative to the step.  The step is the jump of the reference at the first sample; for
-        an output without such a jump it is |r(last) - y(first)|
+    band : half-width of the band relative to the jump of the reference at the first sample, or without one to |r(last)
+        - y(first)|
 
     Examples
     --------
@@ -254,9 +254,8 @@ class Tracking(BurstMetric, SumMetric):
 
     Parameters
     ----------
-    norm : `rms` is the root of the mean square over samples and components, `peak` the largest absolute value of a
-        component, `length` the largest Euclidean norm of the error vector, `bias` the largest absolute mean of a
-        component over time
+    norm : `rms` over samples and components, `peak` the largest size of a component, `length` the largest Euclidean
+        norm, `bias` the largest absolute mean of a component over time
     smooth : length of a centred moving average [s] that is applied to the error first; 0 for none
     unit_ : unit of the value: the common unit of the components, or a thousandth of it, such as mm
 

@@ -2,16 +2,15 @@
 
 Model   y = (x_c, y_c, psi), v = y'.  Arm i turns about the fixed point A_i, corner of a square, driven by the torque
         tau_i.  A passive slide on the arm carries the corner B_i of the platform: angle theta_i, length l_i,
-        theta_i' = J_i(y) v, l_i' = S_i(y) v.  The robot is horizontal: Lagrange's equations contain no gravity,
-            M(y) v' + N(y, v) v = J' tau,
-            M = diag(m_p, m_p, I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i,   B_i' = W_i v,
-            N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt + d_rot J_i' J_i + d_sl S_i' S_i.
+        theta_i' = J_i(y) v, l_i' = S_i(y) v.  The robot is horizontal, M(y) v' + N(y, v) v = J' tau, M = diag(m_p, m_p,
+            I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i, B_i' = W_i v, N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt
+            + d_rot J_i' J_i + d_sl S_i' S_i.
         State x = [y, v], input tau, output y.  x' = A(x) x + B(x) tau is exact, with A = [[0, I], [0, -M^-1 N]] and
-        B = [0; M^-1 J'].  Both are frozen at a state and sampled with a zero-order hold of the torques.
-        Four torques produce three forces: torques in the null space of J' do not move the platform.
+        B = [0; M^-1 J'].  Both are frozen at a state and sampled with a zero-order hold.  Torques in the null space of
+        J' do not move the platform.
 Source  belda2017, section VI, (29), (30): the robot 'Moving Slide'.
-Assumed All parameter values, as the paper prints none; the factorisation N(y, v) v of the forces, for which
-        dM/dt - 2 N is skew-symmetric without damping; process noise that is a white acceleration, held over a sample.
+Assumed All parameter values, as the paper prints none; the factorisation N(y, v) v, for which dM/dt - 2 N is
+        skew-symmetric without damping; process noise that is a white acceleration, held over a sample.
 Limit   At rest and without damping N = 0: every coordinate is a double integrator, driven by M^-1 J' tau.
 Cost    0.5 us per run for a pair of matrices.
 Fails   Does not fail.  The matrices at an invalid state (an arm of length zero, or NaN) are NaN.
@@ -62,10 +61,10 @@ class SlideNoise:
 
     Parameters
     ----------
-    process : standard deviation of the white acceleration of the platform [m/s^2, m/s^2, rad/s^2]; one number or three
+    process : standard deviation of the white acceleration [m/s^2, m/s^2, rad/s^2]; one number or three
     measurement : half-width r of the uniform noise of an output [m, m, rad]; one number or three; variance r^2/3
     bursts : time intervals {from: 3.4, to: 4.0, factor: 2} (seconds, ends included) in which the half-widths are
-        multiplied by `factor`; in overlapping bursts the factors multiply
+        multiplied by `factor`; overlapping ones multiply
     """
 
     process: float | list[float] = 0.05
@@ -167,14 +166,14 @@ def _spans(noise: SlideNoise, Ts: float) -> tuple[Span, ...]:
 def design(
     Ts: float, *, noise: SlideNoise = NOISE, discretisation: Literal["zoh", "euler"] = "zoh", **parameters: float
 ) -> MovingSlideModel:
-    """Parallel robot with matrices frozen at the estimated state of every run.
+    """Parallel robot with matrices frozen at the estimate of every run.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : noise of the design model: `process` acts on the acceleration, `measurement` on the pose; `bursts` are
-        the times at which the measurement noise is larger
-    discretisation : `zoh` samples the frozen matrices exactly with a zero-order hold; `euler` uses I + Ts A and Ts B
+    noise : `process` acts on the acceleration, `measurement` on the pose; `bursts` are times of larger measurement
+        noise
+    discretisation : `zoh` samples the frozen matrices exactly; `euler` uses I + Ts A and Ts B
     parameters : those of the robot
 
     Raises

@@ -1,7 +1,7 @@
 """Design model given by an equation of its own, which may be simpler than that of the plant.
 
 Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), or output(x, u, p), with its parameters.
-        It is used as the plant's own equation is by `linearise` (with `at`) or by `nonlinear` (without).
+        With `at` as `linearise`, without as `nonlinear`.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def design(
     ----------
     Ts : sampling time [s]
     plant : plant of the experiment
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
-    output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p); without it all states are measured
-    states, inputs, outputs : names, such as ``[h1, h2]``, or counts
+    ode : rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
+    output : output(x, p) or output(x, u, p) (default: all states)
+    states, inputs, outputs : names or counts
     parameters : name -> value; they replace those of the plant one by one
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point, as for `linearise`; without it the model is nonlinear
@@ -58,7 +58,7 @@ def design(
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant, or error control)
     numba : whether to compile rhs of a nonlinear model
     discrete : whether rhs returns x(k+1) in place of time derivatives
-    angles : states and outputs that count modulo 2 pi, or with their periods, as of the plant (default: those of it)
+    angles : states and outputs that are angles, as of the plant (default: those of it)
     time_unit : unit of the time in texts
 
     Raises

@@ -3,24 +3,22 @@
 Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + w(k),  y(k) = output(x(k), p) + v(k).
         The process noise w has one entry per state and is added to the sampled state.  With `discrete: true`
         x(k+1) = rhs(k Ts, x(k), u(k), p) + w(k).
-Method  `rk4`: Runge-Kutta of order 4, for all runs of a block at once where rhs takes a block.  Every run controls
-        its own error by halving, as numerics/integration.py says; `substeps` gives equal steps in place of it.
-        The scale of a state is its range in four trial runs (plants/ode_design.py).
-        LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
-Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  The simulation limits inputs to
-        their bounds before they act, and counts how often.
+Method  `rk4`: Runge-Kutta of order 4, for all runs of a block at once where rhs takes a block.  Every run controls its
+        own error by halving (numerics/integration.py), relative to the range of a state in four trial runs; `substeps`
+        gives equal steps.  LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
+Names   `bounds` and `diverged` may use them.  Inputs are clipped to their bounds, and how often is counted.
 Blocks  Written with functions of NumPy, rhs computes all runs of a block in one call: x[i] and p.name are rows over the
         runs.  The design tests whether the bits are those of each run alone.  A rhs with `if x[0] > 0`, `max` or
         `math.sin` is called run by run.
 Events  With the methods of `solve_ivp` a function event(x, u, p) or event(t, x, u, p) is located.  Where it passes
-        through 0 the run ends with the text in its attribute `word`, or continues from the state that the function in
-        its attribute `reset` returns.  Its attribute `direction` is 1 for upwards only, -1 for downwards only.
+        through 0 the run ends with the text in its attribute `word`, or continues from the state that its attribute
+        `reset`, a function, returns.  `direction` is 1 for upwards only, -1 for downwards only.
 Fails   Status `out-of-range`: a parameter is not finite, a state has left its bounds within a sample, or an event has
         ended the run.  Status `not-converged`: the integrator failed, or the error of `rk4` is too large with 1/512 of
         a sample.  Status `too-many-events`: more than 32 events in one sample.
-Jumps   A jump of rhs at a sample is exact: it belongs to the sample that begins there.  `rk4` locates a jump within a
-        sample to 1/512 of it and notes it.  A change of rhs(t) that is over within a quarter of a sample may be missed.
-        Dry friction takes up to 1500 steps per sample; `substeps: 50` takes fewer.
+Jumps   A jump of rhs at a sample is exact: it belongs to the sample that begins there.  `rk4` locates one within a
+        sample to 1/512 of it.  A change of rhs(t) that is over within a quarter of a sample may be missed.  Dry
+        friction takes up to 1500 steps per sample; `substeps: 50` takes fewer.
 Cost    About 20 us per run and sample for two states with `substeps: 10` in a block of 50 runs; five to twenty times as
         much run by run.
 """
@@ -348,24 +346,23 @@ def design(
 ) -> OdePlant:
     """Ordinary differential equation in a Python function.
 
-    Names may be a list, a mapping of names to units, or a count; those of a count are x.0, x.1 and so on.
+    Names are a list, a mapping to units, or a count (x.0, x.1 ..).
 
     Parameters
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
-    output : ``PATH.py:NAME`` of output(x, p) or output(x, u, p), u as it acts; without it all states are measured
+    ode : rhs(x, u, p) or rhs(t, x, u, p), which returns x', or x(k+1) with `discrete`
+    output : output(x, p) or output(x, u, p), u as it acts (default: all states)
     states, inputs : names, such as ``{pump: ml/s}``
     outputs : names; needed with `output`
-    parameters : name -> nominal value; `perturb` and `set` may name them, and rhs reads them as p.name or p["name"]
+    parameters : name -> nominal value; `perturb` and `set` may name them; p.name or p["name"] in rhs
     solver : integration over one sample
-    events : ``PATH.py:NAME`` of an event, or of a list of events; only with the methods of `solve_ivp`
+    events : an event, or of a list of events; only with the methods of `solve_ivp`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
     discrete : whether rhs returns x(k+1) in place of time derivatives
-    extra_signal : ``PATH.py:NAME`` of extra_signal(x, p), which returns signals that are not measured, such as a
-        torque; metrics and `record` may name them
+    extra_signal : extra_signal(x, p): signals that are not measured, for metrics and `record`
     extra_signals : their names, such as ``{torque: N m}``
     angles : name of a state or an output that counts modulo a period -> this period
     time_unit : unit of the time in texts

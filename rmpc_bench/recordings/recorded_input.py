@@ -47,8 +47,7 @@ def design(
     nu : number of inputs
     Ts : sampling time [s]
     n_steps : number of control periods N
-    file : a file, whose input is that of all runs, or a pattern such as 'inputs/*.csv': file i, sorted by name, is the
-        input of run i
+    file : a file for all runs, or a pattern such as 'inputs/*.csv': file i, sorted by name, is that of run i
     columns : name of the column, or one per input
     t : name of the column of the time [s]; without it the rows are Ts apart
     resample : how to find values between recorded ones; without it, other steps than Ts are refused

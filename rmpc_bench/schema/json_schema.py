@@ -51,8 +51,8 @@ PLANT_KEYS: dict[str, Schema] = {
     "bounds": {
         "type": "object",
         "description": "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is "
-        "`out-of-range`; a plant with names takes these and clips its inputs, {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}: "
-        "u is what acts, u_command what the controller returns",
+        "`out-of-range`; one with names takes these and clips its inputs, {level: [0 m, 0.6 m], pump: [0, 30 ml/s]} "
+        "(u acts, u_command is what the controller returns)",
     },
     "diverged": {
         "type": ["number", "string", "array", "object"],

@@ -77,7 +77,7 @@ def _list_words(schema: Schema) -> str:
     items = schema.get("items")
     if isinstance(items, list):
         words = [type_words(each) for each in items]
-        if len(words) == 2 and len({*words}) == 1:
+        if len(words) == 2 and len({*words}) == 1 and " or " not in words[0]:
             return f"pair of {_many(words[0])}"
         return f"list of {len(items)}: {', '.join(words)}"
     return f"list of {_many(type_words(items))}" if items else "list"

@@ -47,7 +47,7 @@ def steps(
     nu : number of inputs
     Ts : sampling time [s]
     times : times at which the values begin [s], increasing, on samples; the first is 0
-    values : one entry per time: a number (for every input) or one per input, in the input's unit
+    values : one entry per time, in the input's unit
 
     Raises
     ------
@@ -98,7 +98,7 @@ def sine(
     ----------
     nu : number of inputs
     Ts : sampling time [s]
-    amplitude : a number (for every input) or one per input, in the input's unit
+    amplitude : largest distance from the mean, in the input's unit
     period : period of the wave [s], longer than two samples
     mean : value around which the wave oscillates, in the input's unit
     phase : angle at k = 0 [rad]
@@ -142,14 +142,14 @@ def prbs(
 ) -> Prbs:
     """Pseudorandom binary signal of maximum length, 2^order - 1 bits.
 
-    With several inputs each has the same sequence, shifted by an equal part of its length.  The signal has nearly the
-    spectrum of white noise.  It is the same in all runs and does not depend on the seed.
+    Several inputs have the same sequence, shifted by equal parts of its length.  Its spectrum is nearly white.  It does
+    not depend on the seed.
 
     Parameters
     ----------
     nu : number of inputs
     Ts : sampling time [s]
-    low, high : the two values, each a number (for every input) or one per input, in the input's unit
+    low, high : the two values, in the input's unit
     hold : time over which every bit is held [s], a whole number of samples; one sample unless given
     order : length of the shift register
 

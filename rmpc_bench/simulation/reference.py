@@ -31,7 +31,7 @@ def constant(ny: int, *, value: float | list[float]) -> Constant:
     Parameters
     ----------
     ny : number of outputs
-    value : a number (for every output) or one per output, in the output's unit
+    value : its value, in the output's unit
 
     Raises
     ------
@@ -70,9 +70,9 @@ def square(
     ----------
     ny : number of outputs
     Ts : sampling time [s]
-    values : the first and the second value, each a number (for every output) or one per output, in the output's unit
+    values : the first and the second value, in the output's unit
     period : period of the wave [s], a whole number of samples
-    duty : share of the period with the first value; this part must be a whole number of samples, too
+    duty : share of the period with the first value, a whole number of samples, too
 
     Raises
     ------
@@ -118,8 +118,7 @@ def s_shape(
     """S-shaped path in the plane for three outputs (x, y and an angle), from rest to rest; then the last value is held.
 
     With s = min(t/duration, 1), g = 10 s^3 - 15 s^4 + 6 s^5 and f = (5/4 g - 1/8) pi: x = -width sin 2f,
-    y = height cos f, and the angle is `angle` sin^2(pi g).  The equations are ours: belda2017 shows an S-shaped path
-    without its equation.
+    y = height cos f, and the angle is `angle` sin^2(pi g).  The equations are ours: belda2017 shows the path only.
 
     Parameters
     ----------

@@ -220,7 +220,7 @@ class Metric:
     Parameters
     ----------
     name : name of the column in tables and in claims
-    label : words for figures, tables and captions (default: the name with blanks)
+    label : words for figures and tables (default: the name with blanks)
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""docs/components.md and docs/components/GROUP/KIND.md: a page per component and per group, from docstrings and signatures.
+"""docs/components.md and docs/components/GROUP/KIND.md: a page per component and per group, from its docstrings.
 
 A plant and a design model of one name share the page of the plant.
 """
@@ -43,7 +43,7 @@ ABOUT = {
     "references": "What the output follows, `reference: {kind: NAME, ..}`.",
     "inputs": "Inputs in open loop, `input: {kind: NAME, ..}`, in place of a controller.",
     "noises": "Laws of noises and of the initial state, `noise: {measurement: {NAME: {..}}}`. `{sum: [LAW, LAW]}` adds "
-    "laws with a random stream each, `{same: {scale: 0.5}}` is the noise of the design model with half of its standard deviation.",
+    "laws with a random stream each, `{same: {scale: 0.5}}` is the noise of the design model, its deviation halved.",
     "metrics": "One number per run, in the list `metrics`: `NAME`, or `{kind: NAME, name: COLUMN, ..}`.",
     "figures": "Pictures of the results, in the list `figures`: `NAME`, or `{kind: NAME, ..}`.",
 }
@@ -104,7 +104,7 @@ def _kind(group: str, kind: str) -> str:
     both = [row for row in _rows(group, kind) if row in common]
     parts += ["## Keys of both", table(_HEADS, ()) + "\n" + "\n".join(both)] if both else []
     home = ", ".join(f"[{each.capitalize()}](../{each}/index.md)" for each in groups)
-    return page(f"# {kind}", home, *parts, *_in_use([(each, kind) for each in groups]))
+    return page(f"# {kind}", home, *dict.fromkeys(parts), *_in_use([(each, kind) for each in groups]))
 
 
 _HEADS = ("key", "type", "default", "unit", "meaning")
@@ -117,7 +117,7 @@ def _component(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
     short = [f"Short form: {form}"] if form else []
     extra = NEEDED_BY.get((group, kind))
-    short += [f"Needs a library: `pip install '.[{extra}]'`; see [libraries.md](../../libraries.md)."] if extra else []
+    short += [f"Needs `pip install '.[{extra}]'`: [libraries.md](../../libraries.md)."] if extra else []
     equation = EQUATIONS.get((group, kind), "")
     formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
     return [*texts(manual, formula), *short, *_keys(group, kind, elsewhere), *examples]
