@@ -190,8 +190,8 @@ def plant(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    casadi : a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have
-        these names, of a dict for casadi.integrator, or of a function that returns one
+    casadi : a casadi.Function of (x, u, p) or (t, x, u, p), in any order where its inputs have these names, a
+        dict for casadi.integrator, or a function that returns one
     output : a casadi.Function or a function of Python of (x, p) (default: all states)
     states, inputs : names, such as ``{pump: ml/s}`` (default: as many as there are)
     outputs : names; needed with `output`

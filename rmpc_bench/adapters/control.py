@@ -182,7 +182,7 @@ def plant(
     ----------
     Ts : sampling time [s], which that of a discrete system must be
     n_steps : number of control periods N
-    control : a StateSpace, TransferFunction or NonlinearIOSystem, or of a function that returns one
+    control : a StateSpace, TransferFunction or NonlinearIOSystem, or a function that returns one
     parameters : nominal values of `params`, or of the arguments of a function that returns a linear system; `perturb`
         and `set` may name them (default: those of the system)
     solver : integration of a nonlinear continuous system, as for `ode`
@@ -218,7 +218,7 @@ def model(
     ----------
     Ts : sampling time [s]; a linear continuous system is sampled with the input held
     plant : plant of the experiment; a program needs none for a linear system
-    control : a system, or of a function that returns one, as for the plant
+    control : a system, or a function that returns one, as for the plant
     parameters : values of its parameters (default: those of the system)
     noise : covariances `process` and `measurement` of the noise of the sampled model
     at : operating point of a nonlinear system, as for `linearise`

@@ -30,7 +30,7 @@ def plant(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    scipy : a system, or of a function that returns one; its arguments are parameters, which `perturb` and `set` may
+    scipy : a system, or a function that returns one; its arguments are parameters, which `perturb` and `set` may
         name
     parameters : argument of the function -> nominal value (default: that of the function)
     bounds : name of a state or an input -> lower and upper bound
@@ -51,7 +51,7 @@ def model(
     Parameters
     ----------
     Ts : sampling time [s]; a continuous system is sampled with the input held
-    scipy : a system, or of a function of parameters that returns one
+    scipy : a system, or a function of parameters that returns one
     parameters : argument of the function -> value (default: that of the function)
     noise : covariances `process` and `measurement` of the noise of the sampled model
 

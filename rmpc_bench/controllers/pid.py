@@ -1,7 +1,7 @@
 """PID control in parallel form, one loop per input, with a filtered derivative and anti-windup.
 
-Model   u = u_op + P + I + D with three independent gains: P = Kp (b r - y), I = Ki integral of (r - y), D = Kd s / (1 +
-            Tf s) (c r - y).
+Model   u = u_op + P + I + D with three independent gains:
+            P = Kp (b r - y),   I = Ki integral of (r - y),   D = Kd s / (1 + Tf s) (c r - y).
         The ISA standard form has Ki = Kp / Ti and Kd = Kp Td.  At an operating point r and y are deviations from y_op.
         Discretised by backward Euler with the sampling time Ts, for the integral and for the derivative:
             I(k) = I(k-1) + Ki Ts (r(k) - y(k)),

@@ -22,7 +22,7 @@ Assumed `equations`: Step 5 of Table 2 is printed with Delta_1, but the P that b
         those of eps or gamma.  With `rule: error` a smaller P gives a smaller a_x, and an error exceeds P sooner
         (section 5, eps = 0.1, constant F = 1: from k = 10 instead of 16).
 Limit   Without uncertainty (all H = 0) the Kalman predictor.
-Missing The run has its own bounds from then on: Table 2 for the outputs that are there.
+Missing A run with gaps has its own bounds from then on: Table 2 for the outputs that are there.
 Digits  `equations: printed` forms P at every step: its relative errors are 6e-9 at P(0) = 1e8 R and 1e-3 at 1e14 R
         (measured).
 Cost    As every gain schedule; `tuned` solves for a_w, a_v and K alternately at every step.

@@ -12,8 +12,8 @@ Forms   `filter` (a posteriori): L = P_pred C' (C P_pred C' + R_v)^-1 = P C' R_v
         P0^-1 > theta W.
 Source  Simon, Optimal State Estimation (2006), chapter 11; Hassibi, Sayed, Kailath (1999); Shaked and Theodor (1992).
 Limit   theta = 0 gives the Kalman filter.  The predictor with W = I is the predictor of `risk-sensitive`.
-Missing The run has its own P_pred from then on, with the same theta.  Where the condition does not hold for the other
-        outputs, the error of this sample has no weight in the bound.
+Missing A run with gaps has its own P_pred from then on, with the same theta.  Where the condition does not hold for the
+        others, this sample has no weight in the bound.
 Cost    As every gain schedule.  `fraction` repeats the recursion about 30 times to find theta_max by bisection.
 Fails   Design error if a condition is violated; it names the first k and theta_max, the least upper bound of theta for
         k = 0..N.  Design error if R_v is singular.

@@ -5,7 +5,7 @@ Model   x(k+1) = A x(k) + B u(k) + f0 + w~(k),  y(k) = C x(k) + d0 + v~(k),  w~ 
         nominal model.
 Source  Anderson and Moore, Optimal Filtering (1979); the classic predictor of souto2011, section 5.
 Limit   Without correlation the predictor form of `kalman`.
-Missing The run has its own gains and P from then on, also with `gain: steady`.
+Missing A run with gaps has its own gains and P from then on, also with `gain: steady`.
 Cost    As every gain schedule.
 Fails   Design error: R and S_wv do not form a joint covariance; with `gain: steady` the model varies or the algebraic
         Riccati equation has no stabilising solution.

@@ -7,10 +7,10 @@ Forms   `predictor`: x_hat(k) uses y(0..k-1).  `filter`: x_hat(k) uses y(k) as w
         L = P_pred C' (C P_pred C' + R)^-1, R the covariance of y(k) given x(k) and x_hat of the predictor.  Both have
         the same predictions: K = (A P_pred C' + S)(C P_pred C' + R)^-1, where S is the covariance of the noises of
         x(k+1) and y(k) that a common F causes.
-Source  Nahi, IEEE Trans.  Information Theory 15 (1969); De Koning, Automatica 20 (1984); derived for this system from
+Source  Nahi, IEEE Trans. Information Theory 15 (1969); De Koning, Automatica 20 (1984); derived for this system from
         the moments of [x(k+1); y(k)].
 Limit   Without uncertainty, or with variance 0, the Kalman filter or predictor of the mean system.
-Missing The run has its own gains and P from then on.
+Missing A run with gaps has its own gains and P from then on.
 Cost    As every gain schedule.
 Fails   Design error if E x x' overflows: the system is not stable in the mean square.
 """

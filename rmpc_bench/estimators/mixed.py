@@ -8,7 +8,7 @@ Assumed The weight q of a correction is the fixed point of (22) and (24), which 
         weight; the paper does not say how.  If the optimal q is 0 or infinite, or M_v is nearly singular, tr P + tr M
         exceeds its minimum by up to 5e-5 of tr P_pred + tr M_pred. p(k) belongs to the prediction from k to k+1.
 Limit   Without bounded noises (M = 0) the Kalman filter; without stochastic noises `set-membership` without `inflate`.
-Missing The run has its own gains, P and M from then on.
+Missing A run with gaps has its own gains, P and M from then on.
 Cost    As every gain schedule.
 Fails   Design error if the innovation has no noise in some direction, even if its values are always consistent, as for
         P_v = 0 and M_v of rank 1 with ny > nx + 1.

@@ -5,7 +5,7 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v 
         |x(k-N) - x_bar|^2 in P_bar^-1 + sum |x(j+1) - f(x(j), u(j))|^2 in Q_w^-1 + sum |y(j) - h(x(j))|^2 in R_v^-1
         with low <= x(j) <= high. x_bar is f of the estimate x_hat(k-N-1).  P_bar is that of the prediction of an
         extended Kalman filter at the estimates.  While k < N the window begins at k = 0 with x0 and P0.
-Source  Rao, Rawlings, Mayne, IEEE Trans.  Automatic Control 48 (2003); Haseltine and Rawlings, Ind.  Eng.  Chem.  Res.
+Source  Rao, Rawlings, Mayne, IEEE Trans. Automatic Control 48 (2003); Haseltine and Rawlings, Ind. Eng. Chem. Res.
         44 (2005); Rawlings, Mayne, Diehl, Model Predictive Control, chapter 4.
 Assumed The start is the last window, shifted, with the prediction as its newest state (numerics/nonlinear_window.py).
         P is the covariance of that extended Kalman filter; it knows no bounds.  e and S are those of its prediction.

@@ -5,7 +5,7 @@ Model   As in robust_kalman.py, but the divergence is a penalty of weight 1/thet
 Source  zenere2018, Theorem 2, (17), (18); tau = 1 is (19), V = F exp(theta F'F) F' with P_pred = F F'.
 Assumed theta as in (18), which follows from (17) with twice the divergence (10); (17) as printed gives V with 2 theta.
 Limit   theta -> 0 gives the Kalman filter.  theta = steady multiplier of the robust filter gives its steady gains.
-Missing The run has its own V from then on, with the same theta.  Where V is undefined in a gap, V = P_pred.
+Missing A run with gaps has its own V from then on, with the same theta.  Where V is undefined in a gap, V = P_pred.
 Cost    As every gain schedule; theta_from runs the robust filter until it is steady.
 Fails   Design error at the first step with theta * (1 - tau) * lambda_max(P_pred) >= 1, where V is undefined
         (Remark 2), or where V overflows (possible for all tau).

@@ -10,8 +10,8 @@ Assumed S1 and S2 default to 2 P0 and 2 P0 + x0 x0', a bound that holds although
         Without this uncertainty it is the H-infinity predictor, with known inputs and means, and S1 defaults to P0.
         The filter ignores uncertainty in Bw, Bv, Dw and Dv.
 Limit   Without uncertainty, theta = 0 and eps = 0 it is the one-step Kalman predictor.
-Missing The run has its own gains and P from then on.  Where there is no bound with theta, the error of this sample has
-        no weight in the bound of the energy.
+Missing A run with gaps has its own gains and P from then on.  Where there is no bound with theta, this sample has no
+        weight in the bound of the energy.
 Cost    As every gain schedule.
 Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at some k, or a bound overflows.  With
         uncertainty also: A or S2 is singular, or the model has inputs or noises with a mean (F_hat draws the estimate

@@ -9,7 +9,7 @@ Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikou
         Kullback-Leibler divergence by the tau-divergence; tau = 1 gives V as in (19).
 Assumed (16) as printed, although half of its left side is the divergence (10) between Gaussians; see `kl: half`.
 Limit   c -> 0 gives the Kalman filter.
-Missing The run has its own V from then on.  Without any output P = V.
+Missing A run with gaps has its own V from then on.  Without any output P = V.
 Cost    As every gain schedule; the design solves one scalar equation per step.
 Fails   Design error if C V C' + R_v is singular.
 """

@@ -4,15 +4,15 @@ Model   x(k+1) = (A + M Delta E_f) x(k) + B u(k) + f0 + (Bw + M Delta E_g) w(k),
         Delta of norm at most 1, M = [H_A H_Bw], E_f = [G_x; 0], E_g = [0; G_w]; w and v~ white and uncorrelated.
         Every step estimates (x(k), w(k)) from y(k+1) by least squares under the worst Delta.  P is no bound of the
         error covariance.
-Source  Sayed, IEEE Trans.  Automatic Control 46 (2001) 998-1013: time- and measurement-update form; here E_f' E_g = 0,
+Source  Sayed, IEEE Trans. Automatic Control 46 (2001) 998-1013: time- and measurement-update form; here E_f' E_g = 0,
         so that G does not change.  `lam: search` is its Step 1; lam then depends on the data.
 Assumed `lam: approximate` uses (1 + alpha) lam_l with lam_l = |M' C' R^-1 C M|, the paper's approximation without a
         search.  The search is exact between (1 + 1e-9) lam_l and 1e9 lam_l; the paper gives no upper end.
         The filter ignores uncertainty in C, Bv, Dw and Dv; use R to account for H_Dv.  Means enter through f0 and d0
         without uncertainty.
 Limit   C M = 0 or no uncertainty gives the Kalman filter.
-Missing The run has its own gains and P from then on.  The step to k+1 keeps the lam of all outputs, which is above the
-        bound of every part of them; `lam: search` does not bridge missing measurements.
+Missing A run with gaps has its own gains and P from then on.  The step to k+1 keeps the lam of all outputs, which is
+        above that of every part of them; `lam: search` does not bridge missing measurements.
 Digits  `lam: search` forms P at every step: variances have relative errors of 1e-10 at P(0) = 1e8 R and 4e-4 at 1e14 R
         (measured).
 Cost    As every gain schedule; with a search 35 us per run and step for two states and one output.

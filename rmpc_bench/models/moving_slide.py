@@ -2,9 +2,10 @@
 
 Model   y = (x_c, y_c, psi), v = y'.  Arm i turns about the fixed point A_i, corner of a square, driven by the torque
         tau_i.  A passive slide on the arm carries the corner B_i of the platform: angle theta_i, length l_i,
-        theta_i' = J_i(y) v, l_i' = S_i(y) v.  The robot is horizontal, M(y) v' + N(y, v) v = J' tau, M = diag(m_p, m_p,
-            I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i, B_i' = W_i v, N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt
-            + d_rot J_i' J_i + d_sl S_i' S_i.
+        theta_i' = J_i(y) v, l_i' = S_i(y) v.  The robot is horizontal,
+            M(y) v' + N(y, v) v = J' tau,
+            M = diag(m_p, m_p, I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i,   B_i' = W_i v,
+            N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt + d_rot J_i' J_i + d_sl S_i' S_i.
         State x = [y, v], input tau, output y.  x' = A(x) x + B(x) tau is exact, with A = [[0, I], [0, -M^-1 N]] and
         B = [0; M^-1 J'].  Both are frozen at a state and sampled with a zero-order hold.  Torques in the null space of
         J' do not move the platform.

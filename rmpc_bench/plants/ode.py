@@ -358,7 +358,7 @@ def design(
     outputs : names; needed with `output`
     parameters : name -> nominal value; `perturb` and `set` may name them; p.name or p["name"] in rhs
     solver : integration over one sample
-    events : an event, or of a list of events; only with the methods of `solve_ivp`
+    events : an event, or a list of events; only with the methods of `solve_ivp`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
     discrete : whether rhs returns x(k+1) in place of time derivatives

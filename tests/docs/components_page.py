@@ -174,9 +174,9 @@ def _rows(group: str, kind: str) -> list[str]:
 
 @cache
 def _shared_rows(group: str) -> list[str]:
-    """Rows that several kinds of a group have."""
+    """Rows that several kinds of a group have; of the keys inside a mapping two kinds are enough."""
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
-    return [row for row, count in counts.items() if count >= SHARED_BY]
+    return [row for row, count in counts.items() if count >= SHARED_BY - ("." in row.split("|")[1])]
 
 
 def index() -> list[tuple[str, str]]:
