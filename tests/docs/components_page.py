@@ -174,9 +174,13 @@ def _rows(group: str, kind: str) -> list[str]:
 
 @cache
 def _shared_rows(group: str) -> list[str]:
-    """Rows that several kinds of a group have; of the keys inside a mapping two kinds are enough."""
+    """Rows that several kinds of a group have; for a key inside a mapping that has one meaning two kinds are enough."""
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
-    return [row for row, count in counts.items() if count >= SHARED_BY - ("." in row.split("|")[1])]
+    meanings = Counter(row.split("|")[1] for row in counts)
+    least = {
+        row: 2 if "." in name and meanings[name] == 1 else SHARED_BY for row in counts for name in [row.split("|")[1]]
+    }
+    return [row for row, count in counts.items() if count >= least[row]]
 
 
 def index() -> list[tuple[str, str]]:
