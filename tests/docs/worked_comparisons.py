@@ -1,6 +1,6 @@
-"""Ten worked comparisons for docs/statistics.md: runs with fixed values, evaluated and printed as those of a run.
+"""Ten worked comparisons: runs with fixed values, evaluated and printed as those of a run.
 
-`docs.pages` (``make docs``) writes them into the page, between its markers.
+`docs.pages` (``make docs``) writes three of them into docs/statistics.md, between its markers.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 from statistics import NormalDist
+from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +37,8 @@ SETTLING = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
 class Case(NamedTuple):
     """Runs of a baseline A and of a method B, both in the order of the runs; NaN where a run failed."""
 
-    title: str
     a: Array
     b: Array
-    remark: str
     info: MetricInfo = MSE
     with_verdicts: bool = True
 
@@ -65,25 +64,19 @@ def better() -> Case:
     """Thirty runs improve by 5 to 20 per cent, ten do not change."""
     a = 0.12 * np.exp(0.1 * normal(40, 7))
     gain = np.where(np.arange(40) % 4 == 3, 0.0, np.linspace(0.05, 0.20, 40))
-    remark = "30 runs are won and 10 tied, so the superiority is (30 + 10/2)/40 and not 100 %."
-    return Case("better", a, a * (1 - gain), remark)
+    return Case(a, a * (1 - gain))
 
 
 def worse() -> Case:
     """The method is unstable, and no range was given in which its states must stay."""
     a = 0.1 * np.exp(0.1 * normal(40, 7))
-    remark = (
-        "Numbers that differ by powers of ten have an exponent each. With `plant.bounds` or `plant.diverged` such runs "
-        "are failed runs."
-    )
-    return Case("worse", a, 1e61 * np.exp(13.6 * normal(40, 11)), remark)
+    return Case(a, 1e61 * np.exp(13.6 * normal(40, 11)))
 
 
 def better_size_uncertain() -> Case:
     """The interval excludes 0 and reaches into the margin."""
     a = 0.2 * np.exp(0.3 * normal(101, 13))
-    remark = "The change may be as small as 0.8 % or as large as 9 %: its size is not known to be small."
-    return Case("better, size uncertain", a, a * np.exp(logs(-9.0, -0.8, normal(101, 17))), remark)
+    return Case(a, a * np.exp(logs(-9.0, -0.8, normal(101, 17))))
 
 
 def worse_size_uncertain() -> Case:
@@ -91,25 +84,19 @@ def worse_size_uncertain() -> Case:
     shape = normal(101, 13)
     a = 0.264 * np.exp(0.52 * shape)
     ratios = np.exp(logs(0.9, 8.2, normal(101, 17) - 1.16 * shape))
-    remark = (
-        "The mean of B is lower than that of A although the typical run is worse. Both averages are shown; the "
-        "interval of the second contains 0, so it does not contradict the verdict."
-    )
-    return Case("worse, size uncertain", a, a * ratios, remark)
+    return Case(a, a * ratios)
 
 
 def equivalent() -> Case:
     """Equal up to 0.0005 per cent."""
     a = 0.3 * np.exp(0.4 * normal(60, 7))
-    remark = "All runs are tied. The interval lies inside the margin: the change is shown to be irrelevant."
-    return Case("equivalent", a, a * np.exp(logs(-0.00012, 0.00019, normal(60, 11))), remark)
+    return Case(a, a * np.exp(logs(-0.00012, 0.00019, normal(60, 11))))
 
 
 def inconclusive() -> Case:
     """The interval contains 0 and leaves the margin."""
     a = 0.2 * np.exp(0.3 * normal(101, 13))
-    remark = "The interval contains 0, if only just. The runs that would decide are estimated from the spread."
-    return Case("inconclusive", a, a * np.exp(logs(-7.6, 0.04, normal(101, 17))), remark)
+    return Case(a, a * np.exp(logs(-7.6, 0.04, normal(101, 17))))
 
 
 def fails_more() -> Case:
@@ -117,10 +104,7 @@ def fails_more() -> Case:
     a = 0.2 * np.exp(0.3 * normal(200, 7))
     b = a * np.exp(logs(-5.6, -4.4, normal(200, 11)))
     b[a >= np.sort(a)[-20]] = math.nan
-    remark = (
-        "Averages rest on the 180 runs that both finished. A failed run loses, and the failures decide the verdict."
-    )
-    return Case("fails more", a, b, remark)
+    return Case(a, b)
 
 
 def depends_on_average() -> Case:
@@ -128,8 +112,7 @@ def depends_on_average() -> Case:
     shape = normal(1000, 7)
     a = 5.0 * np.exp(1.2 * shape)
     ratios = np.exp(logs(16.0, 25.0, normal(1000, 11) - 1.76 * shape))
-    remark = "Both intervals exclude 0, with opposite signs: the question must name the average."
-    return Case("depends on the average", a, a * ratios, remark)
+    return Case(a, a * ratios)
 
 
 def counts_of_an_event() -> Case:
@@ -138,27 +121,19 @@ def counts_of_an_event() -> Case:
     a = values[np.arange(40) * 7 % 40]
     b = np.where(np.arange(40) % 3 == 0, a, 0.9 * a)
     b[np.isinf(a)] = [19.0, 20.0, math.inf, math.inf]
-    remark = (
-        "A run that did not settle has no settling time, so there is no mean and no change in per cent: counts decide. "
-        "It loses against a run that settled."
-    )
-    return Case("did not settle", a, b, remark, SETTLING)
+    return Case(a, b, SETTLING)
 
 
 def few_runs() -> Case:
     """Eight runs, all of them better."""
     a = np.array([0.1030, 0.1080, 0.1118, 0.1020, 0.1166, 0.1037, 0.1140, 0.1170])
     b = a * np.array([0.93, 0.96, 0.95, 0.94, 0.92, 0.95, 0.96, 0.93])
-    remark = (
-        "With fewer than 20 untied runs counts decide, and eight of eight are enough; five of five are not. The "
-        "quartiles have two digits of their spread, although the error of the median supports one."
-    )
-    return Case("few runs", a, b, remark)
+    return Case(a, b)
 
 
 def smoke() -> Case:
     """A smoke run ends before the reference has its first step."""
-    return Case("smoke run", np.zeros(4), np.zeros(4), "", with_verdicts=False)
+    return Case(np.zeros(4), np.zeros(4), with_verdicts=False)
 
 
 CASES: tuple[Callable[[], Case], ...] = (
@@ -173,6 +148,12 @@ CASES: tuple[Callable[[], Case], ...] = (
     counts_of_an_event,
     few_runs,
 )
+SHOWN: dict[Callable[[], Case], str] = {
+    fails_more: "Averages rest on the 180 runs that both finished. A failed run loses; the failures decide.",
+    depends_on_average: "Both intervals exclude 0, with opposite signs: the question must name the average.",
+    counts_of_an_event: "There is no mean, so counts decide. A run that did not settle loses against one that did.",
+}
+"""Those of the page, with what they show."""
 
 
 def trials_of(case: Case) -> Trials:
@@ -203,15 +184,6 @@ def table_of(case: Case) -> ResultTable:
     return result_table(trials, summary(trials), comparisons(trials), case.info)
 
 
-def columns_of_cases(row_of: Callable[[ResultTable], dict[str, str]]) -> dict[str, list[str]]:
-    """Return the columns of a table with a row for every case, head -> cells."""
-    columns: dict[str, list[str]] = {}
-    for number, make in enumerate(CASES, 1):
-        for head, cell in ({"": str(number)} | row_of(table_of(make()))).items():
-            columns.setdefault(head, []).append(cell or "-")
-    return columns
-
-
 def row_of_comparison(table: ResultTable) -> dict[str, str]:
     """Return means, changes, counts and verdict of a case, head -> cell."""
     found = columns_of(table)
@@ -228,18 +200,6 @@ def row_of_comparison(table: ResultTable) -> dict[str, str]:
     }
 
 
-def row_of_runs(table: ResultTable) -> dict[str, str]:
-    """Return medians and numbers of runs of a case, head -> cell."""
-    found = columns_of(table)
-    names = [row.method for row in table.rows]
-    return {
-        "metric": f"{table.info.name} [{table.info.unit}]",
-        **{f"median of {name} (quartiles)": cell for name, cell in zip(names, found["median"], strict=True)},
-        **{f"n/n_failed of {name}": cell for name, cell in zip(names, found["n"], strict=True)},
-        "pairs": found.get("pairs", ["", ""])[1],
-    }
-
-
 def screen_of(case: Case) -> str:
     """Return the table of a case as a run prints it."""
     trials = trials_of(case)
@@ -250,23 +210,19 @@ def screen_of(case: Case) -> str:
 
 def generated() -> str:
     """Return what stands between the markers of the page."""
-    sentences = []
-    for number, make in enumerate(CASES, 1):
-        case = make()
-        table = table_of(case)
-        row = table.rows[1].compared
-        assert row
-        sentences.append(f"{number}. {sentence(row, case.info, table.trials)} *{case.remark}*")
+    tables = [table_of(make()) for make in SHOWN]
+    rows = [row_of_comparison(found) for found in tables]
+    columns = {head: [row[head] or "-" for row in rows] for head in rows[0]}
+    numbers = [str(number) for number in range(1, len(rows) + 1)]
+    remarks = [f"{number}. {remark}" for number, remark in enumerate(SHOWN.values(), 1)]
+    compared = tables[0].rows[1].compared
+    assert compared
+    words = fill(sentence(compared, MSE, tables[0].trials), WIDTH)
     parts = [
-        markdown_table(columns_of_cases(row_of_comparison)),
-        "The runs behind them:",
-        markdown_table(columns_of_cases(row_of_runs)),
-        "Each comparison in one sentence, as `rmpc_bench.compare` writes it, and what it shows:",
-        "\n".join(sentences),
-        "Number 7 on the screen, with the failed runs behind the verdict:",
-        f"```text\n{screen_of(fails_more())}\n```",
-        "A smoke run has no verdict and no averages, only what ran:",
-        f"```text\n{screen_of(smoke())}\n```",
+        markdown_table({"": numbers, **columns}),
+        "\n".join(remarks),
+        "Number 1 on the screen and as a sentence of `rmpc_bench.compare`:",
+        f"```text\n{screen_of(fails_more())}\n\n{words}\n```",
     ]
     return "\n\n".join(parts)
 
