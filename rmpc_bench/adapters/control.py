@@ -1,4 +1,8 @@
-"""Systems of python-control as plants and design models; `system` makes one of a plant."""
+"""Systems of python-control as plants and design models; `system` makes one of a plant.
+
+The input is held over a sample; `input_output_response` interpolates it.  A system keeps the parameters of its last
+call, so every call gets all.  Each worker process loads the file, as lambda functions cannot be sent.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """do-mpc: its MPC and MHE as single-run components; a function of the user makes and configures the object.
 
-The object of a run is new.  `reset_history` of do-mpc keeps the last input, the last solution and the multipliers, so
-that the next run would depend on this one.
+The object of a run is new, which takes 0.05 to 0.07 s: `reset_history` of do-mpc keeps the last input, solution and
+multipliers.  A worker process makes its own objects, as they cannot be sent.  The first move begins at the input of
+the operating point, or at 0.
 """
 
 from __future__ import annotations
@@ -21,9 +22,6 @@ from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.types import Array, Count, DesignError, SolverError
 
 __all__ = ["do_mpc_controller", "do_mpc_estimator", "do_mpc_model"]
-
-
-# do-mpc: what its MPC and its MHE have in common.
 
 
 def do_mpc_library() -> Any:
@@ -91,9 +89,6 @@ def checked_solution(made: Any) -> None:
     if not made.solver_stats["success"]:
         status = str(made.solver_stats["return_status"])
         raise SolverError(f"the solver of do-mpc: {status}", infeasible=status == "Infeasible_Problem_Detected")
-
-
-# do-mpc: a discrete do-mpc model of a design model.
 
 
 @quiet

@@ -1,8 +1,9 @@
 """Filters of filterpy, and other objects with `predict` and `update`, as estimators of single runs.
 
-A filter computes what filterpy computes, with two exceptions.  y(0) comes before the first `predict`, where sigma
-points would be zero: they are computed from x0, P0.  An ensemble draws its random numbers from the generator of
-its run.
+A filter computes what filterpy computes.  Sigma points, zero before the first `predict`, are computed from x0 and P0,
+for y(0) comes first.  An ensemble draws from the generator of its run.  u and y are columns where x is one: otherwise
+NumPy makes an n x n state without an error.  With ``on_failure: hold`` a prediction that has failed is made with the
+next one.  `mu` of an `IMMEstimator` has the modes one sample before y(0).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Predictors and updaters of Stone Soup as estimators of single runs.
 
-The time of sample k is a fixed date plus k Ts, rounded to microseconds as Stone Soup's times are; no rounding adds up.
-x_hat(0) uses y(0) without a prediction.  u(k-1) is the `control_input` of the predictor.  Particles and ensembles draw
-from the generator of the run.
+The time of sample k is a fixed date plus k Ts, rounded to microseconds as Stone Soup's times are.  A sum of rounded
+steps would drift by 1 ms in 3000 samples of 1/30 s.  x_hat(0) uses y(0) without a prediction.  u(k-1) is the
+`control_input` of the predictor.  Particles and ensembles draw from the generator of the run.
 """
 
 from __future__ import annotations
