@@ -1,4 +1,4 @@
-"""Every command of README and guide works: short ones here, long ones as slow tests; options and targets exist.
+"""Every command of README and guide works; options and targets exist.
 
 test_generated_pages.py runs those of README.md, since it compares what they print.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import click
 import pytest
-from docs.followed_page import BLOCK, README, follow
+from docs.followed_page import BLOCK, README
 from jsonschema import Draft7Validator
 
 from rmpc_bench.cli import main
@@ -33,8 +33,6 @@ ELSEWHERE = (
     "constraints.md",
 )
 """Pages with commands that other files of this folder follow."""
-LONG = ("examples.md",)
-"""Pages whose commands take minutes of processor time."""
 COMMAND = re.compile(r"`(rmpc-bench [^`\n]+)`|^\$ (rmpc-bench .+)$|^(rmpc-bench [^#\n]+)", re.MULTILINE)
 LONGEST = 120
 """Lines of README.md."""
@@ -78,7 +76,7 @@ def test_targets_of_make_exist(page):
 
 def test_every_page_with_commands_is_followed():
     pages = {page.name for page in PAGES if "console" in {language for language, _, _ in BLOCK.findall(read(page))}}
-    assert pages == {README.name, *ELSEWHERE, *LONG}
+    assert pages == {README.name, *ELSEWHERE}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -115,27 +113,6 @@ def checkout(tmp_path):
     (tmp_path / ".venv" / "bin").symlink_to(Path(sys.executable).parent)
     (tmp_path / ".venv" / ".installed-dev").touch()
     return tmp_path
-
-
-@pytest.mark.page
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LONG)
-def test_long_pages(name, checkout):
-    """What a page shows is a part of what the last command before it prints, apart from times."""
-    shown = 0
-    for step in follow(ROOT / "docs" / name, checkout):
-        assert step.code == 0, f"{step.line}\n{step.out}{step.err}"
-        if step.shown is not None:
-            printed = {without_times(line) for line in step.out.splitlines()}
-            missing = [line for line in step.shown.splitlines() if without_times(line) not in printed]
-            assert not missing, (step.line, missing, step.out)
-            shown += 1
-    assert shown == 2
-
-
-def without_times(line):
-    """A line without its times per step, whose width decides how many spaces follow them."""
-    return " ".join(re.sub(r"\b[\d.]+ (us|ms)\b", "TIME", line).split())
 
 
 @pytest.mark.slow
