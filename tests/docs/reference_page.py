@@ -8,10 +8,9 @@ from typing import Any
 
 import click
 from docs.examples_of_keys import EXAMPLES
-from docs.markdown import DOCS, code, heading, key_table, page, table, text
+from docs.markdown import DOCS, anchor, code, heading, key_table, page, table, text
 from docs.result_files import FILES
 
-from docs import components_page
 from rmpc_bench import registry
 from rmpc_bench.claims.grammar import FUNCTION_HELP
 from rmpc_bench.cli import exits, main
@@ -22,16 +21,15 @@ from rmpc_bench.schema.manual import KeyEntry, default_text, entry, keys_of_sche
 PAGE = DOCS / "reference.md"
 INTRODUCTION = """# Reference
 
-Every key of a configuration and every option of the command line. [experiments.md](experiments.md) shows the keys by
-example. [components.md](components.md) has the keys of plants, models, estimators, controllers, references, inputs,
-noise laws, metrics and figures. To find a key by its name, go to the [index](#index).
+Every key of a configuration and every option of the command line. [experiments.md](experiments.md) shows them by
+example, [components.md](components.md) has the keys of components. An editor with a YAML language server completes and
+checks keys with the schema that `rmpc-bench schema` prints."""
+NUMBERS = """A number may be a quantity: `2*pi`, `5%`, `sqrt(2)`, `1e-3`, with + - * / and parentheses. For a square
+matrix a number is that number times the identity and a list is its diagonal; others are written row by row,
+`[[1, 0]]`, or are in files: `{file: system.mat, name: A}`, `.npz`, `.csv`. A key without a default may be left out.
 
-An editor with a YAML language server completes and checks keys with the schema that `rmpc-bench schema` prints.
-`rmpc-bench check FILE` reports all errors of a configuration at once, each with file, line and column."""
-NUMBERS = """A number may be written as a quantity: `2*pi`, `5%`, `sqrt(2)`, `1e-3`, with + - * / and parentheses. Where
-a matrix is square by its meaning, a number is that number times the identity and a list is its diagonal; other matrices
-are written row by row, `[[1, 0]]`. Matrices also come from files: `{file: system.mat, name: A}`, `.npz`, `.csv`. An
-empty cell under *default* means that the key may be left out; its meaning says what holds then."""
+A component has the key `kind`: one of the kinds of its group, or the name of an installed one. In its place may stand
+`file: PATH.py:NAME`, a component of a Python file; the path is relative to the configuration."""
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Experiment": (
         *("version", "name", "paper", "title", "summary", "extends"),
@@ -56,9 +54,7 @@ def generated() -> str:
     """Return the page."""
     schema = json_schema()["properties"]
     parts = [part for title, names in _groups(schema) for part in _group(title, names, schema)]
-    return page(
-        INTRODUCTION, _contents(schema), NUMBERS, *parts, *_functions(), *_command_line(), *_files(), *_index(schema)
-    )
+    return page(INTRODUCTION, _contents(schema), NUMBERS, *parts, *_functions(), *_command_line(), *_files())
 
 
 def _groups(schema: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
@@ -70,40 +66,32 @@ def _groups(schema: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
 
 
 def _contents(schema: Mapping[str, Any]) -> str:
-    rows = [
-        (title, ", ".join(f"[{name}](#key-{name})" for name in names) + more)
-        for title, names in _groups(schema)
-        for more in [", [functions](#functions) of claims" if "claims" in names else ""]
-    ]
-    verbs = ", ".join(f"[{verb}](#verb-{verb})" for verb in _verbs())
-    return table(
-        ("about", "keys"),
-        [*rows, ("Command line", f"{verbs}, [exit codes](#exit-codes), [files](#files) of a results directory")],
-    )
+    links = {title: [f"[{name}](#key-{name})" for name in names] for title, names in _groups(schema)}
+    links["What is computed and shown"].append("[functions](#functions) of claims")
+    links["Command line"] = [*(f"[{verb}](#verb-{verb})" for verb in _verbs()), "[exit codes](#exit-codes)"]
+    return table(("about", "keys"), [(title, ", ".join(each)) for title, each in links.items()])
 
 
 def _group(title: str, names: Iterable[str], schema: Mapping[str, Any]) -> list[str]:
-    return [f"## {title}", *(part for name in names for part in _section(name, schema[name]))]
+    """Keys that are no mapping in one table, then a section for each of the others."""
+    entries = {name: keys_of_section(name, schema[name]) for name in names}
+    single = [name for name, keys in entries.items() if keys == [_plain(name, schema[name])]]
+    rows = key_table([entries[name][0] for name in single])
+    for name in single:
+        rows = rows.replace(f"\n| `{name}` |", f'\n| <a id="{anchor("key", name)}"></a>`{name}` |', 1)
+    sections = [_section(name, schema[name], keys) for name, keys in entries.items() if name not in single]
+    return [f"## {title}", *([rows, _example(single)] if single else []), *(part for each in sections for part in each)]
 
 
-def _section(name: str, schema: Mapping[str, Any]) -> list[str]:
-    keys = keys_of_section(name, schema)
-    meaning = [] if keys == [_plain(name, schema)] else [text(schema["description"])]
-    parts = [heading(3, name, "key", name), *meaning, *_details(name)]
+def _example(names: Iterable[str]) -> str:
+    return "\n".join(["```yaml", *(EXAMPLES[name].strip() for name in names if name in EXAMPLES), "```"])
+
+
+def _section(name: str, schema: Mapping[str, Any], keys: Sequence[KeyEntry]) -> list[str]:
+    meaning = text(schema["description"])
     if name in COMPONENTS:
-        parts.append(f"Kinds and their keys: [{COMPONENTS[name]}](components/{COMPONENTS[name]}/index.md).")
-    parts.append(key_table(keys))
-    example = EXAMPLES.get(name, "")
-    return [*parts, f"```yaml\n{example.strip()}\n```" if example else ""]
-
-
-def _details(name: str) -> list[str]:
-    """Further paragraphs of the docstring of a section."""
-    annotation = SECTIONS[name].annotation if name in SECTIONS else None
-    if not (inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__")):
-        return []
-    doc = (inspect.getdoc(annotation) or "").split("Parameters\n---")[0]
-    return [text(paragraph) for paragraph in doc.split("\n\n")[1:] if paragraph.strip()]
+        meaning += f" [Kinds](components/{COMPONENTS[name]}/index.md)."
+    return [heading(3, name, "key", name), meaning, key_table(keys) if keys else "", _example([name])]
 
 
 def keys_of_section(name: str, schema: Mapping[str, Any]) -> Sequence[KeyEntry]:
@@ -113,23 +101,8 @@ def keys_of_section(name: str, schema: Mapping[str, Any]) -> Sequence[KeyEntry]:
     if name == "methods":
         return [key._replace(keys=()) for key in keys_of_schema(schema["additionalProperties"])]
     if name in COMPONENTS and name != "noise":
-        return _component_keys(name)
+        return keys_of_schema({"properties": SHARED.get(COMPONENTS[name], {})})
     return keys_of_schema(schema) or [_plain(name, schema)]
-
-
-def _component_keys(name: str) -> list[KeyEntry]:
-    """Keys that every component of a section may have, beside those of its kind."""
-    group = COMPONENTS[name]
-    own = KeyEntry(
-        "file",
-        "PATH.py:NAME",
-        "",
-        "",
-        "a component of a Python file, in place of `kind`; the path is relative to the configuration",
-    )
-    shared = [] if group not in SHARED else keys_of_schema({"properties": SHARED[group]})
-    kind = KeyEntry("kind", "name", None, "", f"one of the {group}, or the name of an installed one")
-    return [kind, own, *shared]
 
 
 def _laws(schema: Mapping[str, Any]) -> list[KeyEntry]:
@@ -153,10 +126,7 @@ def _plain(name: str, schema: Mapping[str, Any]) -> KeyEntry:
 
 
 def _functions() -> list[str]:
-    about = (
-        "A `check` compares terms such as `mse[METHOD]` with `< <= > >= ==` or `a ~ b +- tol`; a chain of comparisons "
-    )
-    about += "holds if all of them hold. [experiments.md](experiments.md) shows how claims are written."
+    about = "A `check` compares terms such as `mse[METHOD]` with `< <= > >= ==` or `a ~ b +- tol`."
     rows = []
     for line in FUNCTION_HELP.values():
         usage, _, meaning = line.partition(": ")
@@ -169,24 +139,24 @@ def _verbs() -> list[str]:
 
 
 def _command_line() -> list[str]:
-    parts = ["## Command line", "Results go to stdout, messages to stderr. `python -m rmpc_bench` is the same program."]
+    about = "Results go to stdout, messages to stderr. `rmpc-bench VERB --help` says more."
+    parts = ["## Command line", about]
+    known: dict[tuple[str, str], str] = {}
     for verb in _verbs():
-        parts += _verb(verb)
+        parts += _verb(verb, known)
     rows = [(str(number), text(meaning)) for number, meaning in exits.MEANINGS.items()]
     order = "If several apply, the first one in this table is the exit code."
     return [*parts, heading(3, "Exit codes", "exit-codes"), order, table(("code", "meaning"), rows)]
 
 
 def _files() -> list[str]:
-    about = (
-        "`run` writes to `results/PAPER/NAME`, or `results/NAME` without a paper. `report` writes all files but the "
-    )
-    about += "trial store again, without a simulation."
+    about = "`run` writes to `results/PAPER/NAME`, or `results/NAME` without a paper."
     rows = [(", ".join(map(code, entry.split(", "))), text(meaning)) for entry, meaning in FILES.items()]
     return [heading(2, "Files of a results directory", "files"), about, table(("file", "content"), rows)]
 
 
-def _verb(verb: str) -> list[str]:
+def _verb(verb: str, known: dict[tuple[str, str], str]) -> list[str]:
+    """Usage, first paragraph of the help, and options of a verb; those that an earlier one has, too, are named only."""
     command = main.get_command(click.Context(main), verb)
     assert command is not None
     # A command keeps the names of its help option from the first context, also for the tests that follow.
@@ -194,36 +164,17 @@ def _verb(verb: str) -> list[str]:
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     options = [param for param in command.get_params(context) if isinstance(param, click.Option)]
     records = [option.get_help_record(context) for option in options if "--help" not in option.opts]
-    rows = [(code(" ".join(each[0].split())), text(each[1])) for each in records if each]
-    paragraphs = [text(each) for each in inspect.cleandoc(command.help or "").split("\n\n")]
+    found = [(code(" ".join(each[0].split())), text(each[1])) for each in records if each]
+    rows = [each for each in found if known.setdefault(each, verb) == verb]
+    first = {each: known[each] for each in found if each not in rows}
+    also = [
+        f"{', '.join(name for (name, _), its in first.items() if its == each)} as of [{each}](#verb-{each})"
+        for each in dict.fromkeys(first.values())
+    ]
     return [
         heading(3, f"rmpc-bench {verb}", "verb", verb),
         code(usage),
-        *paragraphs,
-        table(("option", "meaning"), rows),
+        text(inspect.cleandoc(command.help or "").split("\n\n")[0]),
+        table(("option", "meaning"), rows) if rows else "",
+        f"Also {'; '.join(also)}." if also else "",
     ]
-
-
-def _index(schema: Mapping[str, Any]) -> list[str]:
-    """Every key with links to the places where it may stand."""
-    found = [(name, f"[top level](#key-{name})") for name in schema]
-    for name, section in schema.items():
-        named = [
-            key for key in keys_of_section(name, section) if not key.name.startswith("dist: ") and key.name != name
-        ]
-        found += [(key.name, f"[{name}](#key-{name})") for key in named]
-    found += components_page.index()
-    places: dict[str, list[str]] = {}
-    for name, link in sorted(dict.fromkeys(found), key=lambda pair: pair[0].lower()):
-        places.setdefault(name, []).append(link)
-    rows = [(code(name), _short(links)) for name, links in places.items()]
-    return [heading(2, "Index", "index"), table(("key", "where"), rows)]
-
-
-def _short(links: list[str]) -> str:
-    """Links to the places of a key; of a key that a whole group has, only to the group."""
-    for group, kinds in registry.BUILT_IN.items():
-        own = [link for link in links if f"(components/{group}/" in link]
-        if len(own) > 6 and len(own) > len(kinds) // 2:
-            links = [*(link for link in links if link not in own), f"[most {group}](components/{group}/index.md)"]
-    return ", ".join(links)

@@ -11,7 +11,7 @@ from docs.pages import PAGES, left_over
 from docs.test_methods import compiled
 from jsonschema import Draft7Validator
 
-from docs import components_page, reference_page, result_files
+from docs import reference_page, result_files
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config_file.tree import plain
@@ -95,10 +95,3 @@ def test_every_file_of_a_run_is_on_the_page():
     """Oracle: the directory that the commands of the README write."""
     written = {path.name for path in (followed(README).place / "results" / "servo").iterdir()}
     assert {"trials.sqlite", "summary.csv", "figures"} <= written <= {*result_files.names()}
-
-
-def test_the_index_finds_every_key(schema):
-    page = reference_page.generated().rpartition('<a id="index"></a>')[2]
-    names = {key for key, _ in components_page.index()} | {*schema["properties"]}
-    for name in names | {"workers", "confidence", "label"}:
-        assert f"| `{name}` |" in page, name
