@@ -26,6 +26,7 @@ PLACES = {
     "design.md": "explanation/design.md",
     "glossary.md": "explanation/glossary.md",
     "numbers.md": "experiments/numbers.md",
+    "servo-constrained.md": "experiments/servo-constrained/results.md",
 }
 """File of docs/ -> page; those that are not named are in how-to, after these."""
 SPLIT = {
