@@ -10,6 +10,7 @@ from docs.markdown import ROOT
 from docs import (
     components_page,
     constraints_page,
+    decision_page,
     files_page,
     followed_page,
     reference_page,
@@ -24,6 +25,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     reproductions_page.PAGE: reproductions_page.generated,
     constraints_page.PAGE: constraints_page.generated,
     suite_page.PAGE: suite_page.generated,
+    decision_page.PAGE: decision_page.generated,
     files_page.PAGE: files_page.generated,
     followed_page.README: lambda: followed_page.updated(followed_page.README),
     followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
