@@ -3,7 +3,7 @@
 A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
 A block ```text after it is what the last of these commands prints to stdout.
 
-`make docs` runs the commands of README, tutorial and tuning page and writes their ```text blocks again.
+`make docs` runs the commands of the pages `FOLLOWED` and writes their ```text blocks again.
 """
 
 from __future__ import annotations
@@ -22,9 +22,17 @@ from typing import NamedTuple
 
 import forked_commands
 
-README = Path(__file__).parents[2] / "README.md"
-TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
-TUNING = Path(__file__).parents[2] / "docs" / "tuning.md"
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+TUNING = ROOT / "docs" / "tuning.md"
+SHORT = tuple(
+    ROOT / "docs" / f"{name}.md"
+    for name in ("missing-measurements", "delayed-inputs", "nonlinear-estimation", "calibration")
+)
+"""Pages with one experiment each."""
+FOLLOWED = (README, TUTORIAL, TUNING, *SHORT)
+"""Pages whose ```text blocks are what their commands print."""
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SECONDS = re.compile(r"(?<= failed, )\d+(?:\.\d+)? s$", re.MULTILINE)
 """The time that a run took, which is not the same again."""

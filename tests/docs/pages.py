@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from docs.markdown import ROOT
@@ -27,9 +28,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     suite_page.PAGE: suite_page.generated,
     decision_page.PAGE: decision_page.generated,
     files_page.PAGE: files_page.generated,
-    followed_page.README: lambda: followed_page.updated(followed_page.README),
-    followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
-    followed_page.TUNING: lambda: followed_page.updated(followed_page.TUNING),
+    **{page: partial(followed_page.updated, page) for page in followed_page.FOLLOWED},
     worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
 }
 """Page -> the function that makes its text."""

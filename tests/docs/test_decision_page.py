@@ -1,4 +1,4 @@
-"""docs/choose-an-estimator.md: every number of its sentences is in the kept results, and no rank of the suite is used."""
+"""docs/choose-an-estimator.md: every number of its sentences is in the kept results; no rank of the suite is used."""
 
 import re
 
