@@ -39,6 +39,7 @@ ALL = TESTS in ("all", "ci")
 """Shapes are checked, and no mark is left to `.ci/run`."""
 PARTS = 1 if TESTS == "all" else 5
 """From so many cases of a function with many (`WIDE`) one runs, unless a file of tests is named."""
+os.environ.setdefault("RMPC_BENCH_DOC_RUNS", "" if TESTS == "all" else "4")
 TURN = int(os.environ.get("RMPC_BENCH_TURN", "0"))
 """Which of them: `.ci/run` counts commits, so that five commits after each other run all cases, and two all pages."""
 if ALL:

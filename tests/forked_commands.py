@@ -19,9 +19,9 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-import rmpc_bench
-
 OPTIONAL = ("rmpc_bench.adapters.", "rmpc_bench.__main__")
+CONNECTION = "RMPC_BENCH_TEST_CONNECTION"
+"""Variable with the number of the open file that leads to the process that forks."""
 LIBRARIES = (
     "scipy.stats",
     "scipy.linalg",
@@ -36,14 +36,34 @@ LIBRARIES = (
 def run(arguments, cwd):
     """Return what `subprocess.run` returns for ``rmpc-bench`` with these arguments in a directory, with its text."""
     command = ["rmpc-bench", *map(str, arguments)]
-    request = json.dumps({"argv": command, "cwd": str(cwd), "environ": dict(os.environ)}).encode()
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, open(os.devnull, "rb") as nothing:
-        connection = _server()
-        socket.send_fds(connection, [len(request).to_bytes(8)], [each.fileno() for each in (nothing, out, err)])
-        connection.sendall(request)
-        code = int.from_bytes(connection.recv(8), signed=True)
+        code = _ask(_server(), command, cwd, [each.fileno() for each in (nothing, out, err)])
         out.seek(0), err.seek(0)
         return subprocess.CompletedProcess(command, code, out.read().decode(), err.read().decode())
+
+
+def variable():
+    """Return the environment in which a child that inherits open files calls `run_in_child`."""
+    connection = _server()
+    connection.set_inheritable(True)
+    return {CONNECTION: str(connection.fileno())}
+
+
+def run_in_child(arguments):
+    """Return the exit code of ``rmpc-bench`` with these arguments and the streams of this process, None without one."""
+    number = int(os.environ.get(CONNECTION, -1))
+    try:
+        os.fstat(number)
+    except OSError:
+        return None
+    return _ask(socket.socket(fileno=number), ["rmpc-bench", *arguments], os.getcwd(), [0, 1, 2])
+
+
+def _ask(connection, command, cwd, streams):
+    request = json.dumps({"argv": command, "cwd": str(cwd), "environ": dict(os.environ)}).encode()
+    socket.send_fds(connection, [len(request).to_bytes(8)], streams)
+    connection.sendall(request)
+    return int.from_bytes(connection.recv(8), signed=True)
 
 
 @cache
@@ -59,6 +79,7 @@ def _server():
 
 def serve():
     """Run commands until the connection on standard input is closed."""
+    rmpc_bench = import_module("rmpc_bench")
     own = (each.name for each in pkgutil.walk_packages(rmpc_bench.__path__, "rmpc_bench."))
     for name in (*LIBRARIES, *own):
         if not name.startswith(OPTIONAL):

@@ -23,7 +23,7 @@ def array(directive):
 def run(first, last, variables):
     for index in range(first, last + 1):
         set_here = {{key: str(value) for key, value in variables(index).items()}}
-        done = subprocess.run(["bash", str(script)], env={{**os.environ, **set_here}})
+        done = subprocess.run(["bash", str(script)], env={{**os.environ, **set_here}}, close_fds=False)
         if done.returncode:
             sys.exit(done.returncode)
 
@@ -52,9 +52,16 @@ print("    Job_Name = study")
 print("    array_indices_submitted =", sys.argv[2].split(".")[1])
 """
 BENCH = """#!{python} -P
-from rmpc_bench.cli import main
+import sys
 
-main()
+from forked_commands import run_in_child
+
+code = run_in_child(sys.argv[1:])
+if code is None:
+    from rmpc_bench.cli import main
+
+    main()
+sys.exit(code)
 """
 JOBQUEUE = '''
 """Stand-in for dask-jobqueue: the workers are processes of this machine."""
@@ -85,7 +92,7 @@ def write_commands(directory: Path) -> dict[str, str]:
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
     (directory / "dask_jobqueue.py").write_text(JOBQUEUE, encoding="utf-8")
     package = Path(__file__).parents[2]
-    places = [str(directory), str(package), os.environ.get("PYTHONPATH", "")]
+    places = [str(directory), str(package), str(package / "tests"), os.environ.get("PYTHONPATH", "")]
     return {
         "PATH": os.pathsep.join([str(directory), str(Path(sys.executable).parent), os.environ["PATH"]]),
         "PYTHONPATH": os.pathsep.join(filter(None, places)),

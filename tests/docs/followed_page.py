@@ -3,12 +3,15 @@
 A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
 A block ```text after it is what the last of these commands prints to stdout.
 
+A page of which nothing is compared has fewer runs where RMPC_BENCH_DOC_RUNS is set.
+
 `make docs` runs the commands of the pages `FOLLOWED` and writes their ```text blocks again.
 """
 
 from __future__ import annotations
 
 import atexit
+import os
 import re
 import shlex
 import shutil
@@ -17,6 +20,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,10 +72,13 @@ def followed(page: Path) -> Followed:
 def follow(page: Path, place: Path) -> Iterator[Step]:
     """Write the named blocks of a page below ``place`` and run its commands there, in the order of the page."""
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    languages = [language for language, _, _ in blocks]
+    compared = ("console", "text") in pairwise(languages)
     for i, (language, name, text) in enumerate(blocks):
         if name:
             (place / name).write_text(text, encoding="utf-8")
         lines = [line.removeprefix("$ ") for line in text.splitlines() if language == "console"]
+        lines = lines if compared else [cut(line) for line in lines]
         after = blocks[i + 1] if i + 1 < len(blocks) else ("", "", "")
         for line in lines:
             shown = after[2] if after[0] == "text" and line == lines[-1] else None
@@ -79,12 +86,23 @@ def follow(page: Path, place: Path) -> Iterator[Step]:
             yield Step(line, done.returncode, done.stdout, done.stderr, shown)
 
 
+def cut(line: str) -> str:
+    """Return a command with at most as many runs as RMPC_BENCH_DOC_RUNS says, where it says nothing of them itself."""
+    words, runs = shlex.split(line), os.environ.get("RMPC_BENCH_DOC_RUNS")
+    whole = not runs or words[:2] != ["rmpc-bench", "run"] or {*words} & {"--runs", "--smoke", "--shard", "--missing"}
+    return line if whole else f"{line} --runs {runs}"
+
+
 def _run(line: str, place: Path) -> subprocess.CompletedProcess[str]:
     program, *arguments = shlex.split(line)
     if program == "rmpc-bench":
         return forked_commands.run(arguments, place)
     command = [sys.executable if program == "python" else program, *arguments]
-    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    environment = {**os.environ, **forked_commands.variable()}
+    # A script that calls `rmpc-bench` may reach the process that forks.
+    return subprocess.run(
+        command, cwd=place, capture_output=True, text=True, check=False, env=environment, close_fds=False
+    )
 
 
 def comparable(text: str) -> str:

@@ -1,22 +1,23 @@
-"""docs/experiments.md: every file of the page is a valid configuration, and covers its subject."""
+"""docs/experiments.md and the short pages: every file is a valid configuration, and the page covers its subject."""
 
 import re
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from docs.followed_page import BLOCK
+from docs.followed_page import BLOCK, SHORT
 
 from rmpc_bench.cli import main
 
 PAGE = Path(__file__).parents[2] / "docs" / "experiments.md"
-FILES = {name: text for _, name, text in BLOCK.findall(PAGE.read_text("utf-8")) if name}
+ALL = {name: text for page in (PAGE, *SHORT) for _, name, text in BLOCK.findall(page.read_text("utf-8")) if name}
+FILES = {name: text for name, text in ALL.items() if name.endswith(".yaml")}
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("experiments")
-    for name, text in FILES.items():
+    for name, text in ALL.items():
         (folder / name).write_text(text, encoding="utf-8")
     return folder
 

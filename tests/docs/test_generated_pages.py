@@ -6,7 +6,7 @@ import shutil
 import pytest
 from docs.equations import EQUATIONS, IN_WORDS
 from docs.examples_of_keys import EXAMPLES
-from docs.followed_page import README, TUNING, TUTORIAL, followed
+from docs.followed_page import FOLLOWED, README, followed
 from docs.pages import PAGES, left_over
 from docs.test_methods import compiled
 from jsonschema import Draft7Validator
@@ -22,7 +22,7 @@ from rmpc_bench.schema.manual import manual_of
 COMPONENTS = [(group, kind) for group in registry.BUILT_IN for kind in sorted(registry.BUILT_IN[group])]
 
 
-MARKED = [pytest.param(page, marks=[pytest.mark.page] * (page in (TUTORIAL, TUNING)), id=page.stem) for page in PAGES]
+MARKED = [pytest.param(page, marks=[pytest.mark.page] * (page in FOLLOWED[1:]), id=page.stem) for page in PAGES]
 
 
 @pytest.mark.parametrize("page", MARKED)
