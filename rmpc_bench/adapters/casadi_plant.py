@@ -12,6 +12,8 @@ from rmpc_bench.plants import ode
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import DesignError, UserFunction
 
+EQUATION = r"""\dot x = f(t, x, z, u_k, p), \quad
+0 = g(t, x, z, u_k, p), \quad x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k"""
 ARGUMENTS = {1: ("x",), 2: ("x", "u"), 3: ("x", "u", "p"), 4: ("t", "x", "u", "p")}
 """Number of inputs of an equation -> what they are."""
 PARTS = ("t", "x", "z", "u", "p", "ode", "alg")

@@ -38,6 +38,8 @@ from rmpc_bench.plants.nominal_step import NominalStep
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.types import Array, Count, DesignError, Model, Ode, Parameters, Plant, UserFunction
 
+EQUATION = r"""\dot x = f(t, x, u_k, p), \quad y_k = h(x_k, p); \quad
+\mathrm{linear:} \quad x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k + v_k"""
 KEY = "control"
 
 

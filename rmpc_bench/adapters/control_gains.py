@@ -27,6 +27,12 @@ from rmpc_bench.estimators.kalman_predictor import STABLE
 from rmpc_bench.extras import library
 from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model
 
+EQUATION = {
+    "lqe": r"""\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1}), \quad
+P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}""",
+    "lqr": r"\min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + u_k^\top R_u u_k",
+}
+
 
 def lqe(model: Model, n_steps: int, *, x0: Float[Array, " nx"], form: Form = "filter") -> GainScheduleFilter:
     """Stationary Kalman filter with the gain of python-control's `dlqe`.

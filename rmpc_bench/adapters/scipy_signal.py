@@ -12,6 +12,9 @@ from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.plants.linear import linear_plant
 from rmpc_bench.types import DesignError, Plant, UserFunction
 
+EQUATION = r"""\dot x = A x + B u_k: \quad
+x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k + v_k"""
+
 
 def plant(
     Ts: float,

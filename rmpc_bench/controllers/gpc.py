@@ -45,6 +45,8 @@ from rmpc_bench.numerics.linalg import as_matrix
 from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains
 from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, PlantInfo
 
+EQUATION = r"\min \sum_{j=1}^{N_p} \Vert Q_{yw} (\hat y_{k+j} - r_{k+j}) \Vert^2 + \Vert Q_u u_{k+j-1} \Vert^2"
+
 
 def design(
     model: Any,

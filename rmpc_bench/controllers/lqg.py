@@ -40,6 +40,8 @@ from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.numerics.lq_tracking import IntegralGain, integral_gain, steady_map, steady_rank
 from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model, Positive
 
+EQUATION = r"""u_k = u_s - K_x (\hat x_k - x_s) - K_q (q_k - q_s), \quad
+q_{k+1} = q_k + y_k - r_k, \quad \min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + q_k^\top Q_i q_k + u_k^\top R_u u_k"""
 Feedforward: TypeAlias = Literal["optimal", "target", "none"]
 
 

@@ -53,6 +53,8 @@ from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.numerics.tracking import Problem, Stage
 from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, Model, PlantInfo, Positive
 
+EQUATION = r"""\min \sum_{j=1}^{H_p} \Vert \hat y_{k+j} -
+r_{k+j} \Vert_Q^2 + \sum_{j=0}^{H_u - 1} \Vert \Delta u_{k+j} \Vert_R^2"""
 DIGITS = 1e-9
 """Largest relative rounding of a predicted signal."""
 

@@ -46,6 +46,7 @@ from rmpc_bench.types import (
 from rmpc_bench.types.angles import wrapped
 from rmpc_bench.types.errors import unknown
 
+EQUATION = r"u = u_{op} + K_p (b r - y) + \frac{K_i}{s} (r - y) + \frac{K_d s}{1 + T_f s} (c r - y)"
 OK = np.int8(Status.OK)
 Gains: TypeAlias = Float[Array, " nu"]
 

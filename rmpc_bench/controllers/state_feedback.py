@@ -47,6 +47,11 @@ from rmpc_bench.types import (
     Status,
 )
 
+EQUATION = {
+    "lqr": r"\min_u \sum_{t=k}^{k+N-1} x_{t+1}^\top Q_x x_{t+1} + u_t^\top R_u u_t",
+    "game_gain": r"""\min_u \max_w \sum_{t=k}^{k+N-1} x_{t+1}^\top
+Q_x x_{t+1} + u_t^\top R_u u_t - \tau w_t^\top M_w^{-1} w_t""",
+}
 OK = np.int8(Status.OK)
 LARGEST = 1e100
 """Largest effect of noise on the cost; squares of larger multipliers overflow."""

@@ -56,6 +56,8 @@ from rmpc_bench.types import (
     Positive,
 )
 
+EQUATION = r"""\min \sum_{j=0}^{N-1} \Vert z_j \Vert_{Q_x}^2 + \Vert v_j \Vert_{R_u}^2 + \Vert z_N \Vert_P^2, \quad
+z_0 \in x_k - Z, \quad u_k = v_0 + K (x_k - z_0)"""
 FAILED = [each for each in OptimisedStep if each.failed]
 ESTIMATED = (
     "The limits are guaranteed for a measured state only; this design model has measurement noise or does not measure "

@@ -24,6 +24,9 @@ from rmpc_bench.estimators.weighted import WeightedFilter, weighted_filter
 from rmpc_bench.numerics.output_weights import WeightLaw
 from rmpc_bench.types import Array, Model, Positive
 
+EQUATION = r"""R_v \to T \mathrm{diag}(w_j)^{-1} T^\top, \quad
+w_j = \exp \left( - \frac{r_j^2}{2 \sigma^2} \right), \quad r = T^{-1} (y_k - C \hat x_{k|k}), \quad T T^\top = R_v"""
+
 
 def design(
     model: Model,

@@ -27,6 +27,8 @@ from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
+EQUATION = r"""L_k = P_{k|k-1} C^\top (C P_{k|k-1} C^\top + R_v)^{-1}, \quad
+P_{k+1|k} = A P_{k|k} A^\top + Q_w + q H_A H_A^\top"""
 Direction: TypeAlias = Literal["uncertainty"] | float | list[float] | list[list[float]]
 
 

@@ -49,6 +49,9 @@ from rmpc_bench.numerics.robust_step import Channel, ParameterRules, RobustBound
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive
 
+EQUATION = r"""\hat x_{k+1|k} = \Phi_k \hat x_{k|k-1} + B u_k + K_k (y_k - C \hat x_{k|k-1}), \quad
+\mathrm{cov}(\hat x_{k|k-1} - x_k) \le P_k"""
+
 
 @dataclass(frozen=True)
 class Margins:

@@ -22,6 +22,9 @@ from rmpc_bench.estimators.gaussian_filter import GaussianFilter, gaussian_filte
 from rmpc_bench.numerics.moment_transform import CentralDifferences
 from rmpc_bench.types import Array, Model, Positive
 
+EQUATION = r"""\hat x_{k+1|k} = f(\hat x_{k|k}, u_k), \quad
+P_{k+1|k} = J P_{k|k} J^\top + Q_w, \quad J = \frac{\partial f}{\partial x}(\hat x_{k|k}, u_k)"""
+
 
 def design(
     model: Model,

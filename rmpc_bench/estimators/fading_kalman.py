@@ -22,6 +22,7 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.types import Array, Model
 
+EQUATION = r"L_k = P_{k|k-1} C^\top (C P_{k|k-1} C^\top + R_v)^{-1}, \quad P_{k+1|k} = \alpha^2 A P_{k|k} A^\top + Q_w"
 Alpha: TypeAlias = Annotated[float, Ge(1)]
 
 

@@ -25,6 +25,8 @@ from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.output_weights import WeightLaw
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
+EQUATION = r"""\hat x_{k|k} = \hat x_{k|k-1} + L_k e_k \quad
+\mathrm{if} \quad e_k^\top S_k^{-1} e_k \le g, \quad \mathrm{else} \quad \hat x_{k|k} = \hat x_{k|k-1}"""
 Probability: TypeAlias = Annotated[float, Gt(0), Lt(1)]
 USUAL = 0.99
 """Probability where neither key is given."""

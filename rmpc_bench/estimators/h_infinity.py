@@ -44,6 +44,8 @@ from rmpc_bench.numerics.riccati import FilterStep, filter_step, predicted_root,
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
+EQUATION = r"""P_{k+1|k} = A (P_{k|k-1}^{-1} - \theta W + C^\top R_v^{-1} C)^{-1} A^\top + Q_w, \quad
+\theta = 1 / \gamma^2"""
 Fraction: TypeAlias = Annotated[float, Gt(0), Lt(1)]
 _DIGITS = 1e-8
 """Relative accuracy of theta_max."""

@@ -38,6 +38,10 @@ from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
+EQUATION = r"""\hat x_{k|k} = \hat x_{k|k-1} + L_k (y_k - C \hat x_{k|k-1}), \quad
+L_k = P_{k|k-1} C^\top (C P_{k|k-1} C^\top + R_v)^{-1}, \quad P_{k+1|k} = A (I - L_k C) P_{k|k-1} A^\top + Q_w"""
+
+
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 
 

@@ -27,6 +27,9 @@ from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, 
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative
 
+EQUATION = r"""x_{k+1} = A x_k + B u_k + f_0 + d_k + w_k, \quad
+d_{k+1} = d_k + \xi_k, \quad \xi_k \sim \mathcal{N}(0, q I)"""
+
 
 @dataclass(frozen=True, eq=False)
 class DisturbanceFilter(Estimator):

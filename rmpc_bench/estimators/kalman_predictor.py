@@ -28,6 +28,10 @@ from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
+EQUATION = r"""\hat x_{k+1|k} = A \hat x_{k|k-1} + B u_k + K_k (y_k - C \hat x_{k|k-1}), \quad
+K_k = (A P_{k|k-1} C^\top + S_{wv}) (C P_{k|k-1} C^\top + R_v)^{-1}"""
+
+
 # The pencil gives an eigenvalue on the unit circle with an error of about the square root of the rounding unit.
 STABLE = 1.0 - 1e-7
 

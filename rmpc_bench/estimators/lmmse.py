@@ -34,6 +34,9 @@ from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.numerics.square_root import Conditional, corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
+EQUATION = r"""\hat x_{k+1|k} = \bar A \hat x_{k|k-1} + B u_k + K_k e_k, \quad
+K_k = \mathrm{cov}(x_{k+1}, e_k) \mathrm{cov}(e_k)^{-1}"""
+
 
 @dataclass(frozen=True)
 class EntryLaw:

@@ -35,6 +35,10 @@ from rmpc_bench.numerics.bounded_window import PROCESS, MeasurementWindow, Windo
 from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Positive, Status
 
+EQUATION = r"""\min \sum_i \rho_i +
+\sum_j r_j, \quad -\rho \le x_{\kappa+1} - A x_\kappa - B u_\kappa \le \rho, \quad -r \le y_\kappa - C x_\kappa \le r"""
+
+
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 PATIENCE = 50
 """Largest number of consecutive samples without a fit."""

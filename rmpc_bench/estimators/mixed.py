@@ -23,6 +23,9 @@ from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.mixed_step import Rule
 from rmpc_bench.types import Array, Model
 
+EQUATION = r"""P_{k|k} = T P_{k|k-1} T^\top + L_k P_v L_k^\top, \quad
+M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad T = I - L_k C"""
+
 
 def design(
     model: Model,

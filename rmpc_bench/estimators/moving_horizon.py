@@ -44,6 +44,9 @@ from rmpc_bench.numerics.square_root import covariance_of, without_missing
 from rmpc_bench.numerics.window_posterior import WindowBounds, WindowFit, WindowProgram, range_of_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
+EQUATION = r"""\min \Vert x_{k-N} - \bar x \Vert^2_{\bar P^{-1}} + \sum_j \Vert w_j
+\Vert^2_{Q_w^{-1}} + \sum_j \Vert y_j - C x_j \Vert^2_{R_v^{-1}}, \quad w_j \in [\underline w, \overline w], \quad
+v_j \in [\underline v, \overline v], \quad x_j \in [\underline x, \overline x]"""
 STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}
 STATUS |= {QpStatus.INFEASIBLE: Status.INFEASIBLE}
 """What a run becomes by the result of its quadratic program."""

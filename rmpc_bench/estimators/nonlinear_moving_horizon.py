@@ -36,6 +36,8 @@ from rmpc_bench.numerics.nonlinear_window import WindowMaps, Windows, WindowSolv
 from rmpc_bench.numerics.square_root import covariance_of
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Positive, Status
 
+EQUATION = r"""\min \Vert x_{k-N} - \bar x \Vert^2_{\bar P^{-1}} + \sum_j \Vert x_{j+1} - f(x_j, u_j)
+\Vert^2_{Q_w^{-1}} + \sum_j \Vert y_j - h(x_j) \Vert^2_{R_v^{-1}}, \quad x_j \in [\underline x, \overline x]"""
 USUAL = 5
 """Iterations of a window, for the expected time."""
 

@@ -28,6 +28,8 @@ from rmpc_bench.numerics.linalg import check_signal, check_time, driven, mv
 from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, Status
 
+EQUATION = r"""\hat x_{k+1|k} = A_k^F \hat x_{k|k-1} + B u_k + K_k (y_k - C_k^F \hat x_{k|k-1}), \quad
+A_k^F = A + H_A F_x(k) G_x"""
 OK = np.int8(Status.OK)
 
 

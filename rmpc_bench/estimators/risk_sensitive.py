@@ -24,6 +24,10 @@ from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import root_of
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
+EQUATION = r"""L_k = V_k C^\top (C V_k C^\top + R_v)^{-1}, \quad
+V_k = (P_{k|k-1}^{-1} - \theta_k I)^{-1}, \quad \theta_k = \theta"""
+
+
 # Relative change of theta per step that counts as rounding, which grows with c.
 _STEADY = 1e-13
 _MAX_STEPS = 100_000

@@ -42,6 +42,8 @@ from rmpc_bench.numerics.robust_bounded_real import (
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
+EQUATION = r"\mathrm{E} (\hat x_k - x_k) (\hat x_k - x_k)^\top \le P_k \quad \mathrm{for\ all\ } F_k^\top F_k \le I"
+
 
 def design(
     model: Model,

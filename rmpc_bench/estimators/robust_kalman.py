@@ -24,6 +24,9 @@ from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccat
 from rmpc_bench.numerics.divergence import Inflation, Interpretation, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Model, Positive
 
+EQUATION = r"""L_k = V_k C^\top (C V_k C^\top + R_v)^{-1}, \quad V_k = (P_{k|k-1}^{-1} - \theta_k I)^{-1}, \quad
+\log \det (I - \theta_k P_{k|k-1}) + \mathrm{tr} \left[ (I - \theta_k P_{k|k-1})^{-1} - I \right] = c"""
+
 
 def design(
     model: Model,

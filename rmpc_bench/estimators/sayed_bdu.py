@@ -39,6 +39,8 @@ from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative, Positive, Status
 
+EQUATION = r"""\min_{x, w} \max_{\Vert \Delta \Vert \le 1} \Vert x -
+\hat x_k \Vert_{P_k^{-1}}^2 + \Vert w \Vert_{Q_w^{-1}}^2 + \Vert y_{k+1} - C x_{k+1}(x, w, \Delta) \Vert_{R^{-1}}^2"""
 OK = np.int8(Status.OK)
 
 

@@ -34,6 +34,10 @@ from rmpc_bench.numerics.ellipsoid import Criterion, intersection, sum_shapes
 from rmpc_bench.numerics.linalg import at_sample, driven, innovation, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
+EQUATION = r"""(\hat x_k - x_k)^\top M_k^{-1} (\hat x_k - x_k) \le 1, \quad
+M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad T = I - L_k C"""
+
+
 OK, EMPTY_SET = np.int8(Status.OK), np.int8(Status.EMPTY_SET)
 
 Level: TypeAlias = Annotated[float, Gt(0), Lt(1)]

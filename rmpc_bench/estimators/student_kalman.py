@@ -27,6 +27,9 @@ from rmpc_bench.estimators.weighted import WeightedFilter, weighted_filter
 from rmpc_bench.numerics.output_weights import WeightLaw
 from rmpc_bench.types import Array, Count, DesignError, Model, Positive
 
+EQUATION = r"""\lambda = \frac{\nu + n_y}{\nu + r^\top R_v^{-1} r + \mathrm{tr} (R_v^{-1} C P_{k|k} C^\top)}, \quad
+r = y_k - C \hat x_{k|k}, \quad R_v \to R_v / \lambda"""
+
 
 def design(
     model: Model,

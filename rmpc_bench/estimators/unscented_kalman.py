@@ -24,6 +24,9 @@ from rmpc_bench.estimators.gaussian_filter import GaussianFilter, gaussian_filte
 from rmpc_bench.numerics.moment_transform import SigmaPoints
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
+EQUATION = r"""\chi_i = \hat x \pm \sqrt{(n + \lambda) P}_i, \quad \hat x_{k+1|k} = \sum_i W_i f(\chi_i, u_k), \quad
+P_{k+1|k} = \sum_i W_i^c (f(\chi_i, u_k) - \hat x_{k+1|k}) (\cdot)^\top + Q_w, \quad L_k = P_{xy} (P_{yy} + R_v)^{-1}"""
+
 
 def design(
     model: Model,

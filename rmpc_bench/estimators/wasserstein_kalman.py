@@ -50,6 +50,8 @@ from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.numerics.wasserstein import joint_factor, least_favourable
 from rmpc_bench.types import Array, Model, NonNegative, Positive
 
+EQUATION = r"""\max_S \mathrm{tr} (S_{xx} - S_{xy} S_{yy}^{-1} S_{yx}) \quad \mathrm{with} \quad \mathrm{tr}
+\left( S + \Sigma - 2 (\Sigma^{1/2} S \Sigma^{1/2})^{1/2} \right) \le \rho^2, \quad L_k = S_{xy} S_{yy}^{-1}"""
 _STEADY = 1e-13
 """Change of P_pred per step, relative to the standard deviations, that counts as rounding."""
 

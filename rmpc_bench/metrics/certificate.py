@@ -29,6 +29,7 @@ from rmpc_bench.types import (
     SampleWindow,
 )
 
+EQUATION = r"\frac{J_{worst}}{\rho}"
 CertificateValue: TypeAlias = Literal["excess", "rho", "worst"]
 
 

@@ -21,6 +21,16 @@ from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.types import Array, DesignError, Direction, Issue, MetricLayout, Record, SampleWindow, WindowMetric
 from rmpc_bench.types.errors import issues_of
 
+EQUATION = {
+    "Nees": r"\frac{1}{N n_x} \sum_{k=0}^{N-1} (\hat x_k - x_k)^\top P_k^{-1} (\hat x_k - x_k)",
+    "Coverage": r"""\frac{1}{N} \sum_{k=0}^{N-1} \mathbf{1}
+\left\lbrace (\hat x_k - x_k)^\top P_k^{+} (\hat x_k - x_k) \le \chi^2_{\mathrm{rank} P_k}(p) \right\rbrace""",
+    "Crps": r"""\frac{1}{N} \sum_{k=0}^{N-1} \sigma_k \left( z_k (2 \Phi(z_k) - 1) + 2 \varphi(z_k) -
+\frac{1}{\sqrt{\pi}} \right), \quad z_k = \frac{\hat x_{k,i} - x_{k,i}}{\sigma_k}, \quad \sigma_k^2 = P_{k,ii}""",
+    "LogScore": r"""\frac{1}{2 N}
+\sum_{k=0}^{N-1} \left( n_x \log 2 \pi + (\hat x_k - x_k)^\top P_k^{-1} (\hat x_k - x_k) + \log \det P_k \right)""",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Nees(ComponentMetric):

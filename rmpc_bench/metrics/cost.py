@@ -24,6 +24,8 @@ from rmpc_bench.types import (
     issues_of,
 )
 
+EQUATION = r"\sum_{k=0}^{N-1} x_{k+1}^\top Q_x x_{k+1} + u_k^\top R_u u_k"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cost(WindowMetric):

@@ -18,6 +18,9 @@ from rmpc_bench.metrics.norms import per_run, rms
 from rmpc_bench.numerics.sample_times import at_least
 from rmpc_bench.types import Array, Issue, MetricLayout, NonNegative, Positive, Record
 
+EQUATION = r"""\mathrm{number\ of\ }
+\left\lbrace k : \max_i |e_{k,i}| \gt s e_{rms} \mathrm{\ begins\ at\ } k \right\rbrace"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Departures(ComponentMetric):

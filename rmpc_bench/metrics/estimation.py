@@ -17,6 +17,8 @@ from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_err
 from rmpc_bench.metrics.means import mean_square
 from rmpc_bench.types import Array, Issue, MetricLayout, Record
 
+EQUATION = r"\frac{1}{N n_x} \sum_{k=0}^{N-1} \Vert \hat x_k - x_k \Vert^2"
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimationMse(SumMetric):

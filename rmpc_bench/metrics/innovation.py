@@ -15,6 +15,14 @@ from jaxtyping import Float
 from rmpc_bench.metrics.components import ComponentMetric, SumMetric
 from rmpc_bench.types import Array, Count, Direction, Issue, MetricLayout, Record
 
+EQUATION = {
+    "Nis": r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} e_k^\top S_k^{-1} e_k",
+    "InnovationMse": r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} \Vert e_k \Vert^2",
+    "Whiteness": r"""\frac{n^2}{m n_y^2} \sum_{j=1}^{m} \frac{\mathrm{tr} (C_j^\top C_0^{-1} C_j C_0^{-1})}{n - j},
+\quad C_j = \frac{1}{n} \sum_k (e_k - \bar e) (e_{k-j} - \bar e)^\top""",
+}
+
+
 INNOVATION, COVARIANCE = "e", "S"
 
 

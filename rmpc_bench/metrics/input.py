@@ -17,6 +17,14 @@ from rmpc_bench.metrics.means import mean_square, time_mean
 from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
 from rmpc_bench.types import Array, Record
 
+EQUATION = {
+    "InputPower": r"\frac{1}{N n_u} \sum_{k=0}^{N-1} \Vert u_k \Vert^2",
+    "InputRoughness": r"\sqrt{\frac{1}{n_u} \sum_i \mathrm{var}_k (\Delta u_{k,i})}, \quad \Delta u_k = u_k - u_{k-1}",
+    "InputVariation": r"\frac{1}{N-1} \sum_{k=1}^{N-1} \sum_i |u_{k,i} - u_{k-1,i}|",
+    "InputRms": r"\sqrt{\frac{1}{N n_u} \sum_{k=0}^{N-1} \Vert u_k \Vert^2}",
+    "InputPeak": r"\max_{k \lt N, i} |u_{k,i}|",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class InputMetric(SumMetric):

@@ -25,6 +25,11 @@ from rmpc_bench.types import (
     issues_of,
 )
 
+EQUATION = {
+    "Violation": r"""\frac{1}{N} |\lbrace k \lt N : e_k \gt 0 \rbrace|, \quad
+\max_k e_k, \quad T_s \sum_k e_k, \quad e_k = \max_i \max(z_{min} - z_{k,i}, z_{k,i} - z_{max}, 0)""",
+    "Largest": r"\max_{k \lt N, i} |z_{k,i}|",
+}
 TOLERANCE = 1e-6
 """Part of a limit by which it may be exceeded.  A controller whose limit acts meets it up to rounding errors only."""
 

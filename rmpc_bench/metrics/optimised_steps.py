@@ -20,6 +20,7 @@ from rmpc_bench.types import (
     WindowMetric,
 )
 
+EQUATION = r"\frac{1}{N} |\lbrace k \lt N : \mathrm{result}_k = \mathrm{of} \rbrace|"
 QP = "qp"
 """Name of the entry that a constrained controller reports, the number of an `OptimisedStep`."""
 Result: TypeAlias = Literal["skipped", "solved", "softened", "failed", "infeasible", "not-converged"]

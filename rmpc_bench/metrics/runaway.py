@@ -12,6 +12,8 @@ from jaxtyping import Float
 from rmpc_bench.metrics.components import ComponentMetric
 from rmpc_bench.types import Array, Issue, MetricLayout, Positive, Record
 
+EQUATION = r"1 \mathrm{\ if\ } \max_k |y_{k,i}| \gt f \max_k |r_{k,i}|, \mathrm{\ else\ } 0"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Runaway(ComponentMetric):

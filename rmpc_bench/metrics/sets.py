@@ -19,6 +19,8 @@ from rmpc_bench.metrics.means import time_mean
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
 from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record, SampleWindow, WindowMetric
 
+EQUATION = r"""\frac{1}{N}
+\mathrm{number\ of\ } \left\lbrace k \lt N : (x_k - \hat x_k)^\top S_k^{-1} (x_k - \hat x_k) \le 1 \right\rbrace"""
 ReportedSet: TypeAlias = Literal["set", "gaussian", "sum"]
 READS: dict[ReportedSet | None, tuple[ReportedMatrix, ...]] = {
     "set": ("M",),

@@ -21,6 +21,8 @@ from rmpc_bench.types import (
     issues_of,
 )
 
+EQUATION = r"\mathrm{number\ of\ } \left\lbrace k \lt N : \sigma_{\min} (J(y_k)) \lt b \right\rbrace"
+
 
 @dataclass(frozen=True, kw_only=True)
 class NearSingular(WindowMetric):

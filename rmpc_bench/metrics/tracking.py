@@ -30,6 +30,16 @@ from rmpc_bench.types import (
     issues_of,
 )
 
+EQUATION = {
+    "Mse": r"\frac{1}{N n_y} \sum_{k=0}^{N-1} \Vert y_k - r_k \Vert^2",
+    "Mae": r"\frac{1}{N n_y} \sum_{k=0}^{N-1} \sum_i |y_{k,i} - r_{k,i}|",
+    "Rmse": r"\sqrt{\frac{1}{N n_y} \sum_{k=0}^{N-1} \Vert y_k - r_k \Vert^2}",
+    "Iae": r"\frac{T_s}{n_y} \sum_{k=0}^{N-1} \sum_i |y_{k,i} - r_{k,i}|",
+    "SettlingTime": r"""T_s \min \left\lbrace m : |y_{k,i} - r_{k,i}| \le \mathrm{band} \cdot \mathrm{step}_i \quad
+\mathrm{for\ all\ } i, k \ge m \right\rbrace""",
+    "SteadyStateError": r"\frac{1}{n n_y} \sum_{k \gt N-n} \sum_i (y_{k,i} - r_{k,i})",
+    "Tracking": r"\sqrt{\frac{1}{n p} \sum_k \sum_i (r_{k,i} - y_{k,i})^2} \quad (\mathrm{norm: rms})",
+}
 ErrorSignal: TypeAlias = Literal["output", "state", "estimate"]
 
 

@@ -29,6 +29,10 @@ from rmpc_bench.numerics.jacobian import DIFFERS, sizes_of_coordinates
 from rmpc_bench.numerics.system_structure import controllable_states, observable_states
 from rmpc_bench.types import Array, DesignError, Model, OperatingPoint, Plant, UserFunction
 
+EQUATION = r"""\dot x = f(x_{op}, u_{op}) + A_c (x - x_{op}) + B_c (u - u_{op}), \quad
+x_{k+1} = A x_k + B u_k + f_0 + w_k, \quad y_k = C x_k + d_0 + v_k"""
+
+
 # Model of a nonlinear plant that is linearised again at every estimate.
 #
 # Model   x(k+1) = F(x(k), u(k)) + w(k), y(k) = h(x(k)) + v(k), F the flow of the nominal plant over a sample.

@@ -23,6 +23,10 @@ from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, values_
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.types import Array, DesignError, Model, SystemMatrix
 
+EQUATION = r"""x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k, \quad
+w_k = \bar w + w_k^s + w_k^b, \quad w_k^s \sim \mathcal{N}(0, P_w), \quad w_k^{b \top} M_w^{-1} w_k^b \le 1"""
+
+
 TABLE: Mapping[str, tuple[str, str]] = {
     "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
     "P_w": ("nx", "nx"), "M_w": ("nx", "nx"), "P_v": ("ny", "ny"), "M_v": ("ny", "ny"), "D": ("ny", "nu"),

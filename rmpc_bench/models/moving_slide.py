@@ -32,6 +32,9 @@ from rmpc_bench.numerics.sample_times import Burst, Span, factor_at, spans_of
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 from rmpc_bench.types.basics import Keyword, takes, values_of
 
+EQUATION = r"\ddot y = -M(y)^{-1} N(y, \dot y) \dot y + M(y)^{-1} J(y)^\top \tau"
+
+
 PARAMETERS: Mapping[str, Keyword] = {
     "mass": Keyword(Positive, 1.0, "factor on all masses and inertias"),
     "a": Keyword(Positive, 0.30, "half side of the square of the base joints [m]"),

@@ -28,6 +28,8 @@ from rmpc_bench.models.operating_point import At, find_point
 from rmpc_bench.numerics.jacobian import STEP, jacobian, sizes_of_coordinates
 from rmpc_bench.types import Array, Count, DesignError, Model, OperatingPoint, Parameters, Plant, UserFunction
 
+EQUATION = r"x_{k+1} = f(x_k, u_k) + w_k, \quad y_k = h(x_k) + v_k"
+
 
 @dataclass(frozen=True, eq=False)
 class NonlinearModel(OfPlant, Model):

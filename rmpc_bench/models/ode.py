@@ -20,6 +20,8 @@ from rmpc_bench.models.operating_point import At
 from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, Positive, UserFunction
 from rmpc_bench.types.errors import unknown
 
+EQUATION = r"\dot x = f(x, u, p), \quad y = h(x, p)"
+
 
 def design(
     Ts: float,

@@ -25,6 +25,11 @@ from rmpc_bench.numerics.linalg import as_matrix, discretise, van_loan
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 from rmpc_bench.types.basics import Keyword, takes, values_of
 
+EQUATION = r"""J_l \ddot\theta_l = \rho T_s - \beta_l \dot\theta_l - T_{fl}, \quad J_m \ddot\theta_m = K_t I - T_s -
+\beta_m \dot\theta_m - T_{fm}, \quad T_s = \frac{k_\theta}{\rho} \left( \frac{\theta_m}{\rho} - \theta_l \right), \quad
+T_{fl} = T_{fm} = 0, \quad R I = V - K_t \dot\theta_m"""
+
+
 LINEAR: Mapping[str, Keyword] = {
     "J_m": Keyword(Positive, 0.5, "motor inertia [kg m^2]"),
     "beta_m": Keyword(NonNegative, 0.1, "viscous friction of the motor [N m s]"),

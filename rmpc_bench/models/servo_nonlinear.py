@@ -33,6 +33,10 @@ from rmpc_bench.models.servo import (
 from rmpc_bench.types import Array, Model, Status
 from rmpc_bench.types.basics import takes
 
+EQUATION = r"""J_l \ddot\theta_l = \rho T_s - \beta_l \dot\theta_l - T_{fl}, \quad
+J_m \ddot\theta_m = K_t I - T_s - \beta_m \dot\theta_m - T_{fm}, \quad
+T_s = \frac{k_\theta}{\rho} \left( \frac{\theta_m}{\rho} - \theta_l \right), \quad L \dot I =
+V - R I - K_t \dot\theta_m, \quad T_f(\omega) = (\alpha_0 + \alpha_1 e^{-\alpha_2 |\omega|}) \mathrm{sgn}(\omega)"""
 CURRENT_VARIANCE = 1e-6
 """Variance of the current, at the start and added per sample [A^2]."""
 

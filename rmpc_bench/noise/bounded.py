@@ -24,6 +24,11 @@ from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
+EQUATION = {
+    "corners": r"w = c + \mathrm{diag}(\rho) u, \quad u_i = \pm 1",
+    "ellipsoid": r"w = c + s L u, \quad L L^\top = M, \quad (w - c)^\top M^{-1} (w - c) \le s^2",
+    "uniform": r"w = c + T \mathrm{diag}(\rho) u, \quad u_i \sim \mathcal{U}(-1, 1)",
+}
 SKEW = 0.9
 """Share of positive coordinates in ma2025."""
 SINGULAR = 1e-12

@@ -26,6 +26,12 @@ from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
+EQUATION = {
+    "drift": r"w_{k+1} = w_k + s z_k, \quad z_k \sim \mathcal{N}(0, \Sigma)",
+    "coloured": r"""w_{k+1} = a w_k + \sqrt{1 - a^2} s z_k, \quad
+z_k \sim \mathcal{N}(0, \Sigma), \quad a = e^{-T_s / \tau}""",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Drift(CenteredNoise):

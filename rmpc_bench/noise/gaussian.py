@@ -14,6 +14,8 @@ from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
+EQUATION = r"w \sim \mathcal{N}(\bar w, s^2 \Sigma)"
+
 
 @dataclass(frozen=True, eq=False)
 class Gaussian(CenteredNoise):

@@ -20,6 +20,8 @@ from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, NonNegative, Positive
 
+EQUATION = r"w = c + s |z|, \quad z \sim \mathcal{N}(0, I)"
+
 
 @dataclass(frozen=True, eq=False)
 class HalfNormal(CenteredNoise):

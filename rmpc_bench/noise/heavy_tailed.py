@@ -30,6 +30,11 @@ from rmpc_bench.numerics.linalg import as_vector, symmetrise
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, Matrix, NonNegative, Positive
 
+EQUATION = {
+    "student_t": r"w = \bar w + s z \sqrt{\nu / \chi^2_\nu}, \quad z \sim \mathcal{N}(0, I)",
+    "outliers": r"w = \bar w + f^b z, \quad z \sim \mathcal{N}(0, s^2 \Sigma), \quad b \sim \mathrm{Bernoulli}(p)",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class StudentT(CenteredNoise):

@@ -35,6 +35,11 @@ from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError, Noise, Positive
 from rmpc_bench.types.signals import indices_of
 
+EQUATION = {
+    "quantised": r"y = o + q \mathrm{round} \left( \frac{y - o}{q} \right)",
+    "delayed": r"y_j \ \mathrm{arrives\ at\ } k = j + d_j, \quad 0 \le d_j \le D",
+    "missing": r"P(y_k \ \mathrm{is\ missing}) = p",
+}
 NEGLIGIBLE = 1e-12
 """Relative difference of two numbers that is rounding."""
 LONGEST_DELAY = 100

@@ -60,6 +60,10 @@ from rmpc_bench.types import (
     UserFunction,
 )
 
+EQUATION = r"""\dot x = f(t, x, u_k, p), \quad
+k T_s \le t \lt (k + 1) T_s, \quad x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k"""
+
+
 # Facts about a plant with a differential equation, as `describe` and `check` print them.
 
 

@@ -16,6 +16,11 @@ from jaxtyping import Float, Int
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError, InputSignal, NonNegative, Positive
 
+EQUATION = {
+    "prbs": r"u_k = \mathrm{low} + (\mathrm{high} - \mathrm{low}) b_{\lfloor k / n \rfloor}, \quad b = 0, 1",
+    "sine": r"u_k = \bar u + a \sin \left( 2 \pi k T_s / T + \varphi \right)",
+    "steps": r"u_k = v_i \quad \mathrm{for\ } t_i \le k T_s \lt t_{i+1}",
+}
 ON_SAMPLE = 1e-9
 """Relative distance from a sample that is rounding."""
 

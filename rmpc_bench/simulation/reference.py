@@ -13,6 +13,13 @@ from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.s_shape import ANGLE, DURATION, HEIGHT, WIDTH, s_curve
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive, Reference
 
+EQUATION = {
+    "constant": r"r_k = \mathrm{value}",
+    "s_shape": r"""x = -w \sin 2f, \quad y = h \cos f, \quad \psi = \alpha \sin^2 (\pi g), \quad
+f = \left( \tfrac{5}{4} g - \tfrac{1}{8} \right) \pi, \quad g = 10 s^3 - 15 s^4 + 6 s^5, \quad s = \min(t / T, 1)""",
+    "square": r"r_k = v_1 \quad \mathrm{if\ } (k T_s \bmod T) \lt d T, \quad r_k = v_2 \quad \mathrm{otherwise}",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Constant(Reference):

@@ -11,9 +11,8 @@ from functools import cache, partial
 from pathlib import Path
 
 from docs.component_texts import SHARED_BY, module_text, sharing, texts
-from docs.equations import EQUATIONS
 from docs.examples_of_kinds import examples, users
-from docs.markdown import DOCS, anchor, kept_figures, key_table, page, table, text
+from docs.markdown import DOCS, anchor, equation_of, kept_figures, key_table, page, table, text
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
@@ -118,8 +117,8 @@ def _component(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     short = [f"Short form: {form}"] if form else []
     extra = NEEDED_BY.get((group, kind))
     short += [f"Needs `pip install '.[{extra}]'`: [libraries.md](../../libraries.md)."] if extra else []
-    equation = EQUATIONS.get((group, kind), "")
-    formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
+    equation = equation_of(group, kind)
+    formula = [f"$$\n{equation}\n$$"] if equation else []
     return [*texts(manual, formula), *short, *_keys(group, kind, elsewhere), *examples]
 
 

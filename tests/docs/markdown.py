@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
+from rmpc_bench import registry
 from rmpc_bench.schema.manual import KeyEntry
 
 ROOT = Path(__file__).parents[2]
@@ -99,3 +101,17 @@ def kept_figures() -> list[str]:
     """Return the figures that git keeps; others may lie beside them after a run."""
     lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
     return [line.removeprefix("!") for line in lines if line.startswith("!results/") and line.endswith(".svg")]
+
+
+def equation_of(group: str, kind: str) -> str:
+    """Return the central equation of a kind in LaTeX, `EQUATION` of its module; empty where it is defined in words.
+
+    A module with several kinds has a mapping from the names of their functions or classes.  A plant without an equation
+    has that of the design model of its name.
+    """
+    if kind not in registry.BUILT_IN[group]:
+        return ""
+    module, name = registry.BUILT_IN[group][kind].split(":")
+    found = getattr(import_module(module), "EQUATION", "")
+    equation = found if isinstance(found, str) else found.get(name, "")
+    return equation or (equation_of("models", kind) if group == "plants" else "")
