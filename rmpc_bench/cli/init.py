@@ -1,15 +1,25 @@
-"""rmpc-bench init: the files of a new experiment, with recorded runs of a cart where it has recorded data."""
+"""rmpc-bench init: the files of a new experiment, with recorded runs of a cart where it has recorded data.
+
+With `--component` it adds a built-in component to the clone of which this file is a part.
+"""
 
 from __future__ import annotations
 
+import keyword
 import re
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
+from rmpc_bench import registry
 from rmpc_bench.cli import exits
+from rmpc_bench.received.consent import commit_of
 
+ROOT = Path(__file__).parents[2]  # of the clone, if the package is one
+ADDED = ("estimators", "controllers", "metrics")  # groups with a template
 ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}  # choice of `--estimator` -> class in its template
 CONTROLLERS = {"plain": "PI"}  # choice of `--controller` -> class in its template
 
@@ -33,14 +43,24 @@ CONTROLLERS = {"plain": "PI"}  # choice of `--controller` -> class in its templa
     show_default=True,
     help="Form of the controller.",
 )
+@click.option("--component", metavar="GROUP/NAME", help="Only this: add a built-in component to a clone.")
+@click.pass_context
 @exits.guarded
-def init(name: str, plant: str, estimator: str, controller: str) -> int:
+def init(context: click.Context, name: str, plant: str, estimator: str, controller: str, component: str | None) -> int:
     """Write an experiment with components of your own into the current directory.
 
     NAME.yaml compares an estimator written for one run with built-in ones on a plant that is a differential equation;
     NAME.py has the components, and test_NAME.py tests them.  With `--plant data` it
     compares estimators on recorded runs, of which it writes a few.  Existing files are never changed.
+
+    For contributors `--component estimators/my-filter` writes a built-in component into the clone that this program
+    belongs to: its module, its tests, and its lines in the lists of kinds.  CONTRIBUTING.md continues from there.
     """
+    if component is not None:
+        given = [each for each in context.params if context.get_parameter_source(each) is ParameterSource.COMMANDLINE]
+        if len(given) > 1:
+            raise click.UsageError("--component goes with nothing else")
+        return _add(component)
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise click.BadParameter(f"{name!r} is not a name of a Python module: letters, digits and _", param_hint="NAME")
     texts = starter(name, plant, estimator, controller)
@@ -84,6 +104,72 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
     for word, value in words.items():
         texts = {file: text.replace(word, value) for file, text in texts.items()}
     return texts if plant == "ode" else texts | recorded_runs(name)
+
+
+def _add(component: str) -> int:
+    """Write a built-in component into the clone, or say all that is in the way."""
+    group, _, kind = component.partition("/")
+    group = group if group in ADDED else f"{group}s"
+    wrong = [*_refusals(group, kind)]
+    texts = _additions(group, kind, wrong) if group in ADDED and (ROOT / "tests").is_dir() else {}
+    if wrong:
+        click.echo("\n".join([*wrong, "nothing was written"]), err=True)
+        return exits.USAGE
+    for file, text in texts.items():
+        word = "changed" if (ROOT / file).exists() else "written"
+        (ROOT / file).write_text(text, encoding="utf-8")
+        click.echo(f"{word} {file}", err=True)
+    click.echo(f"next    write the method into {next(iter(texts))}, and its limit into the docstring")
+    click.echo(f"        pytest -k '{kind} or {_words(kind)['MODULE']}'")
+    click.echo("        make docs lint type")
+    return 0
+
+
+def _refusals(group: str, kind: str) -> Iterator[str]:
+    """Yield what is wrong with the name of a component, and with the place."""
+    sign = "_" if group == "metrics" else "-"
+    if group not in ADDED:
+        yield f"--component is GROUP/NAME; GROUP is one of {', '.join(ADDED)}, others are written by hand"
+    elif registry.is_known(group, kind):
+        yield f"{group}/{kind} exists already"
+    if not re.fullmatch(f"[a-z][a-z0-9]*({sign}[a-z0-9]+)*", kind) or keyword.iskeyword(kind):
+        yield f"{kind!r} is not a name of a kind: lower case letters, digits and {sign}, such as my{sign}filter"
+    if not (ROOT / "tests").is_dir():
+        yield f"{ROOT} is not a clone of rmpc-bench; `rmpc-bench init NAME` writes components of your own anywhere"
+    elif not Path.cwd().is_relative_to(ROOT):
+        yield f"the current directory is not in {ROOT}, the clone that this program belongs to"
+    elif (commit_of(ROOT) or {}).get("dirty") is True:
+        yield f"{ROOT} has uncommitted changes; commit or stash them, so that `git diff` shows what is written"
+
+
+def _words(kind: str) -> dict[str, str]:
+    """Word of a template -> what stands in its place."""
+    return {"KIND": kind, "MODULE": kind.replace("-", "_"), "CLASS": re.sub("[-_]", "", kind.title())}
+
+
+def _additions(group: str, kind: str, wrong: list[str]) -> dict[str, str]:
+    """Return the files of a component and those that list it, with their new texts; add what does not fit to `wrong`.
+
+    A template has new files, `== FILE`, and lines to add, `== FILE: LINE BEFORE THEM`.
+    """
+    template, texts = _template(f"component_{group}"), dict[str, str]()
+    for word, value in _words(kind).items():
+        template = template.replace(word, value)
+    for part in re.split("^== ", template, flags=re.MULTILINE)[1:]:
+        head, _, new = part.partition("\n")
+        file, _, before = head.partition(": ")
+        place = ROOT / file
+        if not before:
+            wrong += [f"{file} exists already"] * place.exists()
+            texts[file] = new
+            continue
+        lines = (texts.get(file) or (place.read_text(encoding="utf-8") if place.exists() else "")).splitlines(
+            keepends=True
+        )
+        found = [n for n, line in enumerate(lines, 1) if line.strip() == before]
+        wrong += [f"{file}: expected one line `{before}`, found {len(found)}"] * (len(found) != 1)
+        texts[file] = "".join([*lines[: found[0]], new, *lines[found[0] :]]) if found else ""
+    return texts
 
 
 def _template(name: str) -> str:
