@@ -18,7 +18,7 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits
 from rmpc_bench.received.consent import commit_of
 
-ROOT = Path(__file__).parents[2]  # of the clone, if the package is one
+ROOT = Path(__file__).parents[2]  # of the clone, if the package is in one
 ADDED = ("estimators", "controllers", "metrics")  # groups with a template
 ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}  # choice of `--estimator` -> class in its template
 CONTROLLERS = {"plain": "PI"}  # choice of `--controller` -> class in its template
@@ -111,7 +111,7 @@ def _add(component: str) -> int:
     group, _, kind = component.partition("/")
     group = group if group in ADDED else f"{group}s"
     wrong = [*_refusals(group, kind)]
-    texts = _additions(group, kind, wrong) if group in ADDED and (ROOT / "tests").is_dir() else {}
+    texts = _additions(group, kind, wrong) if group in ADDED and _is_clone() else {}
     if wrong:
         click.echo("\n".join([*wrong, "nothing was written"]), err=True)
         return exits.USAGE
@@ -120,7 +120,7 @@ def _add(component: str) -> int:
         (ROOT / file).write_text(text, encoding="utf-8")
         click.echo(f"{word} {file}", err=True)
     click.echo(f"next    write the method into {next(iter(texts))}, and its limit into the docstring")
-    click.echo(f"        pytest -k '{kind} or {_words(kind)['MODULE']}'")
+    click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'])))}'")
     click.echo("        make docs lint type")
     return 0
 
@@ -134,12 +134,16 @@ def _refusals(group: str, kind: str) -> Iterator[str]:
         yield f"{group}/{kind} exists already"
     if not re.fullmatch(f"[a-z][a-z0-9]*({sign}[a-z0-9]+)*", kind) or keyword.iskeyword(kind):
         yield f"{kind!r} is not a name of a kind: lower case letters, digits and {sign}, such as my{sign}filter"
-    if not (ROOT / "tests").is_dir():
+    if not _is_clone():
         yield f"{ROOT} is not a clone of rmpc-bench; `rmpc-bench init NAME` writes components of your own anywhere"
     elif not Path.cwd().is_relative_to(ROOT):
         yield f"the current directory is not in {ROOT}, the clone that this program belongs to"
     elif (commit_of(ROOT) or {}).get("dirty") is True:
         yield f"{ROOT} has uncommitted changes; commit or stash them, so that `git diff` shows what is written"
+
+
+def _is_clone() -> bool:
+    return (ROOT / "tests" / "conformance").is_dir()
 
 
 def _words(kind: str) -> dict[str, str]:
@@ -163,9 +167,8 @@ def _additions(group: str, kind: str, wrong: list[str]) -> dict[str, str]:
             wrong += [f"{file} exists already"] * place.exists()
             texts[file] = new
             continue
-        lines = (texts.get(file) or (place.read_text(encoding="utf-8") if place.exists() else "")).splitlines(
-            keepends=True
-        )
+        old = texts.get(file) or (place.read_text(encoding="utf-8") if place.is_file() else "")
+        lines = old.splitlines(keepends=True)
         found = [n for n, line in enumerate(lines, 1) if line.strip() == before]
         wrong += [f"{file}: expected one line `{before}`, found {len(found)}"] * (len(found) != 1)
         texts[file] = "".join([*lines[: found[0]], new, *lines[found[0] :]]) if found else ""

@@ -1,8 +1,11 @@
 """`init` writes an experiment with own components; nothing that exists is changed."""
 
 import os
+import re
+import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -124,3 +127,104 @@ def test_recorded_data_come_with_a_configuration_that_fits_them(tmp_path, estima
     text = "".join(path.read_text(encoding="utf-8") for path in tmp_path.glob("*mine.*"))
     assert not any(word in text for word in ("NAME", "ESTIMATOR", "CONTROLLER", "IMPORTS"))
     assert len(load_config(tmp_path / "mine.yaml").points[0].experiment.methods) == 3
+
+
+ROOT = Path(__file__).parents[2]
+ADDED = {"estimators": "my-filter", "controllers": "my-law", "metrics": "my_metric"}
+"""A new kind of every group with a template."""
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """Return a directory with the files that list the kinds, in which `init` adds components."""
+    for template in (ROOT / "rmpc_bench/cli/templates").glob("component_*.txt"):
+        for file in re.findall("^== (.+)", template.read_text(encoding="utf-8"), re.MULTILINE):
+            place = tmp_path / file.partition(": ")[0]
+            place.parent.mkdir(parents=True, exist_ok=True)
+            if ": " in file:
+                shutil.copy(ROOT / place.relative_to(tmp_path), place)
+    monkeypatch.setattr(import_module("rmpc_bench.cli.init"), "ROOT", tmp_path)
+    return tmp_path
+
+
+def contents(directory):
+    return {path.relative_to(directory).as_posix(): path.read_text("utf-8") for path in directory.rglob("*.py")}
+
+
+@pytest.mark.parametrize(("group", "kind"), ADDED.items())
+def test_a_new_component_is_written_and_listed(clone, group, kind):
+    """Only lines are added, and the code is formatted; tests/docs/test_contributing.py runs its tests."""
+    before = contents(clone)
+    done = init(clone, "--component", f"{group}/{kind}")
+    assert done.exit_code == 0, done.stderr
+    after, module = contents(clone), kind.replace("-", "_")
+    assert {*after} - {*before} == {f"rmpc_bench/{group}/{module}.py", f"tests/{group}/test_{module}.py"}
+    for file in before:
+        lines = [line for line in after[file].splitlines() if f'"{kind}"' not in line]
+        assert lines == before[file].splitlines()
+    assert all(kind in after[f"{file}.py"] for file in ("rmpc_bench/registry", f"tests/conformance/test_{group}"))
+    assert done.stdout.splitlines()[1:] == [
+        f"        pytest -k '{' or '.join(dict.fromkeys([kind, module]))}'",
+        "        make docs lint type",
+    ]
+    # To sort imports ruff looks whether their modules are there.
+    ignored = shutil.ignore_patterns("__pycache__", "cli")
+    shutil.copytree(ROOT / "rmpc_bench", clone / "rmpc_bench", dirs_exist_ok=True, ignore=ignored)
+    shutil.copy(ROOT / "pyproject.toml", clone)
+    for arguments in (["check"], ["format", "--check"]):
+        command = [sys.executable, "-m", "ruff", *arguments, *({*after} - {*before})]
+        subprocess.run(command, cwd=clone, check=True, capture_output=True)
+
+
+def test_all_that_is_in_the_way_of_a_component_is_said_at_once(clone):
+    (clone / "tests/estimators/test_Kalman.py").write_text("", encoding="utf-8")
+    (clone / "rmpc_bench/registry.py").write_text("", encoding="utf-8")
+    before = contents(clone)
+    done = init(clone, "--component", "estimators/Kalman")
+    assert done.exit_code == 2 and contents(clone) == before
+    assert done.stderr.splitlines() == [
+        "'Kalman' is not a name of a kind: lower case letters, digits and -, such as my-filter",
+        "tests/estimators/test_Kalman.py exists already",
+        'rmpc_bench/registry.py: expected one line `"estimators": {`, found 0',
+        "nothing was written",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("component", "message"),
+    [
+        ("estimators/kalman", "estimators/kalman exists already"),
+        ("estimator/kalman", "estimators/kalman exists already"),
+        ("plants/mine", "GROUP is one of estimators, controllers, metrics, others are written by hand"),
+        ("my-filter", "--component is GROUP/NAME"),
+        ("metrics/my-metric", "lower case letters, digits and _, such as my_filter"),
+        ("estimators/lambda", "'lambda' is not a name of a kind"),
+        ("estimators/../kalman", "'../kalman' is not a name of a kind"),
+        ("estimators/", "'' is not a name of a kind"),
+    ],
+)
+def test_a_wrong_name_of_a_component_is_explained(clone, component, message):
+    before = contents(clone)
+    done = init(clone, "--component", component)
+    assert done.exit_code == 2 and message in done.stderr and contents(clone) == before
+
+
+def test_a_component_is_added_to_a_clean_clone_only(clone, tmp_path_factory, monkeypatch):
+    """What `git diff` shows is then the component."""
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    assert "the current directory is not in" in init(elsewhere, "--component", "estimators/my-filter").stderr
+    subprocess.run(["git", "init", "-q"], cwd=clone, check=True)
+    subprocess.run(
+        ["git", "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "a", "--allow-empty"], cwd=clone
+    )
+    done = init(clone, "--component", "estimators/my-filter")
+    assert done.exit_code == 2 and "uncommitted changes; commit or stash them" in done.stderr
+    monkeypatch.setattr(import_module("rmpc_bench.cli.init"), "ROOT", elsewhere)
+    done = init(elsewhere, "--component", "estimators/my-filter")
+    assert done.exit_code == 2 and "is not a clone of rmpc-bench; `rmpc-bench init NAME` writes" in done.stderr
+    assert [*elsewhere.iterdir()] == []
+
+
+def test_a_component_goes_with_no_other_option(clone):
+    done = init(clone, "mine", "--component", "estimators/my-filter")
+    assert done.exit_code == 2 and "--component goes with nothing else" in done.stderr
