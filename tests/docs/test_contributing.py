@@ -1,0 +1,82 @@
+"""CONTRIBUTING.md: its scaffold is followed in a copy of the clone, its files exist, and its sentences are short."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from docs.markdown import ROOT
+from docs.test_plain_english import LONGEST, sentences
+
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ADDED = {"estimators": "my-filter", "controllers": "my-law", "metrics": "my_metric"}
+LIMIT = "tests/docs/test_generated_pages.py::test_the_module_of_a_method_says_what_it_must_say"
+FILES = (
+    *("conformance", "test_registry.py", "docs/test_generated_pages.py"),
+    *("controllers/test_constant_parts.py", "controllers/test_operating_points.py"),
+    *("config/test_robot_configs.py", "models/test_nonlinear.py"),
+)
+"""Tests that know the kinds, below tests/."""
+
+
+def run(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    env = os.environ | {"PYTHONPATH": f"{place}:{place / 'tests'}", "RMPC_BENCH_TESTS": ""}
+    return subprocess.run([sys.executable, *arguments], cwd=place, env=env, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """Return a copy of the clone with a new component of every group that has a template."""
+    place = tmp_path_factory.mktemp("clone")
+    for each in ROOT.iterdir():
+        if each.name in ("rmpc_bench", "tests"):
+            shutil.copytree(each, place / each.name, ignore=shutil.ignore_patterns("__pycache__"))
+        elif not each.name.startswith("."):
+            (place / each.name).symlink_to(each)
+    for group, kind in ADDED.items():
+        assert f"{group}/{kind}" in TEXT or f"`{kind}`" in TEXT
+        done = run(place, "-m", "rmpc_bench", "init", "--component", f"{group}/{kind}")
+        assert done.returncode == 0, done.stderr
+    return place
+
+
+@pytest.mark.page
+def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
+    """Oracle: all tests whose name has that of the kind, and those that compare lists of kinds with the registry."""
+    names = {name for kind in ADDED.values() for name in (kind, kind.replace("-", "_"))}
+    chosen = " or ".join([*sorted(names), "every_registered_kind", "limit_or_a_reason"])
+    own = [f"tests/{group}/test_{kind.replace('-', '_')}.py" for group, kind in ADDED.items()]
+    files = [*(f"tests/{file}" for file in FILES), *own, "rmpc_bench/metrics/my_metric.py"]
+    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, *files)
+    failed = re.findall(r"^FAILED (\S+)", done.stdout, re.MULTILINE)
+    assert failed == [f"{LIMIT}[{group}-{ADDED[group]}]" for group in ("estimators", "controllers")], done.stdout[
+        -3000:
+    ]
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 50
+    for group in ("estimators", "controllers"):
+        module = copy / "rmpc_bench" / group / f"{ADDED[group].replace('-', '_')}.py"
+        text = module.read_text(encoding="utf-8")
+        assert text.count("\nLimit\n") == 1
+        module.write_text(
+            text.replace("\nLimit\n", "\nLimit   factor = 1 gives the Kalman filter.\n"), encoding="utf-8"
+        )
+    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "my-filter or my-law", LIMIT)
+    assert done.returncode == 0, done.stdout[-3000:]
+
+
+def test_every_file_that_is_named_exists():
+    """Files to be written are those of the scaffold."""
+    named = re.findall(r"`([\w./]+\.(?:py|csv|cff|toml))`|\]\(([\w./-]+)", TEXT)
+    found = {each for pair in named for each in pair if each and "FILE" not in each and "my_filter" not in each}
+    roots = (ROOT, ROOT / "rmpc_bench", ROOT / "rmpc_bench" / "estimators")
+    written_later = {"SECURITY.md"}
+    assert len(found) > 20
+    assert [each for each in sorted(found - written_later) if not any((root / each).exists() for root in roots)] == []
+
+
+def test_sentences_are_short():
+    long = [sentence for sentence in sentences(TEXT) if len(sentence.split()) > LONGEST]
+    assert long == []
