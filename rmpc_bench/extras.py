@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 EXTRAS: Mapping[str, str] = {
@@ -20,7 +21,13 @@ EXTRAS: Mapping[str, str] = {
     "stonesoup": "stonesoup",
     "xarray": "xarray",
 }
-"""Extra -> module that it installs."""
+"""Extra -> module that it installs; a configuration may require these."""
+
+MODULES: Mapping[str, str] = {**EXTRAS, "dask": "distributed", "pack": "rocrate", "parquet": "pyarrow"}
+"""The same with the extras of an engine, an archive and a format."""
+
+RELEASED = False
+"""Whether a package index has the package."""
 
 COMPUTES_WITH: Mapping[str, str] = {"do_mpc": "casadi"}
 """Module of an extra -> another library of which the version changes what it computes."""
@@ -51,21 +58,18 @@ def missing(extra: str) -> str:
 
     Examples
     --------
-    >>> missing("do-mpc")
-    "the library do_mpc is not installed; in a clone, pip install '.[do-mpc]' installs it"
+    >>> missing("do-mpc").partition("; ")[0]
+    'the library do_mpc is not installed'
     """
-    return f"the library {EXTRAS[extra]} is not installed; in a clone, {install(extra)} installs it"
+    return f"the library {MODULES[extra]} is not installed; {install(extra)} installs it"
 
 
 def install(*extras: str) -> str:
-    """Return the command that installs some extras; it needs a clone, because no index has the package yet.
-
-    Examples
-    --------
-    >>> print(install("filterpy", "do-mpc"))
-    pip install '.[filterpy,do-mpc]'
-    """
-    return f"pip install '.[{','.join(extras)}]'"
+    """Return the command that installs some extras, here in a clone or wherever the package is installed."""
+    names = ",".join(extras)
+    if Path(__file__).parents[1].joinpath("Makefile").is_file():
+        return f"make setup EXTRAS=dev,{names}"
+    return f"pip install 'rmpc-bench[{names}]'" if RELEASED else f"pip install '.[{names}]' in a clone"
 
 
 def need(group: str, kind: str) -> str:

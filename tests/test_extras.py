@@ -16,10 +16,9 @@ from small_experiment import cli, write
 from rmpc_bench import extras, load_config, registry
 from rmpc_bench.types import ConfigError
 
-OPTIONAL = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"][
-    "optional-dependencies"
-]
-MESSAGE = "the library filterpy is not installed; in a clone, pip install '.[filterpy]' installs it"
+ROOT = Path(__file__).parents[1]
+OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+MESSAGE = "the library filterpy is not installed; make setup EXTRAS=dev,filterpy installs it"
 AT_IMPORT = """
 import numpy as np
 import filterpy.kalman
@@ -64,6 +63,21 @@ def errors(path):
 def test_every_extra_can_be_installed_and_is_one_of_all():
     assert {*extras.EXTRAS} <= {*OPTIONAL}
     assert OPTIONAL["adapters"] == [f"rmpc-bench[{','.join(extras.EXTRAS)}]"]
+
+
+def test_the_command_that_installs_an_extra(monkeypatch):
+    """In a clone, where the package is installed before and after its release, and in no other words anywhere."""
+    assert extras.install("dask", "pack") == "make setup EXTRAS=dev,dask,pack"
+    monkeypatch.setattr(extras, "__file__", "/nowhere/site/rmpc_bench/extras.py")
+    assert extras.missing("pack").endswith("rocrate is not installed; pip install '.[pack]' in a clone installs it")
+    monkeypatch.setattr(extras, "RELEASED", True)
+    assert extras.install("do-mpc") == "pip install 'rmpc-bench[do-mpc]'"
+    files = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    files += [path for folder in ("rmpc_bench", "configs") for path in sorted((ROOT / folder).rglob("*.*"))]
+    texts = {path.name: path.read_bytes() for path in files if path.suffix != ".pyc"}
+    assert [name for name, text in texts.items() if re.search(rb"pip install '(rmpc-bench|\.)\[", text)] == [
+        "extras.py"
+    ]
 
 
 def test_every_test_file_that_imports_one_is_skipped_without_it():

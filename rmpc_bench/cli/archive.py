@@ -23,7 +23,7 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     The file is a zip archive with RO-Crate metadata.  It has the configuration, the user's files, the rows, the tables,
     figures and claims, the report, and the hash of every file.
     """
-    from rmpc_bench.extras import install
+    from rmpc_bench.extras import missing
     from rmpc_bench.packing.pack import pack as pack_results
     from rmpc_bench.received.archive import ArchiveError
     from rmpc_bench.types.result_layout import COPIES
@@ -37,7 +37,7 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "rocrate":
             raise
-        click.echo(f"pack needs the library rocrate; in a clone, {install('pack')} installs it", err=True)
+        click.echo(missing("pack"), err=True)
         return exits.USAGE
     except ArchiveError as error:
         click.echo(str(error), err=True)

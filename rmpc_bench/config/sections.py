@@ -252,8 +252,8 @@ SECTIONS: dict[str, Section] = {
     "requires": Section(
         list[Text],
         [],
-        "Optional libraries that the components need, by the extras of pip that install them, in a clone as in "
-        "`pip install '.[do-mpc]'`. This list and an inherited one are joined.",
+        "Optional libraries that the components need, by the extras of pip that install them. This list and an "
+        "inherited one are joined.",
     ),
     "execution": Section(
         Execution, Execution(), "Settings of the computation; none of them changes the numbers of a finished run."

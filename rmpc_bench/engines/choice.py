@@ -21,7 +21,7 @@ from rmpc_bench.engines.blocks import Pair, TaskQueue
 from rmpc_bench.engines.pool import EndedWorkers, processes
 from rmpc_bench.engines.tasks import Done, Task, contained, forget_draws, is_built_in, parts_of, warm_up_own
 from rmpc_bench.engines.watch import Limits
-from rmpc_bench.extras import install
+from rmpc_bench.extras import missing
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types.errors import WorkerError
@@ -70,8 +70,8 @@ def choose_engine(
         # Only here: the other engines need nothing of dask.
         try:
             from rmpc_bench.engines.dask_cluster import dask_cluster
-        except ModuleNotFoundError as error:
-            raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
+        except ModuleNotFoundError:
+            raise WorkerError(f"engine dask: {missing('dask')}") from None
         _check_address(scheduler)
         engine = partial(dask_cluster, workers=n, scheduler=scheduler, say=say, **keys)
     if name is None and not isolated and not own:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rmpc_bench.extras import missing
 from rmpc_bench.received.names import wrong_line
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
@@ -269,7 +270,7 @@ def _parquet(content: bytes, name: str, max_rows: int, notes: list[str]) -> pd.D
         import pyarrow
         import pyarrow.parquet as parquet
     except ImportError:
-        raise _error(name, "needs the library pyarrow; in a clone, pip install '.[parquet]' installs it") from None
+        raise _error(name, missing("parquet")) from None
     try:
         file = parquet.ParquetFile(pyarrow.BufferReader(content))
         meta, schema = file.metadata, file.schema_arrow

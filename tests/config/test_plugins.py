@@ -39,7 +39,7 @@ def test_a_missing_library_names_its_extra(tmp_path, monkeypatch):
     hide(monkeypatch, "filterpy", "do_mpc")
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path, requires="[filterpy, do-mpc]", runs="0")
-    place = "tiny.yaml:{}: requires.{}: the library {} is not installed; in a clone, pip install '.[{}]' installs it"
+    place = "tiny.yaml:{}: requires.{}: the library {} is not installed; make setup EXTRAS=dev,{} installs it"
     assert errors(path) == [
         "tiny.yaml:4:7: runs: must be >= 1 (got 0)",
         place.format("16:12", 0, "filterpy", "filterpy"),
@@ -117,7 +117,7 @@ def test_run_skips_by_name_on_request(tmp_path, monkeypatch):
     path = write(tmp_path, requires="[do-mpc, filterpy, control]").name
     done = cli("run", path, "--if-installed", "--smoke")
     assert (done.exit_code, done.stdout) == (0, "") and not (tmp_path / "results").exists()
-    assert done.stderr == "skipped tiny.yaml: needs do-mpc, control (pip install '.[do-mpc,control]')\n"
+    assert done.stderr == "skipped tiny.yaml: needs do-mpc, control (make setup EXTRAS=dev,do-mpc,control)\n"
     assert cli("run", path).exit_code == 2
     install(monkeypatch, "filterpy", "do-mpc", "control")
     done = cli("run", path, "--if-installed", "--dry-run")

@@ -17,7 +17,7 @@ from docs.markdown import DOCS, anchor, equation_of, kept_figures, key_table, pa
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config_file.tree import SHORT_FORMS
-from rmpc_bench.extras import NEEDED_BY
+from rmpc_bench.extras import NEEDED_BY, install
 from rmpc_bench.schema.manual import Manual, manual_of, shared_keys
 
 INDEX = DOCS / "components.md"
@@ -116,7 +116,7 @@ def _component(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
     short = [f"Short form: {form}"] if form else []
     extra = NEEDED_BY.get((group, kind))
-    short += [f"Needs `pip install '.[{extra}]'`: [libraries.md](../../libraries.md)."] if extra else []
+    short += [f"Needs `{install(extra)}`: [libraries.md](../../libraries.md)."] if extra else []
     equation = equation_of(group, kind)
     formula = [f"$$\n{equation}\n$$"] if equation else []
     return [*texts(manual, formula), *short, *_keys(group, kind, elsewhere), *examples]

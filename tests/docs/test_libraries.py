@@ -58,8 +58,8 @@ def test_every_command_works(steps, title):
 def test_ten_commands_lead_to_a_comparison(steps):
     """With the installation they are at most ten, and all three methods have finished."""
     place, done = steps(FIRST)
-    installation = re.findall(r"^pip install (.*)$", SECTIONS[FIRST], re.MULTILINE)
-    assert installation == ["'.[filterpy,do-mpc]'"]
+    installation = re.findall(r"^make setup (.*)$", SECTIONS[FIRST], re.MULTILINE)
+    assert installation == ["EXTRAS=dev,filterpy,do-mpc"]
     assert len(done) + len(installation) <= 10
     verbs = [step.line.split()[1] for step in done]
     assert verbs[0] == "init" and {"check", "run", "report", "show"} < {*verbs}
