@@ -5,7 +5,7 @@ EXTRAS ?= dev
 STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow dist-check smoke site site-setup site-docs docs lint type perf perf-large bytes clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
+.PHONY: help setup run test test-slow dist-check release-check smoke site site-setup site-docs docs lint type perf perf-large bytes clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -29,6 +29,9 @@ test-slow: setup  ## run the tests that take minutes
 
 dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
 	PYTHONPATH=tests $(BIN)/python -m dist_check
+
+release-check: setup  ## before a release: dist-check, the metadata, the archives and tests in the source archive
+	PYTHONPATH=tests $(BIN)/python -m dist_check --release
 
 smoke: setup  ## run every configuration at its small size (or CONFIGS='FILE ..'); those without their libraries are named and skipped
 	@printf '%s\n' $(or $(CONFIGS),$$(find configs -name '*.yaml' | sort)) | xargs -n 1 -P $$(getconf _NPROCESSORS_ONLN) $(BIN)/rmpc-bench run --smoke --fresh --if-installed

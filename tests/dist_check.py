@@ -1,14 +1,18 @@
-"""The distribution as a user gets it: `make dist-check`.
+"""The distribution as a user gets it: `make dist-check`, and before a release `make release-check`.
 
 Makes the source archive and, from it, the wheel.  Installs the wheel into a fresh environment outside the checkout,
 with the newest libraries for every Python of the machine, and with the lowest ones for the lowest Python, and runs the
 commands that a new user gives first.  A DeprecationWarning or FutureWarning that a call of this package causes is an
 error in these environments, in every process.  Environments with the same versions of the libraries that the project
 names must give the same trials.
+
+Before a release, tools in an environment of their own check the metadata and both archives, and some tests run in the
+unpacked source archive.  Only the package index is asked for anything.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import os
 import re
@@ -37,6 +41,15 @@ BOUNDS = dict(requirement.split(">=") for requirement in PROJECT["dependencies"]
 PAPER = [f"run ma2025/{path.stem} --smoke" for path in sorted((ROOT / "configs" / "ma2025").glob("*.yaml"))]
 FIRST = "run quickstart; check --deep quickstart; describe kalman; init tanks; run tanks.yaml --smoke"
 COMMANDS = [*FIRST.split("; "), "run zenere2018/fig7 --smoke", *PAPER]
+CHECKS = (
+    "cffconvert --validate --infile {root}/CITATION.cff",
+    "validate-pyproject {root}/pyproject.toml",
+    "twine check --strict {archive} {wheel}",
+    "check-wheel-contents {wheel}",
+    "pyroma --min 8 {root}",  # of 10; the others need an address of a person and one of the project
+)
+"""Commands of the tools in the extra `release`."""
+IN_ARCHIVE = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/types", "tests/test_installation.py"]
 CATEGORIES = ("DeprecationWarning", "FutureWarning")
 FILTERS = (rf"warnings.filterwarnings('error', '', {name}, r'rmpc_bench(\.|$)')" for name in CATEGORIES)
 HOOK = "; ".join(["import warnings", *FILTERS])
@@ -60,8 +73,9 @@ class Outcome(NamedTuple):
 
 def call(command: list[str | Path], directory: Path, *, fails: bool = False) -> str:
     """Run a command and return what it printed; Failure if it fails or, with `fails`, if it succeeds."""
-    dropped = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV")
+    dropped = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV", "RMPC_BENCH_TESTS", "PYTEST_ADDOPTS")
     environment = {name: value for name, value in os.environ.items() if name not in dropped}
+    environment["VALIDATE_PYPROJECT_NO_NETWORK"] = "1"
     environment["NUMBA_CACHE_DIR"] = str(directory / "numba")
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     done = subprocess.run(command, cwd=directory, env=environment, **streams)
@@ -85,8 +99,8 @@ def interpreters() -> Iterator[tuple[str, Path]]:
                 break
 
 
-def build(directory: Path) -> Path:
-    """Make both archives, compare the source archive with the files under version control, and return the wheel."""
+def build(directory: Path) -> tuple[Path, Path]:
+    """Make the source archive and the wheel; the first has all files under version control and no others."""
     call([UV, "build", "--quiet", "--out-dir", directory, ROOT], directory)
     (archive,), (wheel,) = directory.glob("*.tar.gz"), directory.glob("*.whl")
     if (ROOT / ".git").exists():
@@ -95,7 +109,23 @@ def build(directory: Path) -> Path:
         tracked = set(call(["git", "-C", ROOT, "ls-files", "-z"], directory).split("\0")) - {""}
         if packed != tracked:
             raise Failure(f"source archive: missing {sorted(tracked - packed)}, too many {sorted(packed - tracked)}")
-    return wheel
+    return archive, wheel
+
+
+def check_release(archive: Path, wheel: Path, directory: Path) -> None:
+    """Check metadata and archives with the tools of the extra `release`, and run tests in the source archive."""
+    programs = directory / "tools" / "bin"
+    call([UV, "venv", "--quiet", "--python", sys.executable, programs.parent], directory)
+    tools = PROJECT["optional-dependencies"]["release"]
+    call([UV, "pip", "install", "--quiet", "--python", programs / "python", *tools], directory)
+    for check in CHECKS:
+        name, *arguments = shlex.split(check.format(root=ROOT, archive=archive, wheel=wheel))
+        print(f"{name}:", call([programs / name, *arguments], directory).strip().splitlines()[-1].strip())
+    with tarfile.open(archive) as opened:
+        opened.extractall(directory, filter="data")
+    done = call([sys.executable, *IN_ARCHIVE], directory / archive.name.removesuffix(".tar.gz"))
+    print("tests of the source archive:", done.strip().splitlines()[-1])
+    print(", ".join(f"{each.name}: {each.stat().st_size / 1e6:.2f} MB" for each in (archive, wheel)))
 
 
 def install(python: Path, wheel: Path, directory: Path, *, lowest: bool) -> tuple[Path, dict[str, str]]:
@@ -145,13 +175,18 @@ def computed(program: Path, work: Path) -> str:
 
 def main() -> int:
     """Check the distribution, print a paragraph per environment, and return the exit code."""
+    parser = argparse.ArgumentParser(prog="dist_check", description=__doc__)
+    parser.add_argument("--release", action="store_true", help="check the metadata and the source archive as well")
+    release = parser.parse_args().release
     found = dict(interpreters())
     work = [(f"Python {name}, newest", path) for name, path in found.items()]
     work += [(f"Python {name}, lowest", found[name]) for name in PYTHONS[:1] if name in found]
     print("Pythons not found:", ", ".join(name for name in PYTHONS if name not in found) or "none")
     with TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
-            wheel = build(Path(folder))
+            archive, wheel = build(Path(folder))
+            if release:
+                check_release(archive, wheel, Path(folder))
         except Failure as failure:
             print(f"dist-check failed: {failure}")
             return 1

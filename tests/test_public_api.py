@@ -1,7 +1,9 @@
 """The names a Python program uses."""
 
+import inspect
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,18 @@ from small_experiment import write
 import rmpc_bench
 from rmpc_bench import registry
 
+ROOT = Path(__file__).parents[1]
+RUN = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["pytest"]["ini_options"]["testpaths"]
+"""Files and folders whose examples `make test` runs."""
 PATH = f"import sys; sys.path.append({str(Path(rmpc_bench.__file__).parents[1])!r});"
 
 
 @pytest.mark.parametrize("name", rmpc_bench._PUBLIC)
-def test_every_public_name_resolves(name):
-    """`from rmpc_bench import name` works."""
-    assert getattr(rmpc_bench, name) is not None
+def test_every_public_name_has_an_example_that_runs(name):
+    """`from rmpc_bench import name` works, and pytest collects the docstring."""
+    public = getattr(rmpc_bench, name)
+    file = Path(inspect.getsourcefile(public)).relative_to(ROOT)
+    assert ">>> " in public.__doc__ and any(file.is_relative_to(place) for place in RUN)
 
 
 def test_public_names_are_the_documented_ones():

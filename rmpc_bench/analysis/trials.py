@@ -82,6 +82,13 @@ class Trials(ComparisonKeys):
     elsewhere : whether another program has made the runs
     run_names : original names of the runs by their index, where another program has made them
     unpaired : whether run i of two methods has nothing in common, so that methods are compared without pairs
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> trials = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4}).trials
+    >>> trials.column("mse", "R-MPC").shape, trials.frame["status"].unique().tolist()
+    ((4,), ['ok'])
     """
 
     name: str

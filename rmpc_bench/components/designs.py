@@ -83,6 +83,14 @@ def register(group: str, name: str, design: Any) -> None:
     ------
     DesignError
         If the group is not one, the name is that of a built-in component, or the class is none of the group.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> @rmpc_bench.single_run
+    ... def peak(y, factor: float = 1.0):
+    ...     return factor * y.max()
+    >>> rmpc_bench.register("metric", "peak-of-y", peak)  # now a kind with the key `factor`
     """
     check_arguments(register, locals())
     group = registry.group_named(group)

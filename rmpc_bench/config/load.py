@@ -254,6 +254,12 @@ def load_config(
     ------
     ConfigError
         If anything is wrong: all errors, sorted, each with its place, in a mapping the path of its key.
+
+    Examples
+    --------
+    >>> config = load_config("quickstart", runs=4, overrides={"time.duration": 10})
+    >>> config.experiment.n_steps, config.baseline
+    (100, 'S-MPC')
     """
     if runs is not None:
         if isinstance(runs, bool) or not isinstance(runs, Integral) or not 1 <= runs <= MAX_RUNS:

@@ -43,20 +43,38 @@ _NUMBERS: Mapping[str, tuple[Any, Callable[[Any, int], Any]]] = {
 
 
 def plant(kind: str, *args: Any, **parameters: Any) -> Plant:
-    """Design a plant by its name: ``plant("servo-linear", Ts=0.1)``; a mistake is a `DesignError`, a ValueError."""
+    """Design a plant by its name; a mistake is a `DesignError`, a ValueError.
+
+    Examples
+    --------
+    >>> plant("servo-linear", Ts=0.1).nx
+    4
+    """
     return cast("Plant", _made("plants", kind, args, parameters))
 
 
 def model(kind: str, *args: Any, **parameters: Any) -> Model:
-    """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
+    """Design a model by its name.
+
+    Examples
+    --------
+    >>> model("linear", n_steps=100, A=[[0.9]], C=[[1.0]], P_w=0.1, P_v=0.2).nx
+    1
+    """
     return cast("Model", _made("models", kind, args, parameters))
 
 
 def estimator(kind: str, *args: Any, **parameters: Any) -> Estimator:
-    """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``.
+    """Design an estimator by its name.
 
     `x0` is a number, for all states, or one per state; `P0` and `M0` are numbers, diagonals or matrices.  Without
     `n_steps`, `filter_data` takes the estimator, and the number of samples from the data.
+
+    Examples
+    --------
+    >>> from rmpc_bench import LinearModel
+    >>> estimator("kalman", LinearModel(0.9, [[1]], [[1]], 0.01, 0.04), n_steps=5, x0=0, P0=1).form
+    'filter'
     """
     if len(args) < 2 and "n_steps" not in parameters and registry.is_known("estimators", kind):
         if "n_steps" in inspect.signature(registered_design("estimators", kind)).parameters:
@@ -84,9 +102,15 @@ class UnsizedEstimator(Estimator):
 
 
 def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
-    """Design a controller by its name: ``controller("mpc", model, Hp=20, Hu=5, Q=1.0, R=0.1)``.
+    """Design a controller by its name.
 
     `plant_info` is the plant whose limits the law is to have, `model` also a discrete `StateSpace` of python-control.
+
+    Examples
+    --------
+    >>> from rmpc_bench import LinearModel
+    >>> controller("mpc", LinearModel(0.9, [[1]], [[1]], 0.01, 0.04), Hp=20, Hu=5, Q=1.0, R=0.1).preview
+    21
     """
     return cast("Controller", _made("controllers", kind, args, parameters))
 

@@ -174,11 +174,9 @@ def replay(
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> again = rmpc_bench.replay(directory, 2, "R-MPC")
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> again = rmpc_bench.replay(results.directory, 2, "R-MPC")
     >>> again.status, again.differing
     ('ok', {})
     """

@@ -73,10 +73,8 @@ def run(
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> len(results.trials.runs)
     4
     """

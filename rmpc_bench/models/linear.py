@@ -41,6 +41,11 @@ class LinearModel(Model):
     ------
     DesignError
         If the shapes are inconsistent, or a covariance is not positive semidefinite.
+
+    Examples
+    --------
+    >>> LinearModel([0.9, 0.8], [[0.0], [1.0]], [[1.0, 1.0]], 0.01, 0.04).Q_w.tolist()
+    [[0.01, 0.0], [0.0, 0.01]]
     """
 
     A: Float[Array, "nx nx"]

@@ -69,10 +69,8 @@ def choose(results: Results, **keys: Any) -> Results:
     The keys replace those of the section `report`: order, width, metrics, columns, style, font, format, trials.  None
     leaves a key as it is.  Raises a DesignError with the choices or the nearest name if a value is wrong.
 
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> choose(results, width="252pt", order=["R-MPC", "S-MPC"]).experiment.report.order
     ['R-MPC', 'S-MPC']
     """
@@ -131,11 +129,9 @@ def publish(
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> written = publish(results, to=f"{directory}/published")
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> written = publish(results, to=results.directory / "published")
     >>> [path.name for path in written.paths][:2]
     ['trials.csv', 'uncertainty.csv']
     """
@@ -239,11 +235,9 @@ def tuning(results: Results) -> TuningTable:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> changes = ["tune={budget: 3, runs: 2}", "methods.R-MPC.tune={estimator.c: [0.01, 1]}"]
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4, overrides=changes)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC"])
+    >>> import rmpc_bench
+    >>> keys = {"tune": {"budget": 3, "runs": 2}, "methods": {"R-MPC": {"tune": {"estimator.c": [0.01, 1]}}}}
+    >>> results = rmpc_bench.run({"name": "tuned", "extends": "quickstart", "runs": 4, **keys}, only=["S-MPC", "R-MPC"])
     >>> tuning(results).frame[["method", "parameter", "n_values", "n_runs"]].to_numpy().tolist()
     [['R-MPC', 'estimator.c', 3, 2]]
     """

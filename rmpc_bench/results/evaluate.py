@@ -38,10 +38,8 @@ def summarise(results: Results | Trials | str | Path) -> summary.Summary:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> summarise(results).described["method"].unique().tolist()
     ['S-MPC', 'R-MPC', 'RS-MPC']
     """
@@ -80,10 +78,8 @@ def compare(
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> compare(results, "mse").to_frame()[["method", "baseline", "n_pairs"]].values.tolist()
     [['R-MPC', 'S-MPC', 4], ['RS-MPC', 'S-MPC', 4]]
     """
@@ -106,10 +102,8 @@ def drivers(results: Results | Trials) -> DriversTable:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> drivers(results).frame["resolved"].any().item()
     False
     """
@@ -130,14 +124,11 @@ def requirements(results: Results | Trials) -> RequirementsTable:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config(
-    ...     "configs/quickstart.yaml", runs=4, overrides=["statistics.requirement=settling_time < 20"]
-    ... )
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC"])
+    >>> import rmpc_bench
+    >>> keys = {"extends": "quickstart", "runs": 4, "statistics": {"requirement": "settling_time < 20"}}
+    >>> results = rmpc_bench.run({"name": "required", **keys})
     >>> requirements(results).frame["n"].tolist()
-    [4, 4]
+    [4, 4, 4]
     """
     check_arguments(requirements, locals())
     return requirements_table(_common(results))
@@ -156,10 +147,9 @@ def ranks(results: Results | Trials) -> RanksTable:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4, overrides=["statistics.ranks=true"])
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> keys = {"extends": "quickstart", "runs": 4, "statistics": {"ranks": True}}
+    >>> results = rmpc_bench.run({"name": "ranked", **keys})
     >>> sorted(ranks(results).columns["method"])
     ['R-MPC', 'RS-MPC', 'S-MPC']
     """
@@ -187,9 +177,8 @@ def judge(results: Results) -> tuple[ClaimVerdict, ...]:
     Examples
     --------
     >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/zenere2018/fig7.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC1"])
+    >>> config = rmpc_bench.load_config("zenere2018/fig7", runs=4)
+    >>> results = rmpc_bench.run(config, directory=tempfile.mkdtemp(), only=["S-MPC", "R-MPC1"])
     >>> len(judge(results)) == len(config.claims)
     True
     """
@@ -221,12 +210,10 @@ def figure(
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
     >>> picture = figure(results, "boxplot", metric="settling_time", width=3.5)
-    >>> picture.save(f"{directory}/settling_time.svg").name
+    >>> picture.save(results.directory / "settling_time.svg").name
     'settling_time.svg'
     """
     check_arguments(figure, locals())

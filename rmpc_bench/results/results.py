@@ -46,6 +46,13 @@ class Results:
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
     tuning : how parameters were chosen, as far as it is recorded here; None where nothing is tuned
     components : own figures by their index among the figures, loaded by `run`; stored results have none
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> results.experiment.name, results.n_complete["R-MPC"], results.is_final
+    ('small', 4, True)
     """
 
     experiment: StoredExperiment
@@ -151,11 +158,9 @@ def load_results(directory: str | Path) -> Results:
 
     Examples
     --------
-    >>> import rmpc_bench, tempfile
-    >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
-    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
-    >>> rmpc_bench.load_results(directory).trials.frame.equals(results.trials.frame)
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> rmpc_bench.load_results(results.directory).trials.frame.equals(results.trials.frame)
     True
     """
     check_arguments(load_results, locals())
@@ -201,5 +206,12 @@ def load_trials(directory: str | Path) -> Trials:
     ------
     MissingError
         If there is no store in the directory, or no trial in it.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> rmpc_bench.load_trials(results.directory).methods
+    ('S-MPC', 'R-MPC', 'RS-MPC')
     """
     return load_results(directory).trials

@@ -155,6 +155,16 @@ def simulate(
     Estimator and controller get what the method knows of it (input_channel.py).
     Every array that a component returns is copied at once, so that it may use the same memory again.  r has at least
     n_steps + the controller's preview samples.  What trajectories hold for samples after `last` has no meaning.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> given = rmpc_bench.load_config("quickstart").experiment
+    >>> method, draws = given.methods[0], given.scenario.draw(given.plant, range(3), given.n_steps)
+    >>> r = given.scenario.reference.sample(given.n_steps + method.preview)
+    >>> record, status = simulate(given.plant, method, draws, r, given.n_steps)
+    >>> record.x.shape, status.tolist()
+    ((3, 201, 5), [0, 0, 0])
     """
     n_runs, nd, preview, mixes = len(draws.x0), method.n_disturbances, method.preview, plant.mixes_noise
     start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)

@@ -80,6 +80,12 @@ class Scenario:
     reference : what the output is meant to follow
     cross : (nv, nw) matrix T; T (w - mean of w) is added to v, for a cross-covariance; None for independent noises
     input : the laws between the input that is chosen and the one that acts, in order
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> rmpc_bench.load_config("quickstart").experiment.scenario.quantities
+    ('eps_min', 'eps_max', 'eps_jl')
     """
 
     seed: int
@@ -302,6 +308,13 @@ class Experiment:
     state_range : limits of the state beyond which a run has failed
     time_unit : unit of the time in texts
     angles : place of a component that is an angle, such as x.0 or y.0 -> its period
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> given = rmpc_bench.load_config("quickstart", runs=4).experiment
+    >>> given.n_runs, given.n_steps, given.method("R-MPC").estimator.form
+    (4, 200, 'filter')
     """
 
     plant: Plant

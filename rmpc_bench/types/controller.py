@@ -27,6 +27,14 @@ class Controller(Design):
     """A control law: a frozen design, shared by all runs.
 
     A subclass gives the methods `init` and `control`.  Everything else has a default.
+
+    Examples
+    --------
+    >>> class Proportional(Controller):
+    ...     def init(self, n_runs): return None
+    ...     def control(self, k, state, y, estimate, r): return state, Command(2.0 * (r - y))
+    >>> Proportional().control(0, None, 1.0, None, 3.0)[1].u
+    4.0
     """
 
     @attribute
@@ -182,7 +190,14 @@ class KnownDelay(NamedTuple):
 
 
 class Method(NamedTuple):
-    """An estimator-controller pair under the name the user gave it."""
+    """An estimator-controller pair under the name the user gave it.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> rmpc_bench.load_config("quickstart").experiment.methods[1].name
+    'R-MPC'
+    """
 
     name: str
     estimator: Estimator

@@ -16,6 +16,16 @@ class Estimator(Design):
     """A filter: a frozen design, shared by all runs.
 
     A subclass gives the methods `init`, `correct` and `predict`.  Everything else has a default.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> class Last(Estimator):
+    ...     def init(self, n_runs): return None
+    ...     def correct(self, k, state, y): return state, Estimate(y)
+    ...     def predict(self, k, state, u): return state
+    >>> rmpc_bench.filter_data(Last(), [[1.0], [2.0]], [[0.0]]).x_hat.tolist()
+    [[1.0], [2.0]]
     """
 
     @attribute

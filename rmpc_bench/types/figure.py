@@ -30,6 +30,14 @@ class Figure:
     width : width of the whole picture [in]
     height : height of the whole picture [in]
     order : methods to show; all that can be shown if not given
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Empty(Figure):
+    ...     def draw(self, results): from matplotlib.figure import Figure; return Figure(self.size(2.5))
+    >>> Empty(width=5.0).draw(None).get_size_inches().tolist()
+    [5.0, 2.5]
     """
 
     needs_runs: ClassVar[bool] = False

@@ -221,6 +221,14 @@ class Metric:
     ----------
     name : name of the column in tables and in claims
     label : words for figures and tables (default: the name with blanks)
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Peak(Metric):
+    ...     def evaluate(self, record): return record.y.max((1, 2))
+    >>> Peak(name="peak").evaluate(Record.of_run(y=[1.0, 3.0, 2.0])).tolist()
+    [3.0]
     """
 
     name: str

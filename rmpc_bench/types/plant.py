@@ -58,6 +58,17 @@ class Plant(Design):
 
     A subclass gives the sizes `nx`, `nu`, `ny`, the sampling time `Ts` and the methods `draw`, `step` and `output`.
     Everything else has a default.
+
+    Examples
+    --------
+    >>> class Tank(Plant):
+    ...     nx = nu = ny = 1
+    ...     Ts = 1.0
+    ...     def draw(self, parameters, rngs, n_steps): return None
+    ...     def step(self, k, delta, x, u, w): return Motion(0.9 * x + u + w)
+    ...     def output(self, k, delta, x, v): return x + v
+    >>> Tank().step(0, None, np.ones((1, 1)), 0.5, 0.0).x.tolist()
+    [[1.4]]
     """
 
     @attribute

@@ -36,7 +36,13 @@ class Explained(IntEnum):
 
 
 class Status(Explained):
-    """What became of a run; the text of a member is shown wherever a failure is counted."""
+    """What became of a run; the text of a member is shown wherever a failure is counted.
+
+    Examples
+    --------
+    >>> Status(6).name, Status.INFEASIBLE.explanation
+    ('INFEASIBLE', 'an optimiser reported that its constraints have no solution')
+    """
 
     OK = 0, "the run reached its last sample"
     DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value is not a number"
