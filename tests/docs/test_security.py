@@ -1,4 +1,4 @@
-"""docs/security.md: short, found from the README."""
+"""docs/security.md: short, found from SECURITY.md."""
 
 from pathlib import Path
 
@@ -11,7 +11,8 @@ PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
 def test_it_is_short_and_linked():
     """A page that nobody finds or finishes protects nobody."""
     assert len(PAGE.split()) <= 600
-    assert "(docs/security.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "(SECURITY.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "(docs/security.md)" in (ROOT / "SECURITY.md").read_text(encoding="utf-8")
     assert "(security.md)" in (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
 
 
