@@ -130,13 +130,7 @@ class Episodes:
     render_mode = None
 
     def __init__(
-        self,
-        experiment: Experiment,
-        method: Method | None,
-        cost: EpisodeCost,
-        preview: int,
-        limits: Any,
-        Box: Any,
+        self, experiment: Experiment, method: Method | None, cost: EpisodeCost, preview: int, limits: Any, Box: Any
     ) -> None:
         self.experiment, self.method, self.cost, self.preview = experiment, method, cost, preview
         nu = experiment.plant.nu

@@ -78,13 +78,7 @@ def verify(
 
     try:
         found = verify_archive(
-            file,
-            runs=runs,
-            claim=claim,
-            simulate=not no_run,
-            allow_code=allow_code,
-            jobs=jobs,
-            progress=choose("auto"),
+            file, runs=runs, claim=claim, simulate=not no_run, allow_code=allow_code, jobs=jobs, progress=choose("auto")
         )
     except ArchiveError as error:
         click.echo(str(error), err=True)

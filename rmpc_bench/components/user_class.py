@@ -57,15 +57,8 @@ _SAMPLE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "predict": ("u", "k", "t"),
         "correct": ("y", "k", "t"),
     },
-    "controllers": {
-        "start": (),
-        "control": ("x_hat", "r", "y", "u_previous", "P", "e", "info", "k", "t"),
-    },
-    "plants": {
-        "start": ("p", "x0"),
-        "step": ("u", "w", "x", "p", "k", "t"),
-        "output": ("x", "v", "p", "k", "t"),
-    },
+    "controllers": {"start": (), "control": ("x_hat", "r", "y", "u_previous", "P", "e", "info", "k", "t")},
+    "plants": {"start": ("p", "x0"), "step": ("u", "w", "x", "p", "k", "t"), "output": ("x", "v", "p", "k", "t")},
     "metrics": {"evaluate": ("x", "y", "x_hat", "u", "u_command", "r", "P", "t", "Ts", "info", "k")},
 }
 """Names of one run or one sample, by group and method."""

@@ -38,13 +38,7 @@ from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.recording import has_bursts, with_bursts
-from rmpc_bench.simulation.scenario import (
-    Experiment,
-    Recording,
-    Scenario,
-    initial_covariance,
-    initial_state,
-)
+from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario, initial_covariance, initial_state
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
     Array,

@@ -19,18 +19,7 @@ from typing import Any, NamedTuple
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.known_files import file_beside, is_file_name
 from rmpc_bench.config_file.method_grid import EXCLUDE, GRID
-from rmpc_bench.config_file.tree import (
-    DELETE,
-    Items,
-    Map,
-    Mark,
-    join,
-    locate,
-    plain,
-    same_kind,
-    split,
-    with_kind,
-)
+from rmpc_bench.config_file.tree import DELETE, Items, Map, Mark, join, locate, plain, same_kind, split, with_kind
 from rmpc_bench.config_file.yaml import EXTENDS, Override, load, one_line, parse, parse_override
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem

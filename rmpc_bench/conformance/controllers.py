@@ -15,32 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.conformance.information import CHANGE, FRESH, InformationExample, function_of_data, require_no_lookahead
-from rmpc_bench.conformance.outcome import (
-    REPETITION,
-    Outcome,
-    RunsExample,
-    first_checks,
-    require_valid_return_values,
-)
-from rmpc_bench.conformance.results import (
-    Check,
-    NotApplicableError,
-    copies,
-    require,
-    require_same,
-    require_unchanged,
-)
+from rmpc_bench.conformance.outcome import REPETITION, Outcome, RunsExample, first_checks, require_valid_return_values
+from rmpc_bench.conformance.results import Check, NotApplicableError, copies, require, require_same, require_unchanged
 from rmpc_bench.conformance.systems import GivenEstimates, LinearGaussian, LinearSystem, simulated
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.types import (
-    Array,
-    Command,
-    Controller,
-    Estimate,
-    Method,
-    Motion,
-    as_command,
-)
+from rmpc_bench.types import Array, Command, Controller, Estimate, Method, Motion, as_command
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,12 +106,7 @@ class Gpc(Controller):
         return GpcState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, len(self.R_u))))
 
     def control(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: Any, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[Any, Command]:
         """Apply the first input of the minimiser."""
         x_hat = estimate.x_hat
@@ -233,12 +228,7 @@ class TunedGpc(Gpc):
         return TunedState(nothing, np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs), nothing)
 
     def control(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: Any, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[Any, Command]:
         """Compute the output weight and apply the first input of the minimiser."""
         x_hat = estimate.x_hat

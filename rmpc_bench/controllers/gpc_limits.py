@@ -14,14 +14,7 @@ from jaxtyping import Float, Int8
 from rmpc_bench.controllers.constrained import with_fallback
 from rmpc_bench.controllers.gpc_programs import ConstantProgram, VaryingProgram
 from rmpc_bench.controllers.gpc_rows import HardRows, LimitedHorizon
-from rmpc_bench.controllers.limits import (
-    Bounds,
-    Fallback,
-    Limits,
-    SoftLimit,
-    bounds_of,
-    refuse_unused,
-)
+from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of, refuse_unused
 from rmpc_bench.controllers.prediction import Frozen
 from rmpc_bench.types import Array, Command, PlantInfo
 
@@ -104,12 +97,7 @@ class GpcLimits:
 
 
 def limits_of(
-    limits: Limits | None,
-    soft: dict[str, SoftLimit] | None,
-    model: Any,
-    nx: int,
-    N: int,
-    plant_info: PlantInfo | None,
+    limits: Limits | None, soft: dict[str, SoftLimit] | None, model: Any, nx: int, N: int, plant_info: PlantInfo | None
 ) -> GpcLimits | None:
     """Return the limits without a program, None without limits."""
     if limits is None and not soft:

@@ -69,12 +69,7 @@ class Mpc(Controller):
         return MpcState(np.tile(np.zeros(nu) if self.u_op is None else self.u_op, (n_runs, 1)))
 
     def control(
-        self,
-        k: int,
-        state: MpcState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: MpcState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[MpcState, Command]:
         """Apply the first input of the minimiser, clipped."""
         u = self._clipped(self._minimiser(state.u_previous, estimate, r), state.u_previous)
@@ -129,12 +124,7 @@ class VaryingMpc(Mpc):
         return False
 
     def control(
-        self,
-        k: int,
-        state: MpcState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: MpcState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[MpcState, Command]:
         """Apply the law of k."""
         return self.laws[k].control(k, state, y, estimate, r)
@@ -167,12 +157,7 @@ class ConstrainedMpc(Mpc):
         return 2e-6
 
     def control(
-        self,
-        k: int,
-        state: MpcState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: MpcState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[MpcState, Command]:
         """Apply the first input of the constrained minimiser."""
         before, nu = state.u_previous, len(self.K_x)

@@ -34,11 +34,7 @@ class Stopping:
     """
 
     def __init__(
-        self,
-        config: ExperimentConfig,
-        store: Store,
-        methods: Collection[str],
-        say: Callable[[str], None],
+        self, config: ExperimentConfig, store: Store, methods: Collection[str], say: Callable[[str], None]
     ) -> None:
         found = stop_of(config, store)
         if config.stop is None or found is None:
@@ -128,14 +124,7 @@ def _of_primary(experiment: StoredExperiment) -> StoredExperiment:
         primary = tuple(info for info in point.metrics if info.name == experiment.primary)
         keys = {info.name: point.metric_keys[info.name] for info in primary}
         points.append(
-            replace(
-                point,
-                metrics=primary,
-                metric_keys=keys,
-                methods=methods,
-                n_recorded=0,
-                has_ensemble=False,
-            )
+            replace(point, metrics=primary, metric_keys=keys, methods=methods, n_recorded=0, has_ensemble=False)
         )
     return replace(experiment, points=tuple(points))
 

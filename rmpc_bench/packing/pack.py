@@ -76,13 +76,7 @@ class Pack:
         return f"{self.path}: {len(self.files)} files, {self.n_bytes / 1e6:.2f} MB"
 
 
-def pack(
-    directory: str | Path,
-    to: str | Path,
-    *,
-    authors: Sequence[str] = (),
-    licence: str = "",
-) -> Pack:
+def pack(directory: str | Path, to: str | Path, *, authors: Sequence[str] = (), licence: str = "") -> Pack:
     """Write an archive with the results of an experiment; equal results give equal bytes.
 
     Parameters
@@ -124,11 +118,7 @@ def pack(
 
 
 def _packed(
-    results: Results,
-    place: Path,
-    contents: dict[str, Path | bytes],
-    target: Path,
-    stated_by: tuple[Sequence[str], str],
+    results: Results, place: Path, contents: dict[str, Path | bytes], target: Path, stated_by: tuple[Sequence[str], str]
 ) -> Pack:
     """Write an archive with the files of a directory, its data files, citation and metadata."""
     if results.experiment.imported is None:

@@ -97,13 +97,7 @@ _SUSPECT = re.compile(
     rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xaa-\xae]|\xe2\x81[\xa6-\xa9]"
 )  # where a JSON text may have characters that a name must not contain
 _NO_BRACKETS = bytes(each for each in range(256) if each not in b"[]{}")
-_WORDS = {
-    int: "a whole number",
-    bool: "true or false",
-    list: "a list",
-    dict: "an object",
-    type(None): "null",
-}
+_WORDS = {int: "a whole number", bool: "true or false", list: "a list", dict: "an object", type(None): "null"}
 MANIFEST: Any = {
     "name?": wrong_line,
     "experiment?": wrong_line,

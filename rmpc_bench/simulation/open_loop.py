@@ -64,12 +64,7 @@ class Rest(Controller):
         """There is nothing to remember."""
 
     def control(
-        self,
-        k: int,
-        state: None,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: None, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[None, Command]:
         """Return u = 0."""
         return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})
@@ -132,12 +127,7 @@ class Held(Around):
         return HeldState(self.law.init(n_runs, **runs), Command(np.zeros((n_runs, 0))))
 
     def control(
-        self,
-        k: int,
-        state: HeldState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: HeldState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[HeldState, Command]:
         """Call the law, or hold its input."""
         if k % self.every:
@@ -198,12 +188,7 @@ class Fed(Around):
         return FedState(self.law.init(n_runs, **given), self.signal.sample(index, self.n_steps))
 
     def control(
-        self,
-        k: int,
-        state: FedState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: FedState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[FedState, Command]:
         """Add the inputs of the law to d(k)."""
         d = state.d[:, k]
