@@ -19,9 +19,9 @@ ROOT = Path(__file__).parent.parent
 PHRASES = (ROOT / "tests" / "retired_phrases.txt").read_text(encoding="utf-8").splitlines()
 PLANTS = ("quickstart", "zenere2018/sim1", "benchmarks/ma2025", "benchmarks/souto2011", "benchmarks/moving-slide")
 DOCUMENTS = (
-    "README.md",
+    "*.md",
     "docs/**/*.md",
-    "CHANGELOG.md",
+    "paper/*.md",
     "Makefile",
     "pyproject.toml",
     "configs/**/*.yaml",

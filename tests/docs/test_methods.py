@@ -140,9 +140,7 @@ def anchors(page: Path) -> set[str]:
 COMPONENTS = sorted((ROOT / "docs" / "components").rglob("*.md"))
 
 
-@pytest.mark.parametrize(
-    "page", [*ALL, *COMPONENTS, ROOT / "README.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.stem
-)
+@pytest.mark.parametrize("page", [*ALL, *COMPONENTS, *sorted(ROOT.glob("*.md"))], ids=lambda page: page.stem)
 def test_links_lead_to_files_and_headings(page):
     missing = []
     for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", FENCE.sub("", read(page))):
