@@ -120,7 +120,8 @@ def check_release(archive: Path, wheel: Path, directory: Path) -> None:
     call([UV, "pip", "install", "--quiet", "--python", programs / "python", *tools], directory)
     for check in CHECKS:
         name, *arguments = shlex.split(check.format(root=ROOT, archive=archive, wheel=wheel))
-        print(f"{name}:", call([programs / name, *arguments], directory).strip().splitlines()[-1].strip())
+        lines = call([programs / name, *arguments], directory).strip().splitlines()
+        print(f"{name}:", next((line for line in lines if "rating" in line), lines[-1]).strip())
     with tarfile.open(archive) as opened:
         opened.extractall(directory, filter="data")
     done = call([sys.executable, *IN_ARCHIVE], directory / archive.name.removesuffix(".tar.gz"))
