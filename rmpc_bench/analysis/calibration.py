@@ -6,7 +6,8 @@ share is at most c (1 - c).  The intervals at the level of the verdict hold toge
 (`levels`); those of other levels and of single states hold one by one.
 
 With the share c of a region of level p the errors are f = sqrt(q_p / q_c) times as large as the reported standard
-deviations, q the chi-square quantile with as many degrees of freedom as P has rank.  The margin is the share for f from
+deviations, q the chi-square quantile with as many degrees of freedom as P most often has rank, in the recorded runs
+where every run has its own P, or as there are states where none is recorded.  The margin is the share for f from
 1/(1 + margin) to 1 + margin.
 """
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from rmpc_bench.analysis.columns import Rows
 from rmpc_bench.analysis.comparison_text import MOST_RUNS, about
-from rmpc_bench.analysis.estimation_errors import normalised_squares
+from rmpc_bench.analysis.estimation_errors import normalised_squares, recorded_errors
 from rmpc_bench.analysis.intervals import Interval, student, wilson
 from rmpc_bench.analysis.levels import held_level, unplanned_level
 from rmpc_bench.analysis.superiority import runs_for_direction
@@ -125,8 +126,10 @@ class _Shares:
         self.point, self.method, self.held, self.keys = point, method, held, point.calibration
         self.n = max(1, len(states_of(point)))
         P = next((each.values for each in point.series_of(COVARIANCE, method)), None)
-        if P is not None:
-            ranks = normalised_squares(np.zeros(P.shape[:-1]), P).freedom.tolist()
+        if P is None and (recorded := recorded_errors(point, method)) is not None:
+            P = recorded.P
+        if P is not None and (known := np.isfinite(P).all(axis=(-2, -1))).any():
+            ranks = normalised_squares(np.zeros(P[known].shape[:-1]), P[known]).freedom.tolist()
             self.n = max(1, Counter(ranks).most_common(1)[0][0])
 
     def of(self, level: float, of: str = "joint") -> Array:

@@ -30,7 +30,7 @@ def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Paramete
 
 @click.command()
 @click.argument("directory", type=TypedPath(exists=True, file_okay=False))
-@click.option("--run", required=True, type=click.IntRange(min=0), help="Index of the run, from 0.")
+@click.option("--run", required=True, help="Index of the run, from 0; of runs made elsewhere also its name there.")
 @click.option("--method", required=True, help="Name of the method.")
 @click.option("--at", multiple=True, metavar="PATH=VALUE", help="Point of a sweep; may be repeated.")
 @click.option("--until", type=click.IntRange(min=0), metavar="K", help="Stop after this sample.")
@@ -40,7 +40,7 @@ def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Paramete
 @exits.guarded
 def show(
     directory: Path,
-    run: int,
+    run: str,
     method: str,
     at: tuple[str, ...],
     until: int | None,
@@ -66,8 +66,10 @@ def show(
     ):
         click.echo("\n".join(lines))
         return 0
+    if not run.isdecimal():
+        raise click.BadParameter(f"must be an index, from 0 (got {run!r})", param_hint="--run")
     try:
-        found = replay(directory, run, method, until=until, at=point, call=_debugger(until) if debug else None)
+        found = replay(directory, int(run), method, until=until, at=point, call=_debugger(until) if debug else None)
     except DesignError as error:
         raise click.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
     if debug and found.error is not None and not _post_mortem(found.error):
@@ -80,7 +82,7 @@ def show(
     return exits.FINDING_DIFFERS if _differs(found, until) else 0
 
 
-def _row(directory: Path, method: str, run: int, point: dict[str, str]) -> list[str]:
+def _row(directory: Path, method: str, text: str, point: dict[str, str]) -> list[str]:
     """Return what a table has of a run that was made elsewhere; nothing where it was simulated."""
     from rmpc_bench.results.imported import is_imported
     from rmpc_bench.results.results import read_results
@@ -94,15 +96,19 @@ def _row(directory: Path, method: str, run: int, point: dict[str, str]) -> list[
         raise click.BadParameter(unknown(method, trials.methods, "method"), param_hint="--method")
     table = next((each for each in trials.each if lies_at(each.point, point)), None)
     status = {} if table is None else table.statuses(method)
+    names = {str(table.run_names[run]): run for run in status} if table is not None and table.run_names else {}
+    run = int(text) if text.isdecimal() and int(text) in status else names.get(text, -1)
     if table is None or run not in status:
-        raise click.BadParameter(f"there is no run {run} of {method} there", param_hint="--run")
+        raise click.BadParameter(f"there is no run {text} of {method} there", param_hint="--run")
     place = table.runs.tolist().index(run)
-    name = f" ({table.run_names[run]})" if table.run_names else ""
+    called = f", {table.run_names[run]} in the table," if names else ""
+    other = names.get(text, run)
     drawn = {key: cells[table.quantities["run"] == run] for key, cells in table.quantities.items() if key != "run"}
     values = {info.name: table.column(info.name, method)[place] for info in table.metrics}
     failures = table.notes[method].failures
     return [
-        f"run {run}{name} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
+        f"run {run}{called} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
+        *([] if other == run else [f"the run that the table calls {text} is --run {other} here"]),
         *(each.message for each in failures if each.run == run),
         *(
             ["parameters  " + ", ".join(f"{key} = {cell[0]:.6g}" for key, cell in drawn.items() if len(cell))]

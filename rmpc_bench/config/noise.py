@@ -110,6 +110,11 @@ def _read_scale(draft: DraftConfig, value: Any) -> None:
 def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.UncertainLaw | None:
     if isinstance(value, Map):
         kind, known = value.get("dist"), GROUPS if "of" in value else DISTRIBUTIONS
+        if "dist" not in value:
+            wrong = [key for key in value if key in ("kind", "law", "type", "distribution")][:1]
+            text = f"{wrong[0]!r} is not a known key; did you mean 'dist'?" if wrong else "needs the key `dist`"
+            draft.note([*path, *wrong], f"{text} (one of {', '.join(known)})", key=bool(wrong))
+            return None
         if not isinstance(kind, str) or kind not in known:
             noun = "distribution" if known is DISTRIBUTIONS else "distribution of several quantities"
             draft.note([*path, "dist"], registry.unknown(str(kind), known, noun))

@@ -127,7 +127,8 @@ def _check_adjust(draft: DraftConfig, experiment: Experiment) -> None:
             draft.left_out.append(f"statistics.adjust: {name} does not exist here")
         else:
             near = nearest(name, [*known])
-            hint = f"did you mean {near!r}?" if near else f"known: {', '.join(known) or 'none'}"
+            others = f"known: {', '.join(known)}" if known else "`uncertainty` states the law of each"
+            hint = f"did you mean {near!r}?" if near else others
             draft.note([*path, place], f"{name!r} is not an uncertain quantity; {hint}")
     if gone:
         kept = [name for name in names or () if name not in gone]

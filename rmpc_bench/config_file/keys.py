@@ -147,7 +147,7 @@ def _union(members: Sequence[Any]) -> Any:
         shape = _shape(value)
         return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
 
-    said = {"a word": repr(words[0]) if len(words) == 1 else "a word"}
+    said = {"a word": " or ".join(map(repr, words)) if len(words) < 3 else "a word"}
     return _chosen(tagged, choose, " or ".join(said.get(tag, tag) for tag in tagged if tag != "nothing"))
 
 

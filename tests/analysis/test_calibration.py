@@ -10,6 +10,7 @@ from scipy import stats
 
 from rmpc_bench.analysis.calibration import Region, calibrations, runs_needed, share_interval, word
 from rmpc_bench.analysis.columns import Series
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.types.metric import CalibrationKeys
 
 
@@ -148,6 +149,20 @@ def test_the_rank_of_a_constant_covariance_counts():
     np.testing.assert_allclose(row["factor"], Region(0.9, 1).factor(row["covered"]), **ROUND)
     full = first(coverage_trials({"KF": values}))["KF"]
     np.testing.assert_allclose(full["factor"], Region(0.9, 2).factor(row["covered"]), **ROUND)
+
+
+def test_the_rank_of_the_covariances_of_recorded_runs_counts():
+    """Oracle: scipy.stats; two of three runs have a covariance of rank 1, one has none at half of its samples."""
+    rng = np.random.default_rng(8)
+    values = {f"coverage_{p}{of}": rng.beta(9, 1, 30) for p in (50, 90, 95) for of in ("", "_x_0", "_x_1")}
+    directions = np.array([[1.0, 2.0], [3.0, -1.0]])
+    P = np.stack([*(np.outer(each, each) for each in directions), np.eye(2)]).reshape(3, 1, 4).repeat(6, axis=1)
+    P[2, 3:] = np.nan
+    x = rng.standard_normal((3, 6, 2))
+    traces = {"KF": Traces(np.arange(3), {"x": x, "x_hat": x + 1.0, "P": P}, np.zeros((6, 1)))}
+    row = first(coverage_trials({"KF": values}, traces=traces))["KF"]
+    wanted = np.sqrt(stats.chi2.ppf(0.9, 1) / stats.chi2.ppf(row["covered"], 1))
+    np.testing.assert_allclose(row["factor"], wanted, **SOLVER)
 
 
 def test_verdicts_hold_together():

@@ -113,10 +113,43 @@ def test_verbs_that_simulate_refuse(directory, tmp_path):
 
 
 def test_show_has_the_row_of_the_table(directory):
+    """Oracle: the runs 1 to 30 of the table have the indices 0 to 29."""
     code, text = call("show", directory, "--run", 4, "--method", "KF")
-    assert (code, text.splitlines()[:2]) == (0, ["run 4 (5) of KF: crashed, as the table says", "=cmd|' /C calc'!A0"])
-    assert call("show", directory, "--run", 30, "--method", "KF")[0] == 2
+    assert (code, text.splitlines()[:3]) == (
+        0,
+        [
+            "run 4, 5 in the table, of KF: crashed, as the table says",
+            "the run that the table calls 4 is --run 3 here",
+            "=cmd|' /C calc'!A0",
+        ],
+    )
+    assert call("show", directory, "--run", 30, "--method", "KF")[1].startswith("run 29, 30 in the table, of KF: ok")
+    code, text = call("show", directory, "--run", "31", "--method", "KF")
+    assert (code, "there is no run 31 of KF there" in text) == (2, True)
     assert call("show", directory, "--run", 3, "--method", "LQG")[0] == 2
+
+
+def test_show_takes_the_name_of_a_run(tmp_path, monkeypatch):
+    """Oracle: the indices of texts are in the order of their rows."""
+    monkeypatch.chdir(tmp_path)
+    frame = pd.DataFrame({"run": [*"bac"] * 2, "method": [*"PPPQQQ"], "mse": [1, 9, 3, 2, 8, 4]})
+    frame.to_csv("runs.csv", index=False)
+    assert call("import", "runs.csv", "-o", "o")[0] == 0
+    shown = ["run 1, a in the table, of Q: ok, as the table says", "mse = 8"]
+    assert [call("show", "o", "--run", run, "--method", "Q")[1].splitlines() for run in ("a", 1)] == [shown] * 2
+    assert "there is no run d of Q there" in call("show", "o", "--run", "d", "--method", "Q")[1]
+
+
+def test_a_file_in_place_of_the_directory_is_a_mistake_of_the_user(table, tmp_path):
+    place = tmp_path / "file"
+    place.touch()
+    for chosen in (place, place / "below"):
+        code, text = call("import", table, "-o", chosen)
+        assert (code, text.splitlines()[-1]) == (
+            2,
+            f"{chosen}: a file is in the place of this directory; choose another one",
+        )
+    assert place.read_bytes() == b""
 
 
 def test_status_report_and_compare_take_the_directory(directory, tmp_path):

@@ -235,6 +235,13 @@ def test_a_stated_law_adjusts_the_comparison(tmp_path):
     assert rows[1]["change_pct"] == pytest.approx(100 * np.expm1(-0.1), abs=0.1)  # 3 standard errors are 0.03
 
 
+def test_a_parameter_without_a_law_is_not_adjusted_for(tmp_path):
+    frame = pd.DataFrame({"run": [1, 2] * 2, "method": [*"AABB"], "eps": [0.1, 0.2] * 2, "mse": [1.0, 2.0, 3.0, 5.0]})
+    found = "'eps' is not an uncertain quantity; `uncertainty` states the law of each"
+    with pytest.raises(ConfigError, match=f"statistics.adjust.0: {found}"):
+        rmpc_bench.import_runs(frame, directory=tmp_path / "o", settings={"statistics": {"adjust": ["eps"]}})
+
+
 @pytest.mark.parametrize("word", ["0", "false", "False"])
 def test_a_logical_status_is_no_reason(tmp_path, word):
     text = HEAD + "1,A,0,1\n2,A,0,2\n1,B,0,1.5\n2,B,0,NaN\n"
