@@ -112,6 +112,7 @@ class Site:
         goal, _, anchor = self._goal(page, target).partition("#")
         if not goal:
             return f"`{words}`" if words.endswith((".py", ".yaml")) and "`" not in words else words
+        words = self.titles[goal] if goal in self.titles and re.fullmatch(r"[\w./-]+\.md", words) else words
         relative = posixpath.relpath(goal, posixpath.dirname(page) or ".") if goal != page or not anchor else ""
         return f"{mark}[{words}]({relative}{'#' * bool(anchor)}{anchor})"
 

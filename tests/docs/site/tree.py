@@ -68,8 +68,7 @@ def navigation(made: Site) -> list[Any]:
 
 def _group(made: Site, prefix: str) -> list[Any]:
     inner = [path.removeprefix(prefix) for path in made.texts if path.startswith(prefix)]
-    pages = [name for name in inner if "/" not in name and name != "index.md"]
-    folders = sorted({name.partition("/")[0] for name in inner if "/" in name})
     first: list[Any] = [f"{prefix}index.md"] * ("index.md" in inner)
-    found = [{made.titles[prefix + name]: prefix + name} for name in pages]
-    return [*first, *found, *({name: _group(made, f"{prefix}{name}/")} for name in folders)]
+    pages = [{made.titles[prefix + name]: prefix + name} for name in inner if "/" not in name and name != "index.md"]
+    folders = [f"{prefix}{name}/" for name in dict.fromkeys(name.partition("/")[0] for name in inner if "/" in name)]
+    return [*first, *pages, *({made.titles[f"{folder}index.md"]: _group(made, folder)} for folder in folders)]
