@@ -112,8 +112,10 @@ def section(name: str, parts: Iterable[tuple[str, str, list[Moved]]], written: s
     for file, counts, rows in parts:
         if counts or rows:
             lines += [f"`{file}`" + (f" ({counts})" if counts else ""), ""]
-        if rows:
-            lines += [table(["Row", "Before", "Now"], [[text(cell) for cell in row] for row in rows]), ""]
+        if rows and file.endswith(".json"):
+            lines += [table(["Statement", "Before", "Now"], [[text(cell) for cell in row] for row in rows]), ""]
+        elif rows:
+            lines += ["```text", *(f"{row}: {before}, now {now}" for row, before, now in rows), "```", ""]
     return "\n".join([f"## {name}", "", cause(name, written), "", *lines]) if lines else ""
 
 

@@ -47,8 +47,8 @@ GROUPS = {
         "of the paper draws them.",
     ),
     "estimators": (
-        "Estimators, tuned alike",
-        "Experiments of our own with the estimators that the literature compares with. [tuning.md](tuning.md) explains "
+        "Filters, tuned alike",
+        "The filters that the literature compares with. [tuning.md](tuning.md) explains "
         "how their parameters are chosen.",
     ),
     "servo-constrained": ("Servomechanism with constraints", "Explained in [constraints.md](constraints.md)."),
@@ -138,7 +138,8 @@ def _finding(places: Sequence[Place]) -> str:
     here = {each.name: _words(claim) for each, claim in places}
     if len(here) == 1 or {*here.values()} == {word}:
         return f"**{next(iter(here.values()))}**"
-    return f"**{word}**: {'; '.join(f'{words} in {name}' for name, words in here.items())}"
+    own = {name: "" if words == word else f": {words.removeprefix(f'{word}: ')}" for name, words in here.items()}
+    return f"**{word}** ({'; '.join(name + words for name, words in own.items())})"
 
 
 def _words(claim: dict[str, Any]) -> str:
