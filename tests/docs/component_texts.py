@@ -33,7 +33,10 @@ def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
     } - {manual.kind}
     items = [item for label, words in labelled for item in _item(label, words, manual.kind, others)]
     about = [] if len(sharing(manual)) >= SHARED_BY else _paragraphs(rest)
-    return [*_paragraphs(manual.text), *about, *formula, "\n".join(items), *_methods(manual)]
+    # Parsers that are not of a code host end a list item of several blocks at an empty line only.
+    between = "\n\n" if any("\n" in item for item in items) else "\n"
+    listed = re.sub(r"\n{3,}", "\n\n", between.join(items))
+    return [*_paragraphs(manual.text), *about, *formula, listed, *_methods(manual)]
 
 
 def module_text(manual: Manual) -> str:
@@ -60,8 +63,8 @@ def _item(label: str, words: str, kind: str, others: set[str]) -> Iterator[str]:
             inner = "\n".join(f"  {line.strip()}" for line in part.lines)
             yield f"\n  ```text\n{inner}\n  ```\n"
         elif part.name != kind:
-            mark = f"- `{part.name}` " if part.name else ""
-            yield f"  {mark}{text(' '.join(part.lines))}"
+            mark = f"  - `{part.name}` " if part.name else "\n  "
+            yield f"{mark}{text(' '.join(part.lines))}"
 
 
 class _Part(NamedTuple):
