@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+import required_keys
 from small_experiment import write
 from uncertain_experiment import write_estimation
 
@@ -38,12 +39,9 @@ REQUIRED = {
     "mpc": ", Hp: 5, Hu: 2, Q: 1, R: 1",
     "gpc": ", Np: 5, Q_yw: 1, Q_u: 1",
     "pid": ", Kp: 1",
-    "robust-kalman": ", c: 0.1",
-    "fading-kalman": ", alpha: 1.01",
-    "wasserstein-kalman": ", radius: 0.1",
+    **{kind: f", {required_keys.in_yaml(kind)}" for kind in required_keys.REQUIRED},
     "directional-kalman": ", q: 1",
     "robust-h-infinity": ", alpha: 90",
-    "risk-sensitive": ", theta: 0.01",
     "h-infinity": ", gamma: 10",
 }
 """Keys that a component needs besides its kind."""

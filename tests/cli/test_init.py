@@ -130,7 +130,7 @@ def test_recorded_data_come_with_a_configuration_that_fits_them(tmp_path, estima
 
 
 ROOT = Path(__file__).parents[2]
-ADDED = {"estimators": "my-filter", "controllers": "my-law", "metrics": "my_metric"}
+ADDED = {"estimators": "new-filter", "controllers": "new-law", "metrics": "new_metric"}
 """A new kind of every group with a template."""
 
 
@@ -212,19 +212,19 @@ def test_a_wrong_name_of_a_component_is_explained(clone, component, message):
 def test_a_component_is_added_to_a_clean_clone_only(clone, tmp_path_factory, monkeypatch):
     """What `git diff` shows is then the component."""
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    assert "the current directory is not in" in init(elsewhere, "--component", "estimators/my-filter").stderr
+    assert "the current directory is not in" in init(elsewhere, "--component", "estimators/new-filter").stderr
     subprocess.run(["git", "init", "-q"], cwd=clone, check=True)
     subprocess.run(
         ["git", "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "a", "--allow-empty"], cwd=clone
     )
-    done = init(clone, "--component", "estimators/my-filter")
+    done = init(clone, "--component", "estimators/new-filter")
     assert done.exit_code == 2 and "uncommitted changes; commit or stash them" in done.stderr
     monkeypatch.setattr(import_module("rmpc_bench.cli.init"), "ROOT", elsewhere)
-    done = init(elsewhere, "--component", "estimators/my-filter")
+    done = init(elsewhere, "--component", "estimators/new-filter")
     assert done.exit_code == 2 and "is not a clone of rmpc-bench; `rmpc-bench init NAME` writes" in done.stderr
     assert [*elsewhere.iterdir()] == []
 
 
 def test_a_component_goes_with_no_other_option(clone):
-    done = init(clone, "mine", "--component", "estimators/my-filter")
+    done = init(clone, "mine", "--component", "estimators/new-filter")
     assert done.exit_code == 2 and "--component goes with nothing else" in done.stderr

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from required_keys import REQUIRED
 from small_experiment import cli, ran, write
 from uncertain_experiment import write_estimation
 
@@ -128,17 +129,7 @@ def test_kinds_that_the_message_names_bridge():
     """Oracle: the designs of these kinds, as far as a linear model has no further keys."""
     assert set(registry.BRIDGING) <= set(registry.names("estimators"))
     model = LinearModel(np.array([[0.9]]), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)))
-    keys = {
-        "directional-kalman": {"q": 1.0, "direction": 1.0},
-        "fading-kalman": {"alpha": 1.1},
-        "h-infinity": {"fraction": 0.5},
-        "mixed": {"M0": np.eye(1)},
-        "risk-sensitive": {"theta": 0.01},
-        "robust-h-infinity": {"alpha": 1.0},
-        "robust-kalman": {"c": 0.1},
-        "set-membership": {"M0": np.eye(1)},
-        "wasserstein-kalman": {"radius": 0.1},
-    }
+    keys = REQUIRED | dict.fromkeys(("mixed", "set-membership"), {"M0": np.eye(1)})
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
     for kind in set(registry.BRIDGING) - {"oracle", "lmmse", "lp-window", "control-lqe"}:
         assert estimator(kind, model, n_steps=3, **start, **keys.get(kind, {})).bridges_missing, kind

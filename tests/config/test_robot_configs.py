@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import required_keys
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config, load_trials, registry
@@ -130,14 +131,7 @@ def test_mistakes(tmp_path, keys, place, message):
 
 
 Q = "Q_x: 1, R_u: 0.1"
-ESTIMATORS = dict.fromkeys(registry.names("estimators"), "") | {
-    "directional-kalman": "q: 1, direction: 1",
-    "fading-kalman": "alpha: 1.1",
-    "wasserstein-kalman": "radius: 0.1",
-    "robust-kalman": "c: 0.1",
-    "risk-sensitive": "theta: 0.01",
-    "robust-h-infinity": "alpha: 0.1",
-}
+ESTIMATORS = {kind: required_keys.in_yaml(kind) for kind in registry.names("estimators")}
 CONTROLLERS = {
     "gpc": "Np: 4, Q_yw: 1, Q_u: 0.1",
     "mpc": "Hp: 6, Hu: 2, Q: 1, R: 0.1",

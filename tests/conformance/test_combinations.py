@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ALL
+from required_keys import REQUIRED
 
 from rmpc_bench import registry
 from rmpc_bench.config.load import load_config
@@ -48,13 +49,10 @@ PLANTS = {
         "outputs": ["position"],
     },
 }
-ESTIMATORS = {
-    "fading-kalman": {"alpha": 1.01},
+ESTIMATORS = REQUIRED | {
     "directional-kalman": {"q": 1e-4, "direction": [0, 1]},
     "h-infinity": {"fraction": 0.3},
-    "risk-sensitive": {"theta": 0.01},
     "robust-kalman": {"c": 1e-3},
-    "robust-h-infinity": {"alpha": 0.1},
     "wasserstein-kalman": {"radius": 1e-3},
     "moving-horizon": {"window": 4},
     "nonlinear-moving-horizon": {"window": 4},

@@ -12,7 +12,7 @@ from docs.markdown import ROOT
 from docs.test_plain_english import LONGEST, sentences
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-ADDED = {"estimators": "my-filter", "controllers": "my-law", "metrics": "my_metric"}
+ADDED = {"estimators": "new-filter", "controllers": "new-law", "metrics": "new_metric"}
 LIMIT = "tests/docs/test_generated_pages.py::test_the_module_of_a_method_says_what_it_must_say"
 FILES = (
     *("conformance", "test_registry.py", "docs/test_generated_pages.py"),
@@ -37,7 +37,7 @@ def copy(tmp_path_factory):
         elif not each.name.startswith("."):
             (place / each.name).symlink_to(each)
     for group, kind in ADDED.items():
-        assert f"{group}/{kind}" in TEXT or f"`{kind}`" in TEXT
+        assert f"{group}/{kind.replace('new', 'my')}" in TEXT
         done = run(place, "-m", "rmpc_bench", "init", "--component", f"{group}/{kind}")
         assert done.returncode == 0, done.stderr
     return place
@@ -49,7 +49,7 @@ def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
     names = {name for kind in ADDED.values() for name in (kind, kind.replace("-", "_"))}
     chosen = " or ".join([*sorted(names), "every_registered_kind", "limit_or_a_reason"])
     own = [f"tests/{group}/test_{kind.replace('-', '_')}.py" for group, kind in ADDED.items()]
-    files = [*(f"tests/{file}" for file in FILES), *own, "rmpc_bench/metrics/my_metric.py"]
+    files = [*(f"tests/{file}" for file in FILES), *own, "rmpc_bench/metrics/new_metric.py"]
     done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, *files)
     failed = re.findall(r"^FAILED (\S+)", done.stdout, re.MULTILINE)
     assert failed == [f"{LIMIT}[{group}-{ADDED[group]}]" for group in ("estimators", "controllers")], done.stdout[
@@ -63,7 +63,7 @@ def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
         module.write_text(
             text.replace("\nLimit\n", "\nLimit   factor = 1 gives the Kalman filter.\n"), encoding="utf-8"
         )
-    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "my-filter or my-law", LIMIT)
+    done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "new-filter or new-law", LIMIT)
     assert done.returncode == 0, done.stdout[-3000:]
 
 

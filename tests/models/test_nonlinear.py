@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import EXACT, ROUND
 from plants import tanks
+from required_keys import REQUIRED
 from scipy.integrate import solve_ivp
 
 from rmpc_bench import registry
@@ -96,15 +97,6 @@ KEYS = {
     "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
 }
-ESTIMATOR_KEYS = {
-    "directional-kalman": {"q": 1.0, "direction": 1.0},
-    "fading-kalman": {"alpha": 1.1},
-    "h-infinity": {"fraction": 0.5},
-    "risk-sensitive": {"theta": 0.1},
-    "robust-h-infinity": {"alpha": 0.1},
-    "robust-kalman": {"c": 0.1},
-    "wasserstein-kalman": {"radius": 0.1},
-}
 NONLINEAR = ("extended-kalman", "nonlinear-moving-horizon", "unscented-kalman")
 """Estimators for nonlinear models."""
 LINEAR = [
@@ -126,7 +118,7 @@ def test_linear_methods_refuse_a_nonlinear_model_with_the_way_out(group, kind):
     make = registry.get(group, kind)
     given = {name: value for name, value in provided.items() if name in inspect.signature(make).parameters}
     with pytest.raises(DesignError, match="linearise|uncertain matrices"):
-        make(model, **given, **KEYS.get(kind, {}), **ESTIMATOR_KEYS.get(kind, {}))
+        make(model, **given, **KEYS.get(kind, {}), **REQUIRED.get(kind, {}))
 
 
 def test_a_compiled_model_is_the_same_and_faster_to_call():

@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from recorded_runs import write_run
+from required_keys import REQUIRED
 
 import rmpc_bench
 from rmpc_bench import LinearModel, filter_data, load_config, registry, run, single_run
@@ -14,14 +15,8 @@ from rmpc_bench.types import DesignError, InvalidReturnValue
 A, B, C = np.array([[0.9, 0.2], [0.0, 0.7]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
 MODEL = LinearModel(A, B, C, 0.01, 0.04)
 START = {"x0": [0.5, 0.0], "P0": 0.2}
-KEYS = {
-    "wasserstein-kalman": {"radius": 0.01},
-    "h-infinity": {"fraction": 0.5},
-    "fading-kalman": {"alpha": 1.01},
+KEYS = REQUIRED | {
     "directional-kalman": {"q": 0.01, "direction": [[1.0], [0.0]]},
-    "robust-kalman": {"c": 0.1},
-    "risk-sensitive": {"theta": 0.01},
-    "robust-h-infinity": {"alpha": 0.1},
     "gated-kalman": {"gate": 50.0},
     "moving-horizon": {"window": 3},
 }

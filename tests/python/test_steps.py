@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ALL
+from required_keys import REQUIRED
 
 import rmpc_bench
 from rmpc_bench import registry
@@ -10,14 +11,7 @@ from rmpc_bench.models.uncertain_linear import design as uncertain_model
 
 TYPES_FIRST = pytest.mark.skipif(ALL, reason="the checks of annotations refuse such a call first")
 N = 4
-KEYS = {
-    "wasserstein-kalman": {"radius": 0.01},
-    "h-infinity": {"fraction": 0.5},
-    "fading-kalman": {"alpha": 1.01},
-    "directional-kalman": {"q": 0.01, "direction": 1.0},
-    "robust-kalman": {"c": 0.1},
-    "risk-sensitive": {"theta": 0.01},
-    "robust-h-infinity": {"alpha": 0.1},
+KEYS = REQUIRED | {
     "mixed": {"M0": 1.0},
     "set-membership": {"M0": 1.0},
     "moving-horizon": {"window": 3},
