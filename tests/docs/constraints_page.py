@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 from docs.markdown import DOCS, ROOT, filled, table
@@ -15,34 +15,6 @@ from rmpc_bench.analysis.intervals import wilson
 
 PAGE = DOCS / "servo-constrained.md"
 SERVO, PLACEMENT = "servo-constrained", "model.disturbance"
-FILTERS = {
-    "S": "S",
-    "R1": "R1",
-    "RS": "RS",
-    "R-c3": "R, c = 3",
-    "S-process": "S, 100 times the process covariance",
-    "S+input": "S + input",
-}
-"""Method -> its name on the page."""
-RIVALS = {
-    "S-MPC": "S, untuned",
-    "R-MPC1": "R1, untuned",
-    "R-tuned": "R",
-    "RS-tuned": "RS",
-    "S-process": "S, process noise",
-    "S-input": "S + input disturbance",
-    "S-load": "S + load disturbance",
-    "R-input": "R1 + input disturbance",
-}
-BASELINES = {
-    "S-MPC": "S, untuned",
-    "R-MPC1": "R1, untuned",
-    "S-tuned": "S, weight of the input tuned",
-    "R1-tuned": "R1, weight of the input tuned",
-    "S-input": "S + input, weight of the input tuned",
-    "PID": "PID, time constant of the rule tuned",
-    "LQG": "LQG, weight of the integral tuned",
-}
 
 
 def kept(group: str, name: str) -> pd.DataFrame:
@@ -60,9 +32,9 @@ def number_of(frame: pd.DataFrame, metric: str, column: str = "mean", **point: s
     return float(row[column].iloc[0])
 
 
-def runaways(frame: pd.DataFrame, **point: str) -> str:
+def runaways(frame: pd.DataFrame) -> str:
     """Return the number of runaways with the interval of their share."""
-    n, share = int(number_of(frame, "runaway", "n", **point)), number_of(frame, "runaway", **point)
+    n, share = int(number_of(frame, "runaway", "n")), number_of(frame, "runaway")
     count = round(n * share)
     low, high = wilson(count, n, 0.95)
     return f"{count} of {n} [{100 * low:.1f}, {100 * high:.1f}] %"
@@ -73,60 +45,55 @@ def percent(value: float) -> str:
     return "-" if math.isnan(value) else f"{100 * value:.2f} %"
 
 
+COLUMNS: Mapping[str, Callable[[pd.DataFrame], str]] = {
+    "mean MSE [rad^2]": lambda frame: f"{number_of(frame, 'mse'):.4f}",
+    "median MSE [rad^2]": lambda frame: f"{number_of(frame, 'mse', 'median'):.4f}",
+    "roughness [V]": lambda frame: f"{number_of(frame, 'input_roughness'):.1f}",
+    "samples above": lambda frame: percent(number_of(frame, "above")),
+    "largest [N m]": lambda frame: f"{number_of(frame, 'torque', 'max'):.0f}",
+    "runaways": runaways,
+    "skipped": lambda frame: percent(number_of(frame, "qp_skipped")),
+    "softened": lambda frame: percent(number_of(frame, "qp_softened")),
+}
+
+
 def limits_table() -> str:
     """Clipping, the quadratic program, and two penalties of the torque limit."""
-    frame, rows = kept(SERVO, "clip-against-qp"), []
-    for method in ("S", "R1", "RS", "S+input"):
-        for controller in ("clip", "qp", "light", "exact"):
-            mine = frame[frame["method"] == f"{method} {controller}"]
-            mse = (f"{number_of(mine, 'mse', column):.4f}" for column in ("mean", "median"))
-            torque = percent(number_of(mine, "above")), f"{number_of(mine, 'torque', 'max'):.0f}"
-            shares = (percent(number_of(mine, name)) for name in ("qp_skipped", "qp_softened"))
-            rows.append((FILTERS[method], controller, *mse, *torque, runaways(mine), *shares))
-    torque_heads = ("samples above", "largest [N m]", "runaways", "skipped", "softened")
-    return table(["filter", "controller", "mean MSE [rad^2]", "median MSE [rad^2]", *torque_heads], rows)
+    frame = kept(SERVO, "clip-against-qp")
+    heads = [head for head in COLUMNS if head != "roughness [V]"]
+    rows = [(method, *(COLUMNS[head](mine) for head in heads)) for method, mine in frame.groupby("method", sort=False)]
+    return table(["method", *heads], rows)
 
 
-def placement_table() -> str:
-    """Runaways of every filter with every disturbance model."""
-    frame = kept(SERVO, "placement")
-    methods = [*dict.fromkeys(frame["method"])]
+def points_table(group: str, name: str, column: str, head: str) -> str:
+    """Return a column of every method at every point of a sweep."""
+    frame = kept(group, name)
+    points = [*dict.fromkeys(frame[column])]
     rows = [
-        (point, *(runaways(frame, method=method, **{PLACEMENT: point}) for method in methods))
-        for point in dict.fromkeys(frame[PLACEMENT])
+        (method, *(COLUMNS[head](mine[mine[column] == point]) for point in points))
+        for method, mine in frame.groupby("method", sort=False)
     ]
-    return table(["disturbance model", *(FILTERS[method] for method in methods)], rows)
-
-
-def rivals_table() -> str:
-    """Mean MSE of all filters for every noise, each tuned at its own noise."""
-    frame = kept("zenere2018", "rivals")
-    names = [*dict.fromkeys(frame["name"])]
-    rows = [
-        (title, *(f"{number_of(frame, 'mse', method=method, name=name):.4f}" for name in names))
-        for method, title in RIVALS.items()
-    ]
-    return table(["filter", *names], rows)
+    return table(["method", *points], rows)
 
 
 def baselines_table() -> str:
     """PID and LQG beside predictive control, without noise and with a tenth of it."""
-    frame, rows = kept(SERVO, "baselines"), []
-    for method, title in BASELINES.items():
-        quiet, noisy = (frame[(frame["method"] == method) & (frame["name"] == name)] for name in ("s=0", "s=0.1"))
-        mse = (f"{number_of(quiet, 'mse', column):.4f}" for column in ("mean", "median"))
-        rough, noisy_rough = (f"{number_of(each, 'input_roughness'):.1f}" for each in (quiet, noisy))
-        rows.append(
-            (title, *mse, rough, percent(number_of(quiet, "above")), f"{number_of(noisy, 'mse'):.4f}", noisy_rough)
-        )
-    heads = ["controller", "mean MSE [rad^2]", "median MSE [rad^2]", "roughness [V]", "samples above"]
-    return table([*heads, "mean MSE, s = 0.1 [rad^2]", "roughness, s = 0.1 [V]"], rows)
+    frame = kept(SERVO, "baselines")
+    cells: Sequence[tuple[str, str]] = [
+        *(("s=0", head) for head in list(COLUMNS)[:4]),
+        *(("s=0.1", head) for head in ("mean MSE [rad^2]", "roughness [V]")),
+    ]
+    rows = [
+        (method, *(COLUMNS[head](mine[mine["name"] == point]) for point, head in cells))
+        for method, mine in frame.groupby("method", sort=False)
+    ]
+    return table(["method", *(f"{head}, {point}" for point, head in cells)], rows)
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "limits": limits_table,
-    "placement": placement_table,
-    "rivals": rivals_table,
+    "placement": lambda: points_table(SERVO, "placement", PLACEMENT, "runaways"),
+    "rivals": lambda: points_table("zenere2018", "rivals", "name", "mean MSE [rad^2]"),
     "baselines": baselines_table,
 }
 

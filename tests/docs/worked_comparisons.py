@@ -29,7 +29,6 @@ from rmpc_bench.report.screen_tables import ran_lines, row_lines
 from rmpc_bench.types import Array, MetricInfo
 
 PAGE = Path(__file__).parents[2] / "docs" / "statistics.md"
-BEGIN, END = "<!-- begin of what `make docs` writes -->", "<!-- end of what `make docs` writes -->"
 MSE = MetricInfo("mse", "rad^2", "lower")
 SETTLING = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
 
@@ -209,7 +208,7 @@ def screen_of(case: Case) -> str:
 
 
 def generated() -> str:
-    """Return what stands between the markers of the page."""
+    """Return the part of the page."""
     tables = [table_of(make()) for make in SHOWN]
     rows = [row_of_comparison(found) for found in tables]
     columns = {head: [row[head] or "-" for row in rows] for head in rows[0]}
@@ -225,9 +224,3 @@ def generated() -> str:
         f"```text\n{screen_of(fails_more())}\n\n{words}\n```",
     ]
     return "\n\n".join(parts)
-
-
-def updated(page: str) -> str:
-    """Return a page with the part between its markers made again."""
-    head, rest = page.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{generated()}\n\n{END}{rest.split(END)[1]}"
