@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("latex2mathml")
 
+from docs.components_page import place  # noqa: E402
 from docs.markdown import ROOT  # noqa: E402
 from docs.site.__main__ import HERE, write  # noqa: E402
 from docs.site.browser import LOCAL, PROGRAM, Browser  # noqa: E402
@@ -82,7 +83,7 @@ def test_a_part_is_no_longer_than_its_limit(sources, part):
 
 
 def test_every_component_and_configuration_has_a_page(made):
-    kinds = {f"components/{group}/{kind}.md" for group, kinds in registry.BUILT_IN.items() for kind in kinds}
+    kinds = {f"components/{place(group, kind)}" for group, kinds in registry.BUILT_IN.items() for kind in kinds}
     names = {file.relative_to(ROOT / "configs").with_suffix("") for file in (ROOT / "configs").rglob("*.yaml")}
     assert kinds | {f"experiments/{name}.md" for name in names} <= {*made.texts}
 
