@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 from docs.markdown import DOCS, text
 
@@ -16,6 +15,7 @@ _INDENT = 8
 """Column at which the text of a labelled paragraph of a module begins."""
 _TERM = re.compile(r"(`?[a-z][a-z_-]*`?) {2,}(?=\S)")
 _PAPER = re.compile(r"\b[a-z]+\d{4}\b")
+_EQUATION = "="
 SHARED_BY = 3
 """Kinds with the same key or text from which on it stands on the page of their group only."""
 
@@ -40,8 +40,8 @@ def texts(manual: Manual, formula: Sequence[str]) -> list[str]:
 
 
 def module_text(manual: Manual) -> str:
-    """Return what the kinds of a module have in common, in one line, without its labelled paragraphs."""
-    return text(" ".join(_labelled(manual.module)[0].split()))
+    """Return what three kinds or more of a module have in common, without its labelled paragraphs."""
+    return text(" ".join(_labelled(manual.module)[0].split())) if len(sharing(manual)) >= SHARED_BY else ""
 
 
 def sharing(manual: Manual) -> list[str]:
@@ -53,42 +53,31 @@ def sharing(manual: Manual) -> list[str]:
 
 def _item(label: str, words: str, kind: str, others: set[str]) -> Iterator[str]:
     """A labelled paragraph as an item of a list; its terms are items below it, its equations are code."""
-    parts = [part for part in _parts(words) if part.name not in others]
-    opened = [line for part in parts if part is parts[0] or part.name == kind for line in part.lines]
-    if not "".join(opened).strip() and len(parts) == 1:
-        return
-    yield f"- **{label}** {text(' '.join(opened))}".rstrip()
-    for part in parts[1:]:
-        if part.form == "equation":
-            inner = "\n".join(f"  {line.strip()}" for line in part.lines)
-            yield f"\n  ```text\n{inner}\n  ```\n"
-        elif part.name != kind:
-            mark = f"  - `{part.name}` " if part.name else "\n  "
-            yield f"{mark}{text(' '.join(part.lines))}"
+    (_, first), *rest = [(name, lines) for name, lines in _parts(words) if name not in others]
+    opened = " ".join([*first, *(line for name, lines in rest if name == kind for line in lines)])
+    if opened.strip() or rest:
+        yield f"- **{label}** {text(opened)}".rstrip()
+    for name, lines in rest:
+        if name == _EQUATION:
+            yield "\n  ```text\n" + "\n".join(f"  {line.strip()}" for line in lines) + "\n  ```\n"
+        elif name != kind:
+            yield (f"  - `{name}` " if name else "\n  ") + text(" ".join(lines))
 
 
-class _Part(NamedTuple):
-    """Prose, an equation, or what is said of a name."""
-
-    form: str
-    lines: list[str]
-    name: str = ""
-
-
-def _parts(words: str) -> list[_Part]:
-    """Parts of a labelled paragraph, the first one prose."""
-    found = [_Part("prose", [])]
+def _parts(words: str) -> list[tuple[str, list[str]]]:
+    """Parts of a labelled paragraph, each after its name: a term, "=" for an equation, "" for prose as the first is."""
+    found: list[tuple[str, list[str]]] = [("", [])]
     for line in words.split("\n"):
-        inner = line.removeprefix(" " * _INDENT)
+        inner, last = line.removeprefix(" " * _INDENT), found[-1][0]
         term = _TERM.match(inner)
-        form = "equation" if inner.startswith("    ") and found[-1].form in ("prose", "equation") else "prose"
+        name = _EQUATION if inner.startswith("    ") and last in ("", _EQUATION) else ""
         if term:
-            found.append(_Part("term", [inner[term.end() :]], term[1].strip("`")))
-        elif found[-1].form == form or (found[-1].form == "term" and inner.startswith(" ")):
-            found[-1].lines.append(inner)
+            found.append((term[1].strip("`"), [inner[term.end() :]]))
+        elif last == name or (last not in ("", _EQUATION) and inner.startswith(" ")):
+            found[-1][1].append(inner)
         else:
-            found.append(_Part(form, [inner]))
-    return [found[0], *(part for part in found[1:] if "".join(part.lines).strip())]
+            found.append((name, [inner]))
+    return [found[0], *(part for part in found[1:] if "".join(part[1]).strip())]
 
 
 def _labelled(module: str) -> tuple[str, list[tuple[str, str]]]:

@@ -78,17 +78,13 @@ def _group(group: str) -> str:
     rows = [(f"[{kind}](../{place(group, kind)})", text(registry.SHORT[group][kind])) for kind in kinds]
     every, several = key_table(shared_keys(group)), _shared_rows(group)
     keys = [f"Every {registry.singular(group)} has these keys:", every] if shared_keys(group) else []
-    keys += [f"Several {group} have these keys:", table(_HEADS, ()) + "\n" + "\n".join(several)] if several else []
-    modules = {tuple(sharing(manual)): module_text(manual) for manual in map(partial(_manual, group), kinds)}
-    common = [
-        f"- {', '.join(f'`{kind}`' for kind in named)}: {about}"
-        for named, about in modules.items()
-        if len(named) >= SHARED_BY and about
-    ]
-    return page(
-        f"# {group.capitalize()}", ABOUT[group], table(("name", "what it is"), rows), "\n".join(common),
-        *(["## Keys", *keys] if keys else []),
-    )  # fmt: skip
+    keys += [f"Several {group} have these keys:", _table(several)] if several else []
+    modules = {
+        ", ".join(f"`{each}`" for each in sharing(found)): found for found in map(partial(_manual, group), kinds)
+    }
+    common = [f"- {named}: {module_text(found)}" for named, found in modules.items() if module_text(found)]
+    kinds_table = table(("name", "what it is"), rows)
+    return page(f"# {group.capitalize()}", ABOUT[group], kinds_table, "\n".join(common), "## Keys" * bool(keys), *keys)
 
 
 def _kind(group: str, kind: str) -> str:
@@ -101,25 +97,25 @@ def _kind(group: str, kind: str) -> str:
         parts += [f'<a id="{anchor(each, kind)}"></a>\n\n{title}'] if len(groups) == 2 else []
         parts += _component(each, kind, common)
     both = [row for row in _rows(group, kind) if row in common]
-    parts += ["## Keys of both", table(_HEADS, ()) + "\n" + "\n".join(both)] if both else []
+    parts += ["## Keys of both", _table(both)] if both else []
     home = ", ".join(f"[{each.capitalize()}](../{each}/index.md)" for each in groups)
     return page(f"# {kind}", home, *dict.fromkeys(parts), *_in_use([(each, kind) for each in groups]))
-
-
-_HEADS = ("key", "type", "default", "unit", "meaning")
 
 
 def _component(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     """Texts and keys of a component; rows that stand elsewhere on the page are left out."""
     manual = _manual(group, kind)
     examples = [f"```pycon\n{manual.examples}\n```"] if ">>>" in manual.examples else []
-    form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
-    short = [f"Short form: {form}"] if form else []
+    short = [f"Short form: `{group[:-1]}: {{{kind}: ..}}`"] if kind in SHORT_FORMS.get(group, ()) else []
     extra = NEEDED_BY.get((group, kind))
     short += [f"Needs `{install(extra)}`: [libraries.md](../../libraries.md)."] if extra else []
     equation = equation_of(group, kind)
     formula = [f"$$\n{equation}\n$$"] if equation else []
     return [*texts(manual, formula), *short, *_keys(group, kind, elsewhere), *examples]
+
+
+def _table(rows: Sequence[str]) -> str:
+    return "\n".join([key_table(()), *rows])
 
 
 def _keys(group: str, kind: str, elsewhere: set[str]) -> list[str]:
@@ -128,7 +124,7 @@ def _keys(group: str, kind: str, elsewhere: set[str]) -> list[str]:
     own = [row for row in rows if row not in shared and row not in elsewhere]
     names = [row.split("`")[1] for row in rows if row in shared]
     names = [name for name in names if name.rpartition(".")[0] not in names]
-    keys = [table(_HEADS, ()) + "\n" + "\n".join(own)] if own else []
+    keys = [_table(own)] if own else []
     if names:
         link = f"[{'Further keys' if keys else 'Keys'}](../{group}/index.md#keys)"
         keys += [f"{link}: {', '.join(f'`{name}`' for name in names)}."]
@@ -175,11 +171,9 @@ def _rows(group: str, kind: str) -> list[str]:
 def _shared_rows(group: str) -> list[str]:
     """Rows that several kinds of a group have; for a key inside a mapping that has one meaning two kinds are enough."""
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
-    meanings = Counter(row.split("|")[1] for row in counts)
-    least = {
-        row: 2 if "." in name and meanings[name] == 1 else SHARED_BY for row in counts for name in [row.split("|")[1]]
-    }
-    return [row for row, count in counts.items() if count >= least[row]]
+    names = Counter(row.split("|")[1] for row in counts)
+    inner = {row for row in counts if names[row.split("|")[1]] == 1 and "." in row.split("|")[1]}
+    return [row for row, count in counts.items() if count >= SHARED_BY - (row in inner)]
 
 
 def index() -> list[tuple[str, str]]:
