@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from docs.markdown import ROOT, filled
+from docs.markdown import ROOT
 
 from docs import (
     components_page,
@@ -29,9 +29,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     decision_page.PAGE: decision_page.generated,
     files_page.PAGE: files_page.generated,
     **{page: partial(followed_page.updated, page) for page in followed_page.FOLLOWED},
-    worked_comparisons.PAGE: lambda: filled(
-        worked_comparisons.PAGE.read_text("utf-8"), {"worked": worked_comparisons.generated}
-    ),
+    worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
 }
 """Page -> the function that makes its text."""
 

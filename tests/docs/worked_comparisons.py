@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from data_frames import arrays
+from docs.markdown import filled
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
@@ -224,3 +225,8 @@ def generated() -> str:
         f"```text\n{screen_of(fails_more())}\n\n{words}\n```",
     ]
     return "\n\n".join(parts)
+
+
+def updated(page: str) -> str:
+    """Return a page with its table made again."""
+    return filled(page, {"worked": generated})
