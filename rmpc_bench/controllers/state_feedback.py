@@ -4,10 +4,10 @@ Model   From the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1)
         x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence.  There is no reference: x goes to 0, or
         to the operating point, from which x and u then count.
         `lqr`  d is the mean of the process noise: known from the model, in addition estimated (`w_mean` of the
-          estimate), or ignored; w = 0.
+               estimate), or ignored; w = 0.
         `game-gain`  w maximises the cost minus the penalty tau w' M_w^-1 w, where tau is `ratio` times the smallest
-          multiplier for which the game is bounded.  M_w is the estimator's set of the process noise.  Unlike in
-          minimax-lq, u(t) may depend on x(t), so that smaller multipliers are sufficient.
+                     multiplier for which the game is bounded.  M_w is the estimator's set of the process noise.  Unlike
+                     in minimax-lq, u(t) may depend on x(t), so that smaller multipliers are sufficient.
 Source  `game-gain`  H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
 Limit   `lqr`  horizon -> infinity gives the stationary Riccati gain.
         `game-gain`  ratio -> infinity gives lqr.

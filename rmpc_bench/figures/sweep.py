@@ -33,10 +33,11 @@ PAGE = {"wide": (4.65, 3.2), "narrow": (2.7, 2.6)}
 class Sweep(SweepFigure):
     """Change of a metric against the baseline, or its values, at the points of a sweep.
 
-    Over one swept number it has a line per method with its intervals as bands.  A change is a ratio on a logarithmic
-    axis; a line that leaves it has an arrow at its name.  Over names it is a matrix of points and methods, and over two
-    paths a table per method: cells have the number, and of a change the colour of the verdict.  In a cell ? is
-    inconclusive and ≈ equivalent.  Other paths give panels of lines, or lines of the matrix.
+    Over one swept number it has a line per method with its intervals as bands; positive numbers whose largest exceeds
+    20 times the smallest have a logarithmic axis.  A change is a ratio on a logarithmic axis; a line that leaves it has
+    an arrow at its name.  Over names it is a matrix of points and methods, and over two paths a table per method: cells
+    have the number, and of a change the colour of the verdict.  In a cell ? is inconclusive and ≈ equivalent.  Other
+    paths give panels of lines, or lines of the matrix.
 
     Parameters
     ----------

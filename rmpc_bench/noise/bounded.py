@@ -1,9 +1,9 @@
 """Bounded noise: uniform in a box, at the corners of a box, and laws for an ellipsoid.
 
-Model   `uniform`  w = center + L u, L diagonal, u uniform in the box [-1, 1]^n.
-        `corners`  w = center + L u, L diagonal, u at a corner of the box [-1, 1]^n.
-        `ellipsoid`  w = center + L u, u in the unit ball, L a root of the shape matrix M: (w - center)' M^-1
-          (w - center) <= 1.  A singular M gives a flat ellipsoid.
+Model   `uniform`  w = center + L u, L = mix diag(radius), u uniform in the box [-1, 1]^n.
+        `corners`  w = center + L u, L = diag(radius), u at a corner of the box [-1, 1]^n.
+        `ellipsoid`  w = center + L u, u in the unit ball, L a root of the shape matrix M: (w - center)' M^-1 (w -
+                     center) <= 1.  A singular M gives a flat ellipsoid.
 Source  `ellipsoid`  ma2025, (1), (74), (75); Section V for the skewed cube.
 Limit   `ellipsoid`  With skew 1/2 and outside `reject` is uniform in the ellipsoid.
 Bursts  make the law depend on k, without moments `mean` and `cov`.

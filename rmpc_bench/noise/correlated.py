@@ -2,7 +2,7 @@
 
 Model   `drift`  w(0) = start, w(k) = w(k-1) + d(k), d(k) ~ N(0, D).  E (w(j) - start)(w(k) - start)' = min(j, k) D.
         `coloured`  w(k) = mean + c(k), c(k+1) = a c(k) + sqrt(1 - a^2) d(k+1), c(0) = d(0), d(k) ~ N(0, cov), with a
-          correlation time a = exp(-Ts/time).  Stationary: E c(j) c(k)' = a^|j - k| cov.
+                    correlation time a = exp(-Ts/time).  Stationary: E c(j) c(k)' = a^|j - k| cov.
 Moments `drift`  mean `start`, no constant covariance; not white, so that `evaluate: moments` is refused.
         `coloured`  `mean` and `cov`; not white, so that `evaluate: moments` is refused.
 Limit   `coloured`  a = 0 is `gaussian`.

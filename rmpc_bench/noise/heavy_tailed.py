@@ -1,9 +1,9 @@
 """Heavy-tailed noise: Student's t, and normal noise with outliers.
 
-Model   `student-t`  w = mean + S t, S a root of the scale matrix, t = z / sqrt(c / dof), z ~ N(0, I),
-          c ~ chi-squared(dof), one c per coordinate or one for the whole vector.
+Model   `student-t`  w = mean + S t, S a root of the scale matrix, t = z / sqrt(c / dof), z ~ N(0, I), c ~
+                     chi-squared(dof), one c per coordinate or one for the whole vector.
         `outliers`  w = mean + d, d ~ N(0, cov), with probability p factor d.  A sample is an outlier in all coordinates
-          or in none.
+                    or in none.
 Moments `student-t`  Mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
         `outliers`  covariance (1 - p + p factor^2) cov.
 Limit   `student-t`  dof -> infinity is `gaussian`.

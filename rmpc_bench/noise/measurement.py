@@ -3,16 +3,16 @@
 Model   These laws are applied to y(k) after all noise that adds to it, in the order of the list.
         `quantised`  offset + step round((y - offset) / step); a tie goes to the even multiple.
         `missing`  y(k) is NaN at random samples, a stationary Markov chain of two states: a sample is missing with
-          `probability`, in gaps of `gap` samples on average.  With `every`: m a sample is there at k = first + i m
-          only.  Wherever it stands in the list, it omits the sample when that is taken.
+                   `probability`, in gaps of `gap` samples on average.  With `every`: m a sample is there at k = first +
+                   i m only.  Wherever it stands in the list, it omits the sample when that is taken.
         `delayed`  The value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.
 Moments `quantised`  None, since the error depends on y.  For a step that is small beside the change of y from sample to
-          sample the error is close to uniform with the variance step^2 / 12.
+                     sample the error is close to uniform with the variance step^2 / 12.
 Limit   `missing`  Without `gap` samples are independent, and the mean length of a gap is 1 / (1 - probability).
         `delayed`  A delay of 0 is no law.
 Streams `quantised`  It draws nothing.
         `missing`  A number per sample (per output, too, with `outputs: each`).  Without `gap` the missing samples of a
-          smaller probability are among those of a larger one.
+                   smaller probability are among those of a larger one.
         `delayed`  A number per sample or run for all outputs, none for a constant delay.
 Source  `quantised`  Widrow, Kollar and Liu, IEEE Trans. Instrum. Meas. 45 (1996).
         `missing`  Gilbert, Bell Syst. Tech. J. 39 (1960).

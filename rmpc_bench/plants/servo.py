@@ -1,20 +1,20 @@
 """Nonlinear servomechanism with armature inductance and dry friction on load and motor; the linear one has neither.
 
 Model   `servo`  As in models/servo.py with L > 0 and T_f(w) = (alpha_0 + alpha_1 exp(-alpha_2 |w|)) sgn(w) on both
-          bodies.  At w = 0 the friction torque is the interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1] (Filippov): a
-          body sticks, with velocity exactly zero, as long as a torque of it balances the others.
-          x = [th_l, w_l, th_m, w_m, I], with the armature current I [A].
+                 bodies.  At w = 0 the friction torque is the interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1]
+                 (Filippov): a body sticks, with velocity exactly zero, as long as a torque of it balances the others. x
+                 = [th_l, w_l, th_m, w_m, I], with the armature current I [A].
         `servo-linear`  As in models/servo.py.
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Assumed Process noise is added to the four states of the linear model at the end of a sample.
         `servo`  Stick or slip follows from the state alone at the start of a sample.  Taylor series between friction
-          events (models/servo_kernel.py) leave rounding errors only, 1e-14 rad in the load angle of Fig. 7.
+                 events (models/servo_kernel.py) leave rounding errors only, 1e-14 rad in the load angle of Fig. 7.
 Cost    `servo`  1.0 us per run and sample of 0.1 s in Fig. 7 (`pytest -m perf tests/perf/test_servo_cost.py`); 0.27 ms
-          with L = 1e-3 H.
+                 with L = 1e-3 H.
 Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear ratio is not positive, another parameter
         is negative, or |eigenvalue| Ts of the linear part exceeds 20,000.
         `servo`  Status `too-many-events`: friction stops and releases a body more than 1000 times in a sample, or a
-          sample needs more than 20,000 series.  Such a sample costs up to 60 ms (seconds with alpha_2 > 1e50).
+                 sample needs more than 20,000 series.  Such a sample costs up to 60 ms (seconds with alpha_2 > 1e50).
 """
 
 from __future__ import annotations
