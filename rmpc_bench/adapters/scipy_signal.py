@@ -17,12 +17,7 @@ x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k
 
 
 def plant(
-    Ts: float,
-    n_steps: int,
-    *,
-    scipy: UserFunction,
-    parameters: dict[str, float] | None = None,
-    bounds: Any = None,
+    Ts: float, n_steps: int, *, scipy: UserFunction, parameters: dict[str, float] | None = None, bounds: Any = None
 ) -> Plant:
     """Linear system of scipy.signal.
 

@@ -109,12 +109,7 @@ def tables_of(trials: Table, term: grammar.Term, at: Mapping[str, str], *, poole
 
 
 _NOWHERE: Mapping[str, str] = {}
-_OPERATORS: Mapping[str, Callable[..., Array]] = {
-    "+": np.add,
-    "-": difference,
-    "*": np.multiply,
-    "/": divided,
-}
+_OPERATORS: Mapping[str, Callable[..., Array]] = {"+": np.add, "-": difference, "*": np.multiply, "/": divided}
 
 
 class Evaluator:

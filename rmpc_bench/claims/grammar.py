@@ -60,10 +60,7 @@ _TABLE = {
     "diag": ("x", "diagonal of a matrix, or of every matrix of a series"),
     "trace": ("x", "trace of a matrix, or of every matrix of a series"),
     "det": ("x", "determinant of a matrix, or of every matrix of a series"),
-    "excess": (
-        "a, b",
-        "max z'az / z'bz of symmetric matrices: at most 1 if b - a is positive semidefinite",
-    ),
+    "excess": ("a, b", "max z'az / z'bz of symmetric matrices: at most 1 if b - a is positive semidefinite"),
     "distance": ("x, centre, P", "sqrt((x - centre)' P^-1 (x - centre)): at most 1 inside the ellipsoid of P"),
 }
 FUNCTIONS = {name: arguments.count(",") + 1 for name, (arguments, _) in _TABLE.items()}

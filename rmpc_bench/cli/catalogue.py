@@ -6,7 +6,6 @@ import json
 import shutil
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,9 +13,6 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.config_file.known_files import known_configs
 from rmpc_bench.extras import NEEDED_BY, missing_for
-
-if TYPE_CHECKING:
-    pass
 
 WIDTH = 80  # columns of a line at most
 MOST_NAME = 26  # columns of a name, which an installed component with a longer one exceeds

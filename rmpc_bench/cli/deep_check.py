@@ -19,7 +19,6 @@ from rmpc_bench.execution.pilot import PilotError, measure, runs_of_shard
 from rmpc_bench.simulation.threads import single_thread
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Array
 
 MAX_POINTS = 12  # points of a sweep that are analysed, the first ones

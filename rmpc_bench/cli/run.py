@@ -63,12 +63,7 @@ _RARELY = (400_000, 50, 10)  # thresholds of the garbage collection while a repo
 @click.option("--no-report", is_flag=True, help="Compute trials; write no tables, figures or claims.")
 @shared_options.progress
 @shared_options.quiet
-@click.option(
-    "-v",
-    "--verbose",
-    is_flag=True,
-    help="Also show how long each stage takes, and which files are written.",
-)
+@click.option("-v", "--verbose", is_flag=True, help="Also show how long each stage takes, and which files are written.")
 @shared_options.allow_code
 @shared_options.import_first
 @exits.guarded

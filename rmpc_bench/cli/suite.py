@@ -21,10 +21,7 @@ SETS = "configs/suite/"  # where the sets of the suite are
 @click.command()
 @click.argument("names", nargs=-1, metavar="[SET]...")
 @click.option(
-    "-o",
-    "--output",
-    type=TypedPath(),
-    help="Directory for the results; with several sets, the directory above theirs.",
+    "-o", "--output", type=TypedPath(), help="Directory for the results; with several sets, the directory above theirs."
 )
 @shared_options.jobs
 @shared_options.n_runs

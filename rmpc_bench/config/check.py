@@ -367,11 +367,7 @@ _NAMED = 3  # keys that the message on a path without effect names
 
 
 def check(
-    sweep: Sweep,
-    drafts: Sequence[DraftConfig],
-    points: Sequence[SweepPoint | None],
-    *,
-    lenient: bool,
+    sweep: Sweep, drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, lenient: bool
 ) -> tuple[Claim, ...]:
     """Check what the sections say of each other; the errors are added to the problems of the drafts.
 

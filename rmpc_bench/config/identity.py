@@ -125,7 +125,7 @@ ADDED_LATER: Mapping[tuple[str, str], Any] = {
 """Keys of a group, or of one kind, that were added after trials had been stored.  Their defaults are left out of the
 hash, so earlier trials stay valid."""
 RENAMED: Mapping[str, Mapping[str, str]] = {
-    "metrics": {"only": "components"},
+    "metrics": {"only": "components"}
 }  # group -> key -> its name in the hash, under which trials were stored before it was renamed
 
 

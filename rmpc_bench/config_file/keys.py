@@ -202,8 +202,7 @@ def _chosen(tagged: dict[str, Any], choose: Callable[[Any], str | None], expecte
     """Return a union whose member is selected by a function of the value."""
     choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
     return Annotated[
-        choices,
-        Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}"),
+        choices, Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}")
     ]
 
 

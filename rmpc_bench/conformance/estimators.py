@@ -352,10 +352,7 @@ def _kalman_with_gaps(estimator: Estimator, example: EstimatorInformationExample
         if whole <= EQUAL:
             text = f"differs by {gaps:.2g} of the largest estimate with missing measurements, by {whole:.2g} without"
             way = "compute the gains again where measurements are missing, or set bridges_missing = False"
-            require(
-                gaps <= STILL_EQUAL,
-                f"{text}: does it keep the gains of a run in which nothing is missing? {way}",
-            )
+            require(gaps <= STILL_EQUAL, f"{text}: does it keep the gains of a run in which nothing is missing? {way}")
             return text
     raise NotApplicableError("with these keys it is not the Kalman filter; give the keys with which it is")
 

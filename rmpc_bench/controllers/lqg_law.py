@@ -61,12 +61,7 @@ class Lqg(Controller):
         return LqgState(q, q, u, u)
 
     def control(
-        self,
-        k: int,
-        state: LqgState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: LqgState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[LqgState, Command]:
         """Apply the law, clip, and sum the error."""
         x_hat, target, u_0 = estimate.x_hat, r[0], self.u_0

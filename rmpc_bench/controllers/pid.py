@@ -126,12 +126,7 @@ class Pid(Controller):
         return PidState(zero, zero, np.full_like(zero, np.nan), np.tile(self.y_op, (n_runs, 1)), zero, zero, zero)
 
     def control(
-        self,
-        k: int,
-        state: PidState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: PidState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[PidState, Command]:
         """Add up the three parts and clip."""
         measured = self._controlled(k, y, estimate)

@@ -81,12 +81,7 @@ class Regulator(Controller):
         return NoState()
 
     def control(
-        self,
-        k: int,
-        state: NoState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
+        self, k: int, state: NoState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[NoState, Command]:
         """Apply the first input of the window."""
         if self.point is None:

@@ -14,15 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_covariance, mv
-from rmpc_bench.types import (
-    Array,
-    Issue,
-    Matrix,
-    MetricLayout,
-    Record,
-    WindowMetric,
-    issues_of,
-)
+from rmpc_bench.types import Array, Issue, Matrix, MetricLayout, Record, WindowMetric, issues_of
 
 EQUATION = r"\sum_{k=0}^{N-1} x_{k+1}^\top Q_x x_{k+1} + u_k^\top R_u u_k"
 

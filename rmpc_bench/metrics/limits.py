@@ -15,15 +15,7 @@ from annotated_types import Ge, Le
 from jaxtyping import Float
 
 from rmpc_bench.metrics.named_signal import NamedSignal, signal_of
-from rmpc_bench.types import (
-    Array,
-    Issue,
-    MetricInfo,
-    MetricLayout,
-    Record,
-    WindowMetric,
-    issues_of,
-)
+from rmpc_bench.types import Array, Issue, MetricInfo, MetricLayout, Record, WindowMetric, issues_of
 
 EQUATION = {
     "Violation": r"""\frac{1}{N} |\lbrace k \lt N : e_k \gt 0 \rbrace|, \quad

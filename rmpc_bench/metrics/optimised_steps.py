@@ -9,16 +9,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import (
-    Array,
-    Direction,
-    Issue,
-    MetricInfo,
-    MetricLayout,
-    OptimisedStep,
-    Record,
-    WindowMetric,
-)
+from rmpc_bench.types import Array, Direction, Issue, MetricInfo, MetricLayout, OptimisedStep, Record, WindowMetric
 
 EQUATION = r"\frac{1}{N} |\lbrace k \lt N : \mathrm{result}_k = \mathrm{of} \rbrace|"
 QP = "qp"

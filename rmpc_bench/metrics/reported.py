@@ -14,17 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import BurstMetric
 from rmpc_bench.metrics.norms import per_run
-from rmpc_bench.types import (
-    Array,
-    DesignError,
-    Direction,
-    Issue,
-    Method,
-    MetricLayout,
-    Record,
-    WindowMetric,
-    issues_of,
-)
+from rmpc_bench.types import Array, DesignError, Direction, Issue, Method, MetricLayout, Record, WindowMetric, issues_of
 
 Reduction: TypeAlias = Literal["median", "mean", "std", "min", "max", "sum", "last"]
 Entry: TypeAlias = str | Annotated[int, Ge(0)]

@@ -9,17 +9,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import (
-    Array,
-    DesignError,
-    Issue,
-    MetricLayout,
-    Plant,
-    Positive,
-    Record,
-    WindowMetric,
-    issues_of,
-)
+from rmpc_bench.types import Array, DesignError, Issue, MetricLayout, Plant, Positive, Record, WindowMetric, issues_of
 
 EQUATION = r"\mathrm{number\ of\ } \left\lbrace k \lt N : \sigma_{\min} (J(y_k)) \lt b \right\rbrace"
 

@@ -211,11 +211,7 @@ class SettlingTime(ComponentMetric):
 
 
 def settling_times(
-    y: Float[Array, "runs window n"],
-    r: Float[Array, "window n"],
-    r_before: Float[Array, " n"],
-    band: float,
-    Ts: float,
+    y: Float[Array, "runs window n"], r: Float[Array, "window n"], r_before: Float[Array, " n"], band: float, Ts: float
 ) -> Float[Array, " runs"]:
     """Return the times after which the outputs stay in their bands [s]; inf if one is outside at the last sample.
 

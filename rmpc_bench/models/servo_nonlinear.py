@@ -22,14 +22,7 @@ from jaxtyping import Float
 from rmpc_bench.models import servo
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.servo import (
-    LINEAR,
-    NONLINEAR,
-    TOLERANCE,
-    ServoNoise,
-    coefficients,
-    nonlinear_parameters,
-)
+from rmpc_bench.models.servo import LINEAR, NONLINEAR, TOLERANCE, ServoNoise, coefficients, nonlinear_parameters
 from rmpc_bench.types import Array, Model, Status
 from rmpc_bench.types.basics import takes
 

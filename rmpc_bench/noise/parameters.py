@@ -16,10 +16,7 @@ Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 
 
 def spread_root(
-    n: int,
-    std: float | list[float] | None,
-    cov: Matrix | Array | None,
-    names: tuple[str, str] = ("std", "cov"),
+    n: int, std: float | list[float] | None, cov: Matrix | Array | None, names: tuple[str, str] = ("std", "cov")
 ) -> Float[Array, "n n"]:
     """Root of a covariance that is given by standard deviations, one or n, or as `matrix` expands it.
 

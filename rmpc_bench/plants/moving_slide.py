@@ -24,18 +24,7 @@ from jaxtyping import Float
 from rmpc_bench.models.moving_slide import CORNERS, PARAMETERS, arms, kernel_numbers
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.s_shape import DURATION, s_curve
-from rmpc_bench.types import (
-    Array,
-    Count,
-    DesignError,
-    Line,
-    Motion,
-    Panel,
-    Plant,
-    Positive,
-    Status,
-    Statuses,
-)
+from rmpc_bench.types import Array, Count, DesignError, Line, Motion, Panel, Plant, Positive, Status, Statuses
 from rmpc_bench.types.basics import Keyword, takes, values_of
 
 LEAST_SIGMA = 0.02
@@ -81,12 +70,7 @@ class MovingSlide(Plant):
         return SlideDelta(np.stack(numbers), np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8))
 
     def step(
-        self,
-        k: int,
-        delta: SlideDelta,
-        x: Float[Array, "runs 6"],
-        u: Float[Array, "runs 4"],
-        w: Float[Array, "runs 6"],
+        self, k: int, delta: SlideDelta, x: Float[Array, "runs 6"], u: Float[Array, "runs 4"], w: Float[Array, "runs 6"]
     ) -> Motion:
         """Advance one sample with constant torques, then add the process noise."""
         from rmpc_bench.models.moving_slide_kernel import slide_step_kernel

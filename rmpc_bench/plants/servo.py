@@ -41,18 +41,7 @@ from rmpc_bench.models.servo import (
     with_current,
 )
 from rmpc_bench.numerics.linalg import discretise, mv
-from rmpc_bench.types import (
-    Array,
-    CompiledPlant,
-    Line,
-    LinearPlant,
-    Motion,
-    Panel,
-    Plant,
-    Status,
-    Statuses,
-    Term,
-)
+from rmpc_bench.types import Array, CompiledPlant, Line, LinearPlant, Motion, Panel, Plant, Status, Statuses, Term
 from rmpc_bench.types.basics import takes, values_of
 
 POINTS = 200
@@ -183,12 +172,7 @@ class Servo(Plant):
         )
 
     def step(
-        self,
-        k: int,
-        delta: ServoDelta,
-        x: Float[Array, "runs 5"],
-        u: Float[Array, "runs 1"],
-        w: Float[Array, "runs 4"],
+        self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_step

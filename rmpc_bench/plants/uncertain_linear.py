@@ -347,13 +347,7 @@ def _through(H: Float[Array, "n r"], F: Float[Array, "runs r s"], seen: Float[Ar
 
 
 @takes_matrices
-def design(
-    Ts: float,
-    n_steps: int,
-    *,
-    uncertainty: Uncertainty = WHITE,
-    **matrices: SystemMatrix,
-) -> UncertainLinear:
+def design(Ts: float, n_steps: int, *, uncertainty: Uncertainty = WHITE, **matrices: SystemMatrix) -> UncertainLinear:
     """Uncertain linear system.
 
     A missing matrix is zero.  A list is a diagonal for A only.  Entries may depend on k.

@@ -44,10 +44,7 @@ PLANT_KEYS: dict[str, Schema] = {
         **EXPRESSIONS,
         "description": "parameter -> factor on its nominal value, such as 1 + eps, in the uncertain quantities",
     },
-    "set": {
-        **EXPRESSIONS,
-        "description": "parameter -> its value, such as 2 + eps, in the uncertain quantities",
-    },
+    "set": {**EXPRESSIONS, "description": "parameter -> its value, such as 2 + eps, in the uncertain quantities"},
     "bounds": {
         "type": "object",
         "description": "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is "
@@ -161,11 +158,7 @@ def _initial() -> Schema:
         "x": {**x, "default": 0, "description": "true initial state, or its law"},
         "x_hat": {**VECTOR, "default": 0, "description": "initial estimate of all estimators"},
         "P": {**process, "description": "its covariance; `process` is the covariance of the design process noise"},
-        "M": {
-            **PLAIN_MATRIX,
-            "default": 0,
-            "description": "shape matrix of its ellipsoid, for estimators with sets",
-        },
+        "M": {**PLAIN_MATRIX, "default": 0, "description": "shape matrix of its ellipsoid, for estimators with sets"},
     }
     return {"type": "object", "properties": keys, "additionalProperties": False}
 

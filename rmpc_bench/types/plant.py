@@ -230,12 +230,7 @@ class Plant(Design):
         return False
 
     def between(
-        self,
-        delta: Any,
-        x: Float[Array, "runs steps nx"],
-        u: Float[Array, "runs steps nu"],
-        parts: int,
-        first: int = 0,
+        self, delta: Any, x: Float[Array, "runs steps nx"], u: Float[Array, "runs steps nu"], parts: int, first: int = 0
     ) -> Float[Array, "runs steps parts nx"]:
         """Return the states at `parts` equally spaced times of every control period; see `has_between`.
 

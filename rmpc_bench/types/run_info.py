@@ -67,10 +67,7 @@ class Journal:
     def user_code(self, *, floating: bool = True) -> Iterator[None]:
         """Run a user's code with NumPy's own settings, and count its warnings instead of printing them."""
         on: Literal["warn", "ignore"] = "warn" if floating else "ignore"
-        with (
-            np.errstate(divide=on, over=on, under="ignore", invalid=on),
-            catch_warnings(record=True) as caught,
-        ):
+        with np.errstate(divide=on, over=on, under="ignore", invalid=on), catch_warnings(record=True) as caught:
             simplefilter("always")
             yield
         for each in caught:
