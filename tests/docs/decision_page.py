@@ -46,9 +46,9 @@ def changes(name: str) -> str:
 
 
 def _linked(method: Mapping[str, Any]) -> str:
-    """Name of a method with a link to its estimator; a star marks parameters that are tuned."""
+    """Name of a method with a link to its estimator, and whether it is tuned."""
     kind = method["estimator"]["kind"]
-    return f"[{method.get('label', kind)}](components/estimators/{kind}.md){'*' if 'tune' in method else ''}"
+    return f"[{method.get('label', kind)}](components/estimators/{kind}.md){', tuned' if 'tune' in method else ''}"
 
 
 def _cell(row: Any) -> str:
