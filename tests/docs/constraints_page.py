@@ -37,7 +37,7 @@ def runaways(frame: pd.DataFrame) -> str:
     n, share = int(number_of(frame, "runaway", "n")), number_of(frame, "runaway")
     count = round(n * share)
     low, high = wilson(count, n, 0.95)
-    return f"{count} of {n} [{100 * low:.1f}, {100 * high:.1f}] %"
+    return f"{count}/{n} [{100 * low:.1f}, {100 * high:.1f}] %"
 
 
 def percent(value: float) -> str:
