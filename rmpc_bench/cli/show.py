@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from rmpc_bench.cli.shared_options import TypedPath
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay
 
+INDEX = re.compile("[0-9]{1,18}")
 SHOWN = 10  # samples of a trace on the screen, the last ones
 EXPORTS = (".csv", ".npz", ".mat")
 PICTURES = (".svg", ".png", ".pdf")
@@ -57,16 +59,11 @@ def show(
     from rmpc_bench.types import DesignError
 
     point = dict(_pair(text) for text in at)
-    if (
-        plot is None
-        and export is None
-        and until is None
-        and not debug
-        and (lines := _row(directory, method, run, point))
-    ):
+    is_plain = plot is None and export is None and until is None and not debug
+    if is_plain and (lines := _row(directory, method, run, point)):
         click.echo("\n".join(lines))
         return 0
-    if not run.isdecimal():
+    if not INDEX.fullmatch(run):
         raise click.BadParameter(f"must be an index, from 0 (got {run!r})", param_hint="--run")
     try:
         found = replay(directory, int(run), method, until=until, at=point, call=_debugger(until) if debug else None)
@@ -97,24 +94,20 @@ def _row(directory: Path, method: str, text: str, point: dict[str, str]) -> list
     table = next((each for each in trials.each if lies_at(each.point, point)), None)
     status = {} if table is None else table.statuses(method)
     names = {str(table.run_names[run]): run for run in status} if table is not None and table.run_names else {}
-    run = int(text) if text.isdecimal() and int(text) in status else names.get(text, -1)
+    run = int(text) if INDEX.fullmatch(text) and int(text) in status else names.get(text, -1)
     if table is None or run not in status:
         raise click.BadParameter(f"there is no run {text} of {method} there", param_hint="--run")
-    place = table.runs.tolist().index(run)
     called = f", {table.run_names[run]} in the table," if names else ""
     other = names.get(text, run)
-    drawn = {key: cells[table.quantities["run"] == run] for key, cells in table.quantities.items() if key != "run"}
-    values = {info.name: table.column(info.name, method)[place] for info in table.metrics}
-    failures = table.notes[method].failures
+    here = table.quantities.get("run") == run
+    cells = ((key, each[here]) for key, each in table.quantities.items() if key != "run")
+    drawn = ", ".join(f"{key} = {cell[0]:.6g}" for key, cell in cells if len(cell))
+    values = {info.name: table.column(info.name, method)[table.runs == run][0] for info in table.metrics}
     return [
         f"run {run}{called} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
         *([] if other == run else [f"the run that the table calls {text} is --run {other} here"]),
-        *(each.message for each in failures if each.run == run),
-        *(
-            ["parameters  " + ", ".join(f"{key} = {cell[0]:.6g}" for key, cell in drawn.items() if len(cell))]
-            if drawn
-            else []
-        ),
+        *(each.message for each in table.notes[method].failures if each.run == run),
+        *([f"parameters  {drawn}"] if drawn else []),
         ", ".join(f"{key} = {value:.6g}" for key, value in values.items()),
     ]
 

@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-from rmpc_bench.config.calibration import shares
 from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
@@ -30,6 +29,7 @@ from rmpc_bench.config.plant import (
     refuse_start,
     refuse_unreachable,
 )
+from rmpc_bench.config.statistics import shares
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.received.names import wrong_metric

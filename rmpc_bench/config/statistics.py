@@ -1,4 +1,4 @@
-"""The section `statistics`: which comparisons are made, and what counts in them."""
+"""The sections `statistics` and `calibration`: which comparisons are made, and what counts in them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from annotated_types import Ge, Gt, Len, Lt
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import SweepPoint, independent_laws
-from rmpc_bench.config_file.tree import Map
+from rmpc_bench.config_file.component import Component
+from rmpc_bench.config_file.tree import Map, Mark, locate
 from rmpc_bench.expressions.arithmetic import ArithmeticParser, Call, Name, Node, unknown_name
 from rmpc_bench.expressions.quantity import RESERVED, QuantityError, number
 from rmpc_bench.expressions.tokens import ExpressionError, Token
@@ -18,7 +19,7 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import NonNegative
 from rmpc_bench.types.errors import nearest
-from rmpc_bench.types.metric import OPERATORS, AdjustKeys, ComparisonKeys, Limit, Requirement
+from rmpc_bench.types.metric import OPERATORS, AdjustKeys, CalibrationKeys, ComparisonKeys, Limit, Requirement
 
 Text = Annotated[str, Len(1)]
 DEFAULT_RELEVANT = 0.01
@@ -171,6 +172,35 @@ def _check_names(draft: DraftConfig, given: Map) -> None:
         if gone:
             dropped["relevant"] = {name: value for name, value in statistics.relevant.items() if name not in gone}
         draft.values["statistics"] = replace(statistics, **dropped)
+
+
+def read_calibration(draft: DraftConfig) -> None:
+    """Replace `calibration: true` by its defaults and `false` by None; the level of the verdict is one of those."""
+    keys = draft.values["calibration"]
+    draft.values["calibration"] = keys = CalibrationKeys() if keys is True else keys or None
+    if keys is None:
+        return
+    levels = ", ".join(f"{100 * level:g}%" for level in keys.levels)
+    if keys.verdict not in keys.levels:
+        draft.note(["calibration", "verdict"], f"{100 * keys.verdict:g}% is not among levels [{levels}]")
+    if len({*map(keys.name, keys.levels)}) < len(keys.levels):
+        draft.note(["calibration", "levels"], f"must name each level once (got [{levels}])")
+    if "runs" not in draft.values["evaluate"]:
+        draft.note(["calibration"], "counts errors of runs, but no runs are evaluated: add `runs` to `evaluate`")
+
+
+def shares(draft: DraftConfig, nx: int) -> list[Component]:
+    """Return the metrics of each level of `calibration`, for all states and, of several, each; none after an error."""
+    keys, path = draft.values["calibration"], ["calibration"]
+    if keys is None or any(problem.path.startswith("calibration") for problem in draft.problems):
+        return []
+    found, mark = [], Mark(*locate(draft.tree, path))
+    for of in ("joint", *(f"x.{i}" for i in range(nx) if nx > 1)):
+        for level in keys.levels:
+            given = {"kind": "coverage", "name": keys.name(level, of), "level": level, "of": of}
+            given |= {} if keys.from_ is None else {"from": keys.from_}
+            found.append(draft.component("metrics", Map(given, mark=mark), path))
+    return [component for component in found if component is not None]
 
 
 def read_requirement(text: str, metrics: Collection[str]) -> Requirement:

@@ -13,7 +13,6 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
-from rmpc_bench.config.calibration import read_calibration
 from rmpc_bench.config.claims import ClaimKeys
 from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
 from rmpc_bench.config.input import check_input
@@ -23,6 +22,7 @@ from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
 from rmpc_bench.config.plant import RANGE_KEYS, read_plant_keys, refuse_sections
 from rmpc_bench.config.plugins import check_required
 from rmpc_bench.config.sections import SECTIONS, Time, components_of, section_of
+from rmpc_bench.config.statistics import read_calibration
 from rmpc_bench.config.stop import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tune import Chosen

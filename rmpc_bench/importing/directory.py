@@ -358,7 +358,8 @@ def _copy(table: Table, place: Path) -> str:
     is_parquet = table.content.startswith(b"PAR1")
     name = "source.parquet" if is_parquet else "source.csv.gz"
     with replaced(place / name) as partial:
-        partial.write_bytes(table.content if is_parquet else gzip.compress(table.content, mtime=0))
+        # A higher level takes several times as long for a few per cent of the size.
+        partial.write_bytes(table.content if is_parquet else gzip.compress(table.content, 2, mtime=0))
     return name
 
 
