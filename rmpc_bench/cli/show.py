@@ -98,14 +98,13 @@ def _row(directory: Path, method: str, text: str, point: dict[str, str]) -> list
     if table is None or run not in status:
         raise click.BadParameter(f"there is no run {text} of {method} there", param_hint="--run")
     called = f", {table.run_names[run]} in the table," if names else ""
-    other = names.get(text, run)
     here = table.quantities.get("run") == run
     cells = ((key, each[here]) for key, each in table.quantities.items() if key != "run")
     drawn = ", ".join(f"{key} = {cell[0]:.6g}" for key, cell in cells if len(cell))
     values = {info.name: table.column(info.name, method)[table.runs == run][0] for info in table.metrics}
     return [
         f"run {run}{called} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
-        *([] if other == run else [f"the run that the table calls {text} is --run {other} here"]),
+        *([f"the run that the table calls {text} is --run {names[text]} here"] if names.get(text, run) != run else []),
         *(each.message for each in table.notes[method].failures if each.run == run),
         *([f"parameters  {drawn}"] if drawn else []),
         ", ".join(f"{key} = {value:.6g}" for key, value in values.items()),

@@ -128,7 +128,7 @@ def _check_adjust(draft: DraftConfig, experiment: Experiment) -> None:
             draft.left_out.append(f"statistics.adjust: {name} does not exist here")
         else:
             near = nearest(name, [*known])
-            others = f"known: {', '.join(known)}" if known else "`uncertainty` states the law of each"
+            others = f"known: {', '.join(known)}" if known else "give its law in `uncertainty`"
             hint = f"did you mean {near!r}?" if near else others
             draft.note([*path, place], f"{name!r} is not an uncertain quantity; {hint}")
     if gone:

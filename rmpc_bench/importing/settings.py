@@ -170,8 +170,7 @@ class Settings:
         draft.metrics = [cast(Any, SimpleNamespace(parameters={"name": name})) for name in metrics]
         draft.coordinates, draft.values["evaluate"] = points[0], ["runs"]
         draft.figures = components_of(draft, "figures")
-        claims = draft.values["claims"] or []
-        draft.claims = [draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(claims)]
+        draft.claims = [draft.checked(ClaimKeys, ["claims", n]) for n in range(len(draft.values["claims"] or ()))]
         trials = tuple({name: f"{number} {name}" for name in methods} for number, _ in enumerate(points))
         layout = ResultLayout(
             methods=tuple(methods), metrics=metrics, points=tuple(points), trials=trials, has_runs=True,

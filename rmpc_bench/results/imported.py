@@ -33,9 +33,8 @@ class Imported:
         """The command that reads the table."""
         words = ["rmpc-bench", "import", self.table]
         for key, value in self.options.items():
-            text = (
-                ",".join(f"{role}={name}" for role, name in value.items()) if isinstance(value, Mapping) else str(value)
-            )
+            roles = value.items() if isinstance(value, Mapping) else ()
+            text = ",".join(f"{role}={name}" for role, name in roles) or str(value)
             words += [f"--{key.replace('_', '-')}", *([] if value is True else [text])]
         return " ".join(map(shlex.quote, words))
 

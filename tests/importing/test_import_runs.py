@@ -237,7 +237,7 @@ def test_a_stated_law_adjusts_the_comparison(tmp_path):
 
 def test_a_parameter_without_a_law_is_not_adjusted_for(tmp_path):
     frame = pd.DataFrame({"run": [1, 2] * 2, "method": [*"AABB"], "eps": [0.1, 0.2] * 2, "mse": [1.0, 2.0, 3.0, 5.0]})
-    found = "'eps' is not an uncertain quantity; `uncertainty` states the law of each"
+    found = "'eps' is not an uncertain quantity; give its law in `uncertainty`"
     with pytest.raises(ConfigError, match=f"statistics.adjust.0: {found}"):
         rmpc_bench.import_runs(frame, directory=tmp_path / "o", settings={"statistics": {"adjust": ["eps"]}})
 
