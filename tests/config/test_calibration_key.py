@@ -1,9 +1,12 @@
 """The key `calibration`: what it adds, what identifies trials, and what is refused."""
 
+from pathlib import Path
+
 import pytest
 from calibrated_experiment import keys, write
 
 from rmpc_bench import load_config
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.types import ConfigError
 from rmpc_bench.types.metric import CalibrationKeys
 
@@ -27,6 +30,16 @@ def test_it_adds_shares_of_all_states_and_of_each(tmp_path):
         assert names(plain) == ["estimation_mse"] and "calibration" not in plain.resolved
         assert plain.hash == config.hash and plain.points[0].method_keys == config.points[0].method_keys
         assert plain.points[0].metric_keys.items() <= config.points[0].metric_keys.items()
+
+
+def test_the_set_of_the_suite_has_no_calibration_and_takes_it():
+    """Oracle: the command in docs/suite.md."""
+    place = Path(__file__).parents[2]
+    assert "calibration" not in load(place / "configs/suite/suite-1.yaml")
+    assert "suite-1.yaml -s calibration=true" in (place / "docs/suite.md").read_text(encoding="utf-8")
+    overrides = ["methods={KF: {estimator: {kind: kalman}}}", "statistics={}", "calibration=true"]
+    overrides.append("sweep={zip: [{name: one, plant.from: ../benchmarks/sayed2001.yaml}]}")
+    assert load_config(place / "configs/suite/suite-1.yaml", overrides=overrides).calibration is not None
 
 
 def test_the_resolved_configuration_loads_to_an_equal_one():

@@ -20,6 +20,7 @@ from docs.markdown import DOCS, ROOT, table, text
 from scipy import stats
 
 PAGE = DOCS / "numbers.md"
+KEPT = "## Adjusted comparisons\n"  # the last section, which stays as it is
 ROUNDING = 1e-6
 """Relative change of a value without a standard error that counts as moved; the files have six digits."""
 
@@ -93,9 +94,8 @@ def verdict(claim: dict) -> str:
 def only_in_one(old: pd.DataFrame, new: pd.DataFrame) -> str:
     """Return how many rows are new and how many are gone, empty if none."""
     before, now = keyed(old, "metric").index, keyed(new, "metric").index
-    counts = [f"{len(now.difference(before))} new rows"] * (len(now.difference(before)) > 0)
-    counts += [f"{len(before.difference(now))} rows gone"] * (len(before.difference(now)) > 0)
-    return ", ".join(counts)
+    counts = {"new rows": len(now.difference(before)), "rows gone": len(before.difference(now))}
+    return ", ".join(f"{n} {what}" for what, n in counts.items() if n)
 
 
 def cause(name: str, written: str) -> str:
@@ -144,12 +144,13 @@ def main(revision: str) -> None:
         made = section(f"{directory.parent.name}/{directory.name}", parts, written)
         sections, same = [*sections, made] if made else sections, same + (not made)
     head = HEAD.format(revision=revision, same=same, causes=causes[0] if causes else "")
-    PAGE.write_text("\n".join([head, *sections]).rstrip() + "\n", encoding="utf-8")
+    kept = "".join(written.partition(KEPT)[1:])
+    PAGE.write_text("\n".join([head, *sections, kept]).rstrip() + "\n", encoding="utf-8")
 
 
 HEAD = """# Numbers that have moved
 
-<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; by hand only the causes. -->
+<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; by hand only the causes and the last section. -->
 
 What is kept below `results/`, at `{revision}` and now (NUMERICS 3). A row of a table is listed where its number has
 moved by more than its standard error, or where its verdict is another one. A statement is listed where its finding is

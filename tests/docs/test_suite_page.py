@@ -44,15 +44,6 @@ def test_the_systems_of_the_page_are_those_of_the_set(tree):
         assert (ROOT / link).is_file(), link
 
 
-def test_the_set_has_no_calibration_and_takes_it(tree):
-    from rmpc_bench import load_config
-
-    assert "calibration" not in tree and "-s calibration=true" in TEXT
-    overrides = ["methods={KF: {estimator: {kind: kalman}}}", "statistics={}", "calibration=true"]
-    overrides.append("sweep={zip: [{name: one, plant.from: ../benchmarks/sayed2001.yaml}]}")
-    assert load_config(SET, overrides=overrides).calibration is not None
-
-
 def test_sizes_and_uncertainty_of_the_page(tree):
     """Oracle: the plants that the configuration builds."""
     for row, cells in zip(tree["sweep"]["zip"], table("system"), strict=True):
