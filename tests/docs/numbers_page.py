@@ -150,7 +150,7 @@ def main(revision: str) -> None:
 
 HEAD = """# Numbers that have moved
 
-<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; by hand only the causes and the last section. -->
+<!-- Made by `PYTHONPATH=tests python -m docs.numbers_page {revision}`; by hand: causes, last section. -->
 
 What is kept below `results/`, at `{revision}` and now (NUMERICS 3). A row of a table is listed where its number has
 moved by more than its standard error, or where its verdict is another one. A statement is listed where its finding is
