@@ -98,8 +98,8 @@ def _row(directory: Path, method: str, text: str, point: dict[str, str]) -> list
     if table is None or run not in status:
         raise click.BadParameter(f"there is no run {text} of {method} there", param_hint="--run")
     called = f", {table.run_names[run]} in the table," if names else ""
-    row = next((i for i, each in enumerate(table.quantities.get("run", ())) if each == run), None)
-    drawn = ", ".join(f"{key} = {x[row]:.6g}" for key, x in table.quantities.items() if row is not None and key != "run")
+    row = next((i for i, each in enumerate(table.quantities.get("run", ())) if each == run), -1)
+    drawn = ", ".join(f"{key} = {x[row]:.6g}" for key, x in table.quantities.items() if row >= 0 and key != "run")
     values = {info.name: table.column(info.name, method)[table.runs == run][0] for info in table.metrics}
     return [
         f"run {run}{called} of {method}{table.title and f' at {table.title}'}: {status[run]}, as the table says",
