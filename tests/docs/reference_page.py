@@ -152,7 +152,11 @@ def _command_line() -> list[str]:
 def _files() -> list[str]:
     about = "`run` writes to `results/PAPER/NAME`, or `results/NAME` without a paper."
     rows = [(", ".join(map(code, entry.split(", "))), text(meaning)) for entry, meaning in FILES.items()]
-    return [heading(2, "Files of a results directory", "files"), about, table(("file", "content"), rows)]
+    return [
+        heading(2, "Files of a results directory: trials.csv, summary.csv and others", "files"),
+        about,
+        table(("file", "content"), rows),
+    ]
 
 
 def _verb(verb: str, known: dict[tuple[str, str], str]) -> list[str]:

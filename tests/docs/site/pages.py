@@ -91,11 +91,10 @@ class Site:
         """Divide a file of docs/ at its headings of level 2 into the pages of a folder, which has an index."""
         (_, first), *parts = sections((DOCS / name).read_text(encoding="utf-8"))
         links = []
-        for title, text in parts:
+        for title, text in ((title.partition(":")[0], text) for title, text in parts):
             path = f"{folder}/{slug(title)}.md"
-            self.add(
-                path, outside_code(lambda part: re.sub(r"^##(#*) ", r"#\1 ", part, flags=re.MULTILINE), text), name
-            )
+            raised = outside_code(lambda part: re.sub(r"^##(#*) ", r"#\1 ", part, flags=re.MULTILINE), text)
+            self.add(path, raised, name)
             links.append(f"- [{title}](/{path})")
         self.add(f"{folder}/index.md", "\n\n".join([first.strip(), "## Pages", "\n".join(links)]), name)
         self.lead(name, "", f"{folder}/index.md")

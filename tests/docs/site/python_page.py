@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from enum import EnumType
 
 from docs.site.pages import Site
 
@@ -55,7 +56,11 @@ def _described(name: str, module: str) -> str:
     doc = re.sub(r"^(\w+(?:, \w+)*)\n {4}(?=\S)", r"- `\1`: ", doc, flags=re.MULTILINE)
     many = isinstance(thing, type) and _signature(thing).count("\n") > MANY
     doc = re.sub(r"^\*\*Parameters\*\*\n.*?(?=^\*\*|\Z)", "", doc, flags=re.MULTILINE | re.DOTALL) if many else doc
-    call = f"```python\n{name}{_signature(thing)}\n```\n\n" if callable(thing) and not many else ""
+    call = (
+        f"```python\n{name}{_signature(thing)}\n```\n\n"
+        if callable(thing) and not many and not isinstance(thing, EnumType)
+        else ""
+    )
     return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}Defined in `{module}`."
 
 
@@ -77,13 +82,13 @@ def _signature(thing: object) -> str:
 
 
 def _methods(thing: object) -> str:
-    """A line for every public method and property of a class that has a docstring."""
+    """A line for every public method and property of a class that has a docstring: its first clause."""
     found = []
     for name, each in vars(thing).items() if isinstance(thing, type) else ():
         inner = getattr(each, "__func__", getattr(each, "fget", getattr(each, "func", each)))
-        doc = (
-            inspect.cleandoc(getattr(inner, "__doc__", "") or "").split("\n\n")[0] if inspect.isfunction(inner) else ""
-        )
+        doc = inspect.cleandoc(getattr(inner, "__doc__", "") or "").split(".\n")[0] if inspect.isfunction(inner) else ""
         if doc and not name.startswith("_"):
-            found.append(f"- `{name}{'()' * callable(each)}`: {' '.join(doc.split())}")
+            found.append(
+                f"- `{name}{'()' * callable(each)}`: {re.split('[;:.] ', ' '.join(doc.split()))[0].rstrip('.')}"
+            )
     return "**Methods and properties**\n\n" + "\n".join(found) + "\n\n" if found else ""
