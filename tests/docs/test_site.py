@@ -4,6 +4,7 @@ import filecmp
 import re
 import subprocess
 import sys
+from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -177,7 +178,7 @@ def test_a_search_finds_its_page_without_a_network(built, tmp_path):
     if not (built / "iframe-worker.js").exists():
         pytest.skip("make site-setup was not run")
     missed = {}
-    with Browser(tmp_path) as browser:
+    with closing(Browser(tmp_path)) as browser:
         for line in (HERE / "queries.tsv").read_text(encoding="utf-8").splitlines():
             query, expected = line.split("\t")
             found = browser.results(built, query)[:FIRST]

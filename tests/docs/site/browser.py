@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import shutil
 import subprocess
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 PROGRAM = shutil.which("chromium")
+OPTIONS = "--headless --no-sandbox --disable-gpu --remote-debugging-pipe --user-data-dir="
 FOUND = """(function f(root) {
   let found = [...root.querySelectorAll('a')].map(a => a.href).filter(h => h.includes('?h='));
   for (const e of root.querySelectorAll('*')) if (e.shadowRoot) found = found.concat(f(e.shadowRoot));
@@ -23,7 +21,7 @@ LOCAL = ("file:", "data:", "about:", "blob:")
 
 
 class Browser:
-    """Chromium by its debugging protocol, through two pipes.
+    """Chromium by its debugging protocol, which it speaks through its files 3 and 4.
 
     Attributes
     ----------
@@ -31,78 +29,57 @@ class Browser:
     """
 
     def __init__(self, profile: Path) -> None:
-        (answers, output), (commands, self._input) = os.pipe(), os.pipe()
+        command = ["sh", "-c", 'exec "$@" 3<&0 4>&1', "sh", PROGRAM or "chromium", *f"{OPTIONS}{profile}".split()]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0
+        )
         self.asked: list[str] = []
-        self._answers, self._rest, self._count, self._session = answers, b"", 0, ""
-        ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (commands, output)]
-        options = [
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--remote-debugging-pipe",
-            f"--user-data-dir={profile}",
-        ]
-        command = ["bash", "-c", f'exec "$@" 3<&{ends[0]} 4>&{ends[1]}', "bash", PROGRAM or "chromium", *options]
-        self._process = subprocess.Popen(command, pass_fds=ends, stderr=subprocess.DEVNULL)
-        for end in (commands, output, *ends):
-            os.close(end)
+        self._rest, self._count = b"", 0
+        self._session: dict[str, str] = {}
         page = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
-        for domain in ("Page", "Network"):
-            self.call(f"{domain}.enable")
+        self._session = {"sessionId": self.call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]}
+        self.call("Network.enable")
 
-    def __enter__(self) -> Browser:
-        return self
-
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def close(self) -> None:
+        """End the program."""
         self._process.kill()
-        self._process.wait()
-        os.close(self._input)
-        os.close(self._answers)
+        self._process.communicate()
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
         """Send a command and return its result."""
+        assert self._process.stdin and self._process.stdout
         self._count += 1
-        session = {"sessionId": self._session} if self._session else {}
-        os.write(
-            self._input, json.dumps({"id": self._count, "method": method, "params": params, **session}).encode() + b"\0"
-        )
+        command = {"id": self._count, "method": method, "params": params, **self._session}
+        self._process.stdin.write(json.dumps(command).encode() + b"\0")
         while True:
-            message = self._message()
+            while b"\0" not in self._rest:
+                read = self._process.stdout.read(1 << 16)
+                assert read, "the browser has ended"
+                self._rest += read
+            first, _, self._rest = self._rest.partition(b"\0")
+            message = json.loads(first)
             if message.get("method") == "Network.requestWillBeSent":
                 self.asked.append(message["params"]["request"]["url"])
             if message.get("id") == self._count:
                 return dict(message["result"])
 
-    def _message(self) -> dict[str, Any]:
-        while b"\0" not in self._rest:
-            read = os.read(self._answers, 1 << 16)
-            assert read, "the browser has ended"
-            self._rest += read
-        first, _, self._rest = self._rest.partition(b"\0")
-        return dict(json.loads(first))
-
     def value(self, expression: str) -> Any:
-        """Value of an expression of JavaScript."""
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        """Value of an expression of JavaScript as soon as it is the same twice and not empty, after 20 s as it is."""
+        last, value = None, None
+        for _ in range(50):
+            found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"]
+            last, value = value, found.get("value")
+            if value and value == last:
+                break
+            time.sleep(0.4)
+        return value
 
     def results(self, site: Path, query: str) -> list[str]:
         """Paths of the pages that the search shows, in their order, each once."""
         self.call("Page.navigate", url=f"file://{site}/index.html")
-        self._wait("document.readyState == 'complete' && !!document.querySelector('.md-search__button')")
-        time.sleep(0.5)
-        self.value("document.querySelector('.md-search__button').click()")
+        self.value("document.readyState == 'complete' && !!document.querySelector('.md-search__button')")
+        self.call("Runtime.evaluate", expression="document.querySelector('.md-search__button').click()")
         time.sleep(0.5)
         self.call("Input.insertText", text=query)
-        found = [each.partition("?")[0].removeprefix(f"file://{site}/") for each in self._wait(FOUND)]
+        found = [each.partition("?")[0].removeprefix(f"file://{site}/") for each in self.value(FOUND) or ()]
         return list(dict.fromkeys(found))
-
-    def _wait(self, expression: str) -> Any:
-        """Value of an expression as soon as it is the same twice and not empty, after 20 s as it is."""
-        last, value = None, None
-        for _ in range(50):
-            last, value = value, self.value(expression)
-            if value and value == last:
-                break
-            time.sleep(0.4)
-        return value or []

@@ -43,6 +43,10 @@ def mathml(formula: str, display: str) -> str:
     return made.replace("*", "&#42;").replace("_", "&#95;").replace("|", "&#124;").replace("\n", " ")
 
 
+def _entities(part: str) -> str:
+    return re.sub(r"\\([~<|$])", lambda found: f"&#{ord(found[1])};", part)
+
+
 def commonmark(text: str) -> str:
     """Files named in fences, the depth of what lies inside a list, and escaped marks, as the site's parser has them."""
     lines, inside, more = [], False, 0
@@ -55,13 +59,8 @@ def commonmark(text: str) -> str:
             continue
         inside = inner.startswith("```")
         more = depth if inside or depth in (2, 4, 6) else 0
-        inner = re.sub(r"^```(\w+) (\S+)$", r'```\1 title="\2"', inner) if inside else _entities(inner)
+        inner = (
+            re.sub(r"^```(\w+) (\S+)$", r'```\1 title="\2"', inner) if inside else outside_code(_entities, inner, _CODE)
+        )
         lines.append(" " * (depth + more) + inner)
     return "\n".join(lines)
-
-
-def _entities(line: str) -> str:
-    """Escaped characters as entities, outside code."""
-    parts = re.split(r"(`[^`\n]+`)", line)
-    parts[::2] = [re.sub(r"\\([~<|$])", lambda found: f"&#{ord(found[1])};", part) for part in parts[::2]]
-    return "".join(parts)

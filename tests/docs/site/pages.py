@@ -136,9 +136,7 @@ class Site:
 
     def _checked(self, page: str, goal: str, anchor: str) -> str:
         """A page with an anchor, if it has that."""
-        if goal not in self.texts:
-            return self._lose(page, f"/{goal}")
-        return f"{goal}#{anchor}" if anchor and self._has(goal, anchor) else goal
+        return (goal + f"#{anchor}" * self._has(goal, anchor)) if goal in self.texts else self._lose(page, f"/{goal}")
 
     def _has(self, page: str, anchor: str) -> bool:
         return page in self.texts and anchor in _anchors(_FENCE.sub("", self.texts[page]))

@@ -28,7 +28,8 @@ def write(site: Site) -> None:
     parts: dict[str, list[str]] = {kind: [] for kind in TITLES}
     names: dict[str, list[str]] = {kind: [] for kind in TITLES}
     for name, module in rmpc_bench._PUBLIC.items():
-        kind = _kind(name, module)
+        functions = "components" if module.split(".")[1] in COMPONENTS or name == "filter_data" else "experiments"
+        kind = "types" if name[0].isupper() else functions
         parts[kind].append(_described(name, module))
         names[kind].append(f"[`{name}`](/reference/python/{kind}.md#{name.lower()})")
     links = []
@@ -37,13 +38,6 @@ def write(site: Site) -> None:
         links.append(f"- [{title.capitalize()}](/reference/python/{kind}.md): {', '.join(names[kind])}")
     intro = "# Python\n\n`from rmpc_bench import NAME`. The command line calls these functions."
     site.add("reference/python/index.md", intro + "\n\n" + "\n".join(links))
-
-
-def _kind(name: str, module: str) -> str:
-    if name[0].isupper():
-        return "types"
-    room = module.split(".")[1]
-    return "components" if room in COMPONENTS or name == "filter_data" else "experiments"
 
 
 def _described(name: str, module: str) -> str:
@@ -56,28 +50,23 @@ def _described(name: str, module: str) -> str:
     doc = re.sub(r"^(\w+(?:, \w+)*)\n {4}(?=\S)", r"- `\1`: ", doc, flags=re.MULTILINE)
     many = isinstance(thing, type) and _signature(thing).count("\n") > MANY
     doc = re.sub(r"^\*\*Parameters\*\*\n.*?(?=^\*\*|\Z)", "", doc, flags=re.MULTILINE | re.DOTALL) if many else doc
-    call = (
-        f"```python\n{name}{_signature(thing)}\n```\n\n"
-        if callable(thing) and not many and not isinstance(thing, EnumType)
-        else ""
-    )
+    call = "" if many or isinstance(thing, EnumType) else f"```python\n{name}{_signature(thing)}\n```\n\n"
     return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}Defined in `{module}`."
 
 
 def _signature(thing: object) -> str:
     """Parameters of a callable, where they are many each in a line of its own."""
-    try:
-        text = str(inspect.signature(thing))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return ""
+    text = str(inspect.signature(thing))  # type: ignore[arg-type]
     text = re.sub(r"(: |-> )(['\"])(.*?)\2(?=[,)]| =|$)", r"\1\3", text).replace("rmpc_bench.", "")
     text = re.sub(r"<(?:function|object|factory).*?>+(?=[,)])", "...", text)
-    first, end = text[1:].rpartition(")")[::2]
+    first, _, end = text[1:].rpartition(")")
     parts, depth = [""], 0
     for piece in re.split(r"(, |[\[\](){}])", first):
-        depth += (piece in "[({" and piece != "") - (piece in "])}" and piece != "")
-        parts += [""] if piece == ", " and not depth else []
-        parts[-1] += "" if piece == ", " and not depth else piece
+        depth += (piece in ("[", "(", "{")) - (piece in ("]", ")", "}"))
+        if piece == ", " and not depth:
+            parts.append("")
+        else:
+            parts[-1] += piece
     return text if len(text) < WIDTH else "(\n    " + ",\n    ".join(parts) + f",\n){end}"
 
 
@@ -86,9 +75,8 @@ def _methods(thing: object) -> str:
     found = []
     for name, each in vars(thing).items() if isinstance(thing, type) else ():
         inner = getattr(each, "__func__", getattr(each, "fget", getattr(each, "func", each)))
-        doc = inspect.cleandoc(getattr(inner, "__doc__", "") or "").split(".\n")[0] if inspect.isfunction(inner) else ""
+        doc = (inspect.isfunction(inner) and inner.__doc__) or ""
         if doc and not name.startswith("_"):
-            found.append(
-                f"- `{name}{'()' * callable(each)}`: {re.split('[;:.] ', ' '.join(doc.split()))[0].rstrip('.')}"
-            )
+            clause = re.split("[;:.] ", " ".join(doc.split()))[0].rstrip(".")
+            found.append(f"- `{name}{'()' * callable(each)}`: {clause}")
     return "**Methods and properties**\n\n" + "\n".join(found) + "\n\n" if found else ""
