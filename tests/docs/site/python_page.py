@@ -18,7 +18,7 @@ TITLES = {
 COMPONENTS = ("components", "config_file", "simulation")
 """Folders whose functions are about components."""
 MANY = 20
-"""Parameters from which on a class is made by functions only, so that they are not described."""
+"""Parameters from which on a class is made by functions only, whose parameters are not described."""
 WIDTH = 80
 """Characters of a signature in one line."""
 
@@ -30,7 +30,7 @@ def write(site: Site) -> None:
     for name, module in rmpc_bench._PUBLIC.items():
         functions = "components" if module.split(".")[1] in COMPONENTS or name == "filter_data" else "experiments"
         kind = "types" if name[0].isupper() else functions
-        parts[kind].append(_described(name, module))
+        parts[kind].append(_described(name))
         names[kind].append(f"[`{name}`](/reference/python/{kind}.md#{name.lower()})")
     links = []
     for kind, title in TITLES.items():
@@ -40,7 +40,7 @@ def write(site: Site) -> None:
     site.add("reference/python/index.md", intro + "\n\n" + "\n".join(links))
 
 
-def _described(name: str, module: str) -> str:
+def _described(name: str) -> str:
     """Signature, docstring and methods of a name."""
     thing = getattr(rmpc_bench, name)
     doc = inspect.cleandoc(thing.__doc__ or "")
@@ -51,7 +51,7 @@ def _described(name: str, module: str) -> str:
     many = isinstance(thing, type) and _signature(thing).count("\n") > MANY
     doc = re.sub(r"^\*\*Parameters\*\*\n.*?(?=^\*\*|\Z)", "", doc, flags=re.MULTILINE | re.DOTALL) if many else doc
     call = "" if many or isinstance(thing, EnumType) else f"```python\n{name}{_signature(thing)}\n```\n\n"
-    return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}Defined in `{module}`."
+    return f"## {name}\n\n{call}{doc}\n\n{_methods(thing)}"
 
 
 def _signature(thing: object) -> str:
@@ -71,12 +71,13 @@ def _signature(thing: object) -> str:
 
 
 def _methods(thing: object) -> str:
-    """A line for every public method and property of a class that has a docstring: its first clause."""
+    """Public methods and properties of a class; those of a base class have the first clause of their docstring."""
     found = []
     for name, each in vars(thing).items() if isinstance(thing, type) else ():
         inner = getattr(each, "__func__", getattr(each, "fget", getattr(each, "func", each)))
         doc = (inspect.isfunction(inner) and inner.__doc__) or ""
         if doc and not name.startswith("_"):
             clause = re.split("[;:.] ", " ".join(doc.split()))[0].rstrip(".")
-            found.append(f"- `{name}{'()' * callable(each)}`: {clause}")
-    return "**Methods and properties**\n\n" + "\n".join(found) + "\n\n" if found else ""
+            found.append(f"`{name}{'()' * callable(each)}`{f': {clause}' * inspect.isabstract(thing)}")
+    lines = "\n".join(f"- {each}" for each in found) if inspect.isabstract(thing) else ", ".join(found)
+    return f"**Methods and properties**\n\n{lines}" if found else ""
