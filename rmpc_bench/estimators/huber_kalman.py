@@ -36,7 +36,7 @@ from rmpc_bench.estimators.weighted import WeightedFilter, weighted_filter
 from rmpc_bench.numerics.output_weights import WeightLaw
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
-EQUATION = r"""\hat x_{k|k} = \arg \min_x \frac{1}{2} (x - \hat x_{k|k-1})^\top
+EQUATION = r"""\hat x_{k|k} = \mathrm{arg} \min_x \frac{1}{2} (x - \hat x_{k|k-1})^\top
 P_{k|k-1}^{-1} (x - \hat x_{k|k-1}) + \sum_j \rho_k \left( (R_v^{-1/2} (y_k - C x))_j \right)"""
 Variant: TypeAlias = Literal["regression", "innovation"]
 Robust: TypeAlias = Literal["measurement", "both"]
