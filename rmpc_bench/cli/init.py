@@ -120,8 +120,8 @@ def _add(component: str) -> int:
         (ROOT / file).write_text(text, encoding="utf-8")
         click.echo(f"{word} {file}", err=True)
     click.echo(f"next    write the method into {next(iter(texts))}, and its limit into the docstring")
-    click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'])))}'")
     click.echo("        make docs lint type")
+    click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'])))}'")
     return 0
 
 

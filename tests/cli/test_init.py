@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from difflib import unified_diff
 from importlib import import_module
 from pathlib import Path
 
@@ -148,7 +149,8 @@ def clone(tmp_path, monkeypatch):
 
 
 def contents(directory):
-    return {path.relative_to(directory).as_posix(): path.read_text("utf-8") for path in directory.rglob("*.py")}
+    files = [path for path in directory.rglob("*.*") if path.suffix in (".py", ".yaml")]
+    return {path.relative_to(directory).as_posix(): path.read_text("utf-8") for path in files}
 
 
 @pytest.mark.parametrize(("group", "kind"), ADDED.items())
@@ -160,12 +162,12 @@ def test_a_new_component_is_written_and_listed(clone, group, kind):
     after, module = contents(clone), kind.replace("-", "_")
     assert {*after} - {*before} == {f"rmpc_bench/{group}/{module}.py", f"tests/{group}/test_{module}.py"}
     for file in before:
-        lines = [line for line in after[file].splitlines() if f'"{kind}"' not in line]
-        assert lines == before[file].splitlines()
+        changes = [*unified_diff(before[file].splitlines(), after[file].splitlines(), n=0)]
+        assert len(changes) != 1 and not [line for line in changes[2:] if line.startswith("-")]
     assert all(kind in after[f"{file}.py"] for file in ("rmpc_bench/registry", f"tests/conformance/test_{group}"))
     assert done.stdout.splitlines()[1:] == [
-        f"        pytest -k '{' or '.join(dict.fromkeys([kind, module]))}'",
         "        make docs lint type",
+        f"        pytest -k '{' or '.join(dict.fromkeys([kind, module]))}'",
     ]
     # To sort imports ruff looks whether their modules are there.
     ignored = shutil.ignore_patterns("__pycache__", "cli")
