@@ -46,6 +46,7 @@ ABOUT = {
     "metrics": "One number per run, in the list `metrics`: `NAME`, or `{kind: NAME, name: COLUMN, ..}`.",
     "figures": "Pictures of the results, in the list `figures`: `NAME`, or `{kind: NAME, ..}`.",
 }
+LANGUAGES = {".csv": "csv", ".py": "python"}
 WITH_FIGURE = ("plants", "models", "estimators", "controllers", "figures")
 JOINT = ("plants", "models")
 """Groups whose components of one name share a page."""
@@ -151,7 +152,7 @@ def _example(group: str, kind: str) -> list[str]:
     if (group, kind) not in examples():
         return [f"`rmpc-bench run {users()[group, kind][0]} --smoke`"]
     found = examples()[group, kind]
-    files = [f"```{Path(name).suffix[1:]} {name}\n{content}```" for name, content in found.files.items()]
+    files = [f"```{LANGUAGES[Path(name).suffix]} {name}\n{content}```" for name, content in found.files.items()]
     return [f"```yaml example.yaml\n{found.text}```", *files]
 
 

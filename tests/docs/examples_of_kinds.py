@@ -35,10 +35,8 @@ def examples() -> dict[tuple[str, str], Example]:
     data = plain(load(Path(__file__).with_suffix(".yaml")))
     found = {}
     for each in data["examples"]:
-        parts = sorted(
-            _sections({"base": "open", **each}, data["bases"]).items(), key=lambda part: data["order"].index(part[0])
-        )
-        text = "".join(lines for name, lines in parts if lines != f"{name}:\n")
+        parts = _sections({"base": "open", **each}, data["bases"])
+        text = "".join(parts[name] for name in data["order"] if parts.get(name) not in (None, f"{name}:\n"))
         for group in each["groups"]:
             for kind, keys in each["kinds"].items():
                 whole = text.replace("THIS", _component(group, kind, keys))
