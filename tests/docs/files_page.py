@@ -39,7 +39,7 @@ def _names(tree: ast.Module) -> str:
         elif isinstance(each, ast.Assign | ast.AnnAssign):
             targets = each.targets if isinstance(each, ast.Assign) else [each.target]
             found += [name.id for one in targets for name in ast.walk(one) if isinstance(name, ast.Name)]
-    names = [name for name in dict.fromkeys(found) if not name.startswith("_")]
+    names = [name for name in dict.fromkeys(found) if not name.startswith("_") and name != "EQUATION"]
     return f" (`{', '.join(names)}`)" if names else ""
 
 
