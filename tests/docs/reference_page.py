@@ -22,8 +22,8 @@ PAGE = DOCS / "reference.md"
 INTRODUCTION = """# Reference
 
 Every key of a configuration and every option of the command line. [experiments.md](experiments.md) shows them by
-example, [components.md](components.md) has the keys of components. An editor with a YAML language server completes and
-checks keys with the schema that `rmpc-bench schema` prints."""
+example, [components.md](components.md) has the keys of components. With the schema that
+`rmpc-bench schema` prints an editor completes and checks keys."""
 NUMBERS = """A number may be a quantity: `2*pi`, `5%`, `sqrt(2)`, `1e-3`, with + - * / and parentheses. For a square
 matrix a number is that number times the identity and a list is its diagonal; others are written row by row,
 `[[1, 0]]`, or are in files: `{file: system.mat, name: A}`, `.npz`, `.csv`. A key without a default may be left out.

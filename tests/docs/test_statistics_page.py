@@ -55,12 +55,6 @@ def test_the_runs_have_the_intervals_that_they_are_constructed_for(name, low, hi
     np.testing.assert_allclose([row["geometric_low"], row["geometric_high"]], [low, high], rtol=1e-6)
 
 
-def test_superiority_counts_tied_runs_half():
-    """By hand: 30 won and 10 tied of 40."""
-    row = compared("better")
-    assert (row["won"], row["lost"], row["tied"], row["superiority"]) == (30, 0, 10, 0.875)
-
-
 def test_a_smoke_run_has_no_numbers_but_its_sizes():
     assert screen_of(smoke()).split() == ["A", "ran", "B", "ran"]
 
