@@ -175,13 +175,3 @@ def _shared_rows(group: str) -> list[str]:
     names = Counter(row.split("|")[1] for row in counts)
     inner = {row for row in counts if names[row.split("|")[1]] == 1 and "." in row.split("|")[1]}
     return [row for row, count in counts.items() if count >= SHARED_BY - (row in inner)]
-
-
-def index() -> list[tuple[str, str]]:
-    """Return every key of a component with a link to it, for the index of the reference."""
-    return [
-        (key.name, f"[{kind}](components/{place(group, kind)})")
-        for group, kinds in registry.BUILT_IN.items()
-        for kind in kinds
-        for key in _manual(group, kind).keys
-    ]

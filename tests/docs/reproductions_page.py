@@ -51,7 +51,7 @@ GROUPS = {
         "The filters that the literature compares with. [tuning.md](tuning.md) explains "
         "how their parameters are chosen.",
     ),
-    "servo-constrained": ("Servomechanism with constraints", "Results: [servo-constrained.md](servo-constrained.md). How to set limits: [constraints.md](constraints.md)."),
+    "servo-constrained": ("Servomechanism with constraints", "Results: [servo-constrained.md](servo-constrained.md)."),
     "mayne2005": (
         "Tube predictive control",
         "The example of Mayne, Seron and Rakovic, Robust model predictive control of constrained linear systems with "
