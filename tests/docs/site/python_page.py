@@ -71,13 +71,12 @@ def _signature(thing: object) -> str:
 
 
 def _methods(thing: object) -> str:
-    """Public methods and properties of a class; those of a base class have the first clause of their docstring."""
+    """Public methods and properties of a class that have a docstring, with their types."""
     found = []
     for name, each in vars(thing).items() if isinstance(thing, type) else ():
         inner = getattr(each, "__func__", getattr(each, "fget", getattr(each, "func", each)))
-        doc = (inspect.isfunction(inner) and inner.__doc__) or ""
-        if doc and not name.startswith("_"):
-            clause = re.split("[;:.] ", " ".join(doc.split()))[0].rstrip(".")
-            found.append(f"`{name}{'()' * callable(each)}`{f': {clause}' * inspect.isabstract(thing)}")
-    lines = "\n".join(f"- {each}" for each in found) if inspect.isabstract(thing) else ", ".join(found)
-    return f"**Methods and properties**\n\n{lines}" if found else ""
+        if inspect.isfunction(inner) and inner.__doc__ and not name.startswith("_"):
+            text = re.sub(r"^\((\n    |)(?:self|cls)(?:,\s+)?", r"(\1", _signature(inner))
+            found.append(f"{name}{text}" if callable(each) else f"{name}: {text.partition(' -> ')[2]}")
+    lines = "\n".join(found)
+    return f"**Methods and properties**\n\n```python\n{lines}\n```" if found else ""
