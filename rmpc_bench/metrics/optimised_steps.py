@@ -35,7 +35,7 @@ class QpShare(WindowMetric):
     not find the minimum (`not-converged`).  These four add up to 1.  More skipped samples are better, and fewer of the
     others.
 
-    A method without a quadratic program has no value; no method with one is an error of the configuration.
+    A method without a quadratic program has no value; it is an error of the configuration if no method has one.
 
     Parameters
     ----------
