@@ -30,7 +30,7 @@ how to write one, and [reference.md](reference.md) the keys that belong to no co
 
 Names: x state, u input, y output, r reference, w process noise, v measurement noise, k index of the sample, N number of
 control periods, Ts sampling time, ' transposed. [glossary.md](glossary.md) explains the terms. A matrix is
-a number (times the identity), a list (its diagonal) or rows; where a list has one number per coordinate, a single$
+a number (times the identity), a list (its diagonal) or rows; where a list has one number per coordinate, a single
 number stands for all.
 
 An example is a whole configuration: save it as `example.yaml`, and `rmpc-bench run example.yaml` runs it."""
