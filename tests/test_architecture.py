@@ -61,7 +61,7 @@ MAY_IMPORT = {
     "child_process": set(),
     # Everything stored or received is read here, before any room that uses it.
     # A name that is replaced or refused is said where a notebook shows it.
-    "received": {"types", "replaced_file"},
+    "received": {"types", "replaced_file", "extras"},  # the extra that reads Parquet
     # The stored bytes: blocks and moments are those of the simulation.
     "store": {"components", "simulation", "types", "received"},
     "registry": {"notices", "types", "installed", "short_texts"},
