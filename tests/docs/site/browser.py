@@ -43,7 +43,9 @@ class Browser:
     def close(self) -> None:
         """End the program."""
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        for pipe in filter(None, (self._process.stdin, self._process.stdout)):
+            pipe.close()
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
         """Send a command and return its result."""
