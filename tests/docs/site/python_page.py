@@ -35,6 +35,7 @@ def write(site: Site) -> None:
     links = []
     for kind, title in TITLES.items():
         site.add(f"reference/python/{kind}.md", f"# Python: {title}\n\n" + "\n\n".join(parts[kind]))
+        site.titles[f"reference/python/{kind}.md"] = title.capitalize()
         links.append(f"- [{title.capitalize()}](/reference/python/{kind}.md): {', '.join(names[kind])}")
     intro = "# Python\n\n`from rmpc_bench import NAME`. The command line calls these functions."
     site.add("reference/python/index.md", intro + "\n\n" + "\n".join(links))
