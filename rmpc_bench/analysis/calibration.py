@@ -7,7 +7,7 @@ share is at most c (1 - c).  The intervals at the level of the verdict hold toge
 
 With the share c of a region of level p the errors are f = sqrt(q_p / q_c) times as large as the reported standard
 deviations, q the chi-square quantile with as many degrees of freedom as P most often has rank, in the recorded runs
-where every run has its own P, or as there are states where none is recorded.  The margin is the share for f from
+where P differs from run to run, or as there are states where none is recorded.  The margin is the share for f from
 1/(1 + margin) to 1 + margin.
 """
 
