@@ -7,8 +7,9 @@ share is at most c (1 - c).  The intervals at the level of the verdict hold toge
 
 With the share c of a region of level p the errors are f = sqrt(q_p / q_c) times as large as the reported standard
 deviations, q the chi-square quantile with as many degrees of freedom as P most often has rank, in the recorded runs
-where P differs from run to run, or as there are states where none is recorded.  The margin is the share for f from
-1/(1 + margin) to 1 + margin.
+where P differs from run to run, or as there are states where none is recorded.  Where ranks differ, f is exact at 1
+only: with ranks 1 and 4 in equal parts it is 1.5 in place of 1.3.  A sample with P = 0 and without an error is covered
+at every level.  The margin is the share for f from 1/(1 + margin) to 1 + margin.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from rmpc_bench.numerics.linalg import as_covariance, as_vector, is_possible, sy
 from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix, does_not_fit
 
 EQUATION = r"""x_{k+1} = (A + H_A F_x G_x) x_k + B u_k + (B_w + H_{Bw} F_w G_w) w_k + (B_v + H_{Bv} F_v G_v) v_k, \quad
-y_k = (C + H_C F_x G_x) x_k + (D_w + H_{Dw} F_w G_w) w_k + (D_v + H_{Dv} F_v G_v) v_k"""
+y_k = (C + H_C F_x G_x) x_k + D u_k + (D_w + H_{Dw} F_w G_w) w_k + (D_v + H_{Dv} F_v G_v) v_k"""
 
 
 @dataclass(frozen=True, eq=False)

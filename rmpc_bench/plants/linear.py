@@ -32,7 +32,7 @@ from rmpc_bench.types import (
     SystemMatrix,
 )
 
-EQUATION = r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k"
+EQUATION = r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + D_k u_k + v_k"
 OK = np.int8(Status.OK)
 NOT_UNCERTAIN = Uncertainty("fixed", value=0.0)
 

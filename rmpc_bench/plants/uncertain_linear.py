@@ -1,7 +1,7 @@
 """Uncertain linear plant.
 
 Model   x(k+1) = (A + H_A F_x G_x) x + B u + w~,  w~ = (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
-        y(k)   = (C + H_C F_x G_x) x + v~,        v~ = (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v.
+        y(k)   = (C + H_C F_x G_x) x + D u + v~,  v~ = (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v.
         The section `noise` defines w and v; the law `uncertainty` defines F_x, F_w and F_v.
 Source  souto2011, (20)-(25), (34)-(38); the input B u is an addition.
 Cost    Five small products per run and step.
