@@ -43,7 +43,7 @@ def test_dry_friction():
     (tuned,), balls = less(name, "KF-R", points=["no noise"]), less(name, *BALLS, points=["no noise"])
     low, high = ends(balls)
     (fading,), pole = less(name, "fading", points=["no noise"]), ends(less("estimators/drift", "fading"))
-    beside = f"{low} to {high} %; fading memory {fading:.1f} %"
+    beside = f"{low} to {high} %, fading memory {fading:.1f} %"
     assert f"{tuned:.1f} % less error than untuned; robust filters, tuned alike, {beside}" in WORDS
     assert f"fading memory {pole[0]} to {pole[1]} % less than the tuned Kalman filter" in WORDS
     low, high = ends(less(name, "KF-R", "KF-dist"))
