@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,9 +17,11 @@ from click.core import ParameterSource
 from rmpc_bench import registry
 from rmpc_bench.cli import exits
 from rmpc_bench.received.consent import commit_of
+from rmpc_bench.replaced_file import replace_text
 
-ROOT = Path(__file__).parents[2]  # of the clone, if the package is in one
+ROOT = Path(__file__).resolve().parents[2]  # of the clone, if the package is in one
 ADDED = ("estimators", "controllers", "metrics")  # groups with a template
+LONGEST = 30  # name of a component [characters]; lines with it fit
 ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}  # choice of `--estimator` -> class in its template
 CONTROLLERS = {"plain": "PI"}  # choice of `--controller` -> class in its template
 
@@ -107,22 +109,40 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
 
 
 def _add(component: str) -> int:
-    """Write a built-in component into the clone, or say all that is in the way."""
+    """Write a built-in component into the clone, or say what is wrong with its name, or all files in the way."""
     group, _, kind = component.partition("/")
     group = group if group in ADDED else f"{group}s"
     wrong = [*_refusals(group, kind)]
-    texts = _additions(group, kind, wrong) if group in ADDED and _is_clone() else {}
+    texts = {} if wrong else _additions(group, kind, wrong)
     if wrong:
         click.echo("\n".join([*wrong, "nothing was written"]), err=True)
         return exits.USAGE
-    for file, text in texts.items():
-        word = "changed" if (ROOT / file).exists() else "written"
-        (ROOT / file).write_text(text, encoding="utf-8")
-        click.echo(f"{word} {file}", err=True)
+    try:
+        _write_all(texts)
+    except OSError as error:
+        click.echo(f"{error}; nothing was written", err=True)
+        return exits.CANNOT_WRITE
     click.echo(f"next    write the method into {next(iter(texts))}, and its limit into the docstring")
     click.echo("        make docs lint type")
     click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'])))}'")
     return 0
+
+
+def _write_all(texts: Mapping[str, str]) -> None:
+    """Write all files; where that fails or is interrupted, all are as they were before."""
+    before = {place: place.read_text("utf-8") if place.exists() else None for place in map(ROOT.joinpath, texts)}
+    try:
+        for place, text in zip(before, texts.values(), strict=True):
+            replace_text(place, text)
+    except BaseException:
+        for place, old in before.items():
+            if old is None:
+                place.unlink(missing_ok=True)
+            elif place.read_text("utf-8") != old:
+                replace_text(place, old)
+        raise
+    for file, old in zip(texts, before.values(), strict=True):
+        click.echo(f"{'written' if old is None else 'changed'} {file}", err=True)
 
 
 def _refusals(group: str, kind: str) -> Iterator[str]:
@@ -132,8 +152,10 @@ def _refusals(group: str, kind: str) -> Iterator[str]:
         yield f"--component is GROUP/NAME; GROUP is one of {', '.join(ADDED)}, others are written by hand"
     elif registry.is_known(group, kind):
         yield f"{group}/{kind} exists already"
-    if not re.fullmatch(f"[a-z][a-z0-9]*({sign}[a-z0-9]+)*", kind) or keyword.iskeyword(kind):
-        yield f"{kind!r} is not a name of a kind: lower case letters, digits and {sign}, such as my{sign}filter"
+    form = f"[a-z][a-z0-9]*({sign}[a-z0-9]+)*"
+    if len(kind) > LONGEST or not re.fullmatch(form, kind) or {kind, kind.title()} & {*keyword.kwlist, "null"}:
+        about = f"at most {LONGEST} lower case letters, digits and {sign}, such as my{sign}filter"
+        yield f"{kind!r} is not a name of a kind: {about}"
     if not _is_clone():
         yield f"{ROOT} is not a clone of rmpc-bench; `rmpc-bench init NAME` writes components of your own anywhere"
     elif not Path.cwd().is_relative_to(ROOT):
@@ -157,12 +179,16 @@ def _additions(group: str, kind: str, wrong: list[str]) -> dict[str, str]:
     A template has new files, `== FILE`, and lines to add, `== FILE: LINE BEFORE THEM`.
     """
     template, texts = _template(f"component_{group}"), dict[str, str]()
+    if re.search(rf"^from .* import .*\b{_words(kind)['CLASS']}\b", template, re.MULTILINE):
+        wrong.append(f"{kind!r}: its module imports {_words(kind)['CLASS']}; choose another name")
     for word, value in _words(kind).items():
         template = template.replace(word, value)
     for part in re.split("^== ", template, flags=re.MULTILINE)[1:]:
         head, _, new = part.partition("\n")
         file, _, before = head.partition(": ")
         place = ROOT / file
+        if place.resolve() != ROOT / file:
+            wrong.append(f"{file} is a symbolic link, or in one; a clone has none")
         if not before:
             wrong += [f"{file} exists already"] * place.exists()
             texts[file] = new

@@ -179,14 +179,13 @@ def test_a_new_component_is_written_and_listed(clone, group, kind):
 
 
 def test_all_that_is_in_the_way_of_a_component_is_said_at_once(clone):
-    (clone / "tests/estimators/test_Kalman.py").write_text("", encoding="utf-8")
+    (clone / "tests/estimators/test_new_filter.py").write_text("", encoding="utf-8")
     (clone / "rmpc_bench/registry.py").write_text("", encoding="utf-8")
     before = contents(clone)
-    done = init(clone, "--component", "estimators/Kalman")
+    done = init(clone, "--component", "estimators/new-filter")
     assert done.exit_code == 2 and contents(clone) == before
     assert done.stderr.splitlines() == [
-        "'Kalman' is not a name of a kind: lower case letters, digits and -, such as my-filter",
-        "tests/estimators/test_Kalman.py exists already",
+        "tests/estimators/test_new_filter.py exists already",
         'rmpc_bench/registry.py: expected one line `"estimators": {`, found 0',
         "nothing was written",
     ]
@@ -201,11 +200,21 @@ def test_all_that_is_in_the_way_of_a_component_is_said_at_once(clone):
         ("my-filter", "--component is GROUP/NAME"),
         ("metrics/my-metric", "lower case letters, digits and _, such as my_filter"),
         ("estimators/lambda", "'lambda' is not a name of a kind"),
+        ("controllers/true", "'true' is not a name of a kind"),
+        ("controllers/regulator", "'regulator': its module imports Regulator; choose another name"),
+        ("estimators/__init__", "'__init__' is not a name of a kind"),
+        ("estimators/gain-schedule", "rmpc_bench/estimators/gain_schedule.py exists already"),
+        ("estimators/Filter", "at most 30 lower case letters, digits and -, such as my-filter"),
+        ("estimators/new(\0", "is not a name of a kind"),
+        ("estimators/f\u00edlter", "is not a name of a kind"),
+        ("estimators/new-filter\n", "is not a name of a kind"),
+        (f"estimators/{'long' * 100}", "at most 30 lower case letters"),
         ("estimators/../kalman", "'../kalman' is not a name of a kind"),
         ("estimators/", "'' is not a name of a kind"),
     ],
 )
 def test_a_wrong_name_of_a_component_is_explained(clone, component, message):
+    (clone / "rmpc_bench/estimators/gain_schedule.py").touch()
     before = contents(clone)
     done = init(clone, "--component", component)
     assert done.exit_code == 2 and message in done.stderr and contents(clone) == before
@@ -225,6 +234,36 @@ def test_a_component_is_added_to_a_clean_clone_only(clone, tmp_path_factory, mon
     done = init(elsewhere, "--component", "estimators/new-filter")
     assert done.exit_code == 2 and "is not a clone of rmpc-bench; `rmpc-bench init NAME` writes" in done.stderr
     assert [*elsewhere.iterdir()] == []
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), PermissionError(13, "Permission denied", "FILE")])
+def test_a_component_is_written_as_a_whole_or_not_at_all(clone, monkeypatch, error):
+    """The fourth of its files is not written."""
+    module, written = import_module("rmpc_bench.cli.init"), []
+
+    def replace_text(place, text):
+        written.append(place)
+        if len(written) == 4:
+            raise error
+        place.write_text(text, encoding="utf-8")
+
+    before = contents(clone)
+    monkeypatch.setattr(module, "replace_text", replace_text)
+    done = init(clone, "--component", "estimators/new-filter")
+    assert len({*written}) == 4 and contents(clone) == before
+    assert done.exit_code == (130 if isinstance(error, KeyboardInterrupt) else 74)
+    assert isinstance(error, KeyboardInterrupt) or done.stderr.endswith("'FILE'; nothing was written\n")
+
+
+@pytest.mark.parametrize("link", ["rmpc_bench/registry.py", "tests/estimators", "tests/estimators/test_new_filter.py"])
+def test_a_component_is_not_written_through_a_link(clone, tmp_path_factory, link):
+    there = tmp_path_factory.mktemp("there") / "there"
+    if (clone / link).exists():
+        (clone / link).rename(there)
+    (clone / link).symlink_to(there)
+    done = init(clone, "--component", "estimators/new-filter")
+    assert done.exit_code == 2 and " is a symbolic link, or in one; a clone has none" in done.stderr
+    assert not [*clone.rglob("new_filter.py")] and (not there.is_file() or "new-filter" not in there.read_text("utf-8"))
 
 
 def test_a_component_goes_with_no_other_option(clone):
