@@ -32,16 +32,23 @@ def text(plain: str) -> str:
 
 def _escaped(part: str) -> str:
     """Escape what Markdown reads as markup; an underline between letters is none."""
-    return re.sub(r"([*<|$\[\]\\~]|(?<!\w)_|_(?!\w))", r"\\\1", part)
+    return re.sub(r"([*<|$\[\]\\~]|(?<!\w)_|_(?!\w))", r"\\\1", part).replace("`", "&#96;")
 
 
 def _code(part: str) -> str:
-    return "`" + part.strip("`").replace("|", "\\|") + "`"
+    inner = part.strip("`")
+    return _escaped(part) if "`" in inner else code(inner)
 
 
 def code(plain: str) -> str:
     """Return a text as code, in a table, too; empty for an empty one."""
     return f"`{plain}`".replace("|", "\\|") if plain else ""
+
+
+def block(language: str, lines: str) -> str:
+    """Return a block of code; a line that would end it begins with a sign without width."""
+    inner = re.sub(r"^([ \t>]*)(?=```|~~~)", "\\1\u200b", lines.strip("\n"), flags=re.MULTILINE)
+    return f"```{language}\n{inner}\n```"
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -77,7 +84,7 @@ def _rows(key: KeyEntry, prefix: str) -> list[tuple[str, ...]]:
 
 def anchor(*words: str) -> str:
     """Return the name of an anchor."""
-    return "-".join(words).replace(" ", "-")
+    return re.sub(r"[^\w.-]", "-", "-".join(words))
 
 
 def heading(level: int, title: str, *words: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from docs.markdown import DOCS, ROOT, anchor, filled, heading, table, text
+from docs.markdown import DOCS, ROOT, anchor, block, filled, heading, table, text
 
 from rmpc_bench.claims.claim import IDENTIFIERS, Finding
 from rmpc_bench.claims.markdown import number_text
@@ -151,15 +151,15 @@ def claim_parts(claim: dict[str, Any]) -> list[str]:
     """Statement, source, figures and finding of a claim, and a block with its numbers and what they rest on."""
     source = claim["source"].removeprefix("additional result").removeprefix("suspected misprint").strip(" ,;:()")
     figures = ", ".join(claim.get("figures", ()))
-    where = "; ".join(filter(None, (text(source), f"figure {figures}" * bool(figures))))
-    mark = f'<a id="{claim["id"]}"></a>' if claim["id"] else ""
+    where = "; ".join(filter(None, (text(source), f"figure {text(figures)}" * bool(figures))))
+    mark = f'<a id="{anchor(claim["id"])}"></a>' if claim["id"] else ""
     line = f"{mark}**{text(claim['statement'])}.** {f'({where}): ' if where else ''}**{_words(claim)}**."
     lines = [*map(_size, claim["sizes"]), *map(_comparison, claim["numbers"])]
     if not lines:
         return [line + " " + text(claim["reason"] or next(iter(claim["assumptions"]), ""))]
     n = claim["n_runs"]
     basis = f"({n:,} run{'s' if n > 1 else ''})" if n else "(exact)"
-    return [line, "\n".join(["```text", *lines, basis, "```"])]
+    return [line, block("text", "\n".join([*(" ".join(each.split()) for each in lines), basis]))]
 
 
 def _comparison(numbers: dict[str, Any]) -> str:
@@ -170,9 +170,9 @@ def _comparison(numbers: dict[str, Any]) -> str:
     difference = f" [{', '.join(number_text(float(end), reach) for end in interval)}]" if known else ""
     where = f" at {numbers['at']}" if numbers["at"] else ""
     word = {True: "", False: ", does not hold", None: ", inconclusive"}[numbers["holds"]]
-    return f"{' '.join(numbers['text'].split())}{where}: {left} and {right}{word}{difference}"
+    return f"{numbers['text']}{where}: {left} and {right}{word}{difference}"
 
 
 def _size(size: dict[str, Any]) -> str:
     computed = number_text(float(size["computed"]))
-    return f"{' '.join(size['of'].split())}: stated {size['stated']}, computed {computed}"
+    return f"{size['of']}: stated {size['stated']}, computed {computed}"

@@ -4,9 +4,21 @@ import csv
 import re
 
 import pytest
-from docs.markdown import ROOT, kept_figures, text
-from docs.reproductions_page import GROUPS
-from docs.site.experiments import N_ROWS, comparisons, figure_kinds, name_of, results_parts, shipped, write
+import yaml
+from docs.markdown import ROOT, kept_figures, table, text
+from docs.reproductions_page import GROUPS, Configuration
+from docs.site.__main__ import HERE
+from docs.site.experiments import (
+    N_ROWS,
+    comparisons,
+    experiment_text,
+    figure_kinds,
+    name_of,
+    results_parts,
+    shipped,
+    write,
+)
+from docs.site.markup import commonmark, math
 from docs.site.pages import Site
 
 CONFIGS = {path.relative_to(ROOT / "configs").with_suffix("").as_posix() for path in ROOT.glob("configs/**/*.yaml")}
@@ -108,3 +120,38 @@ def test_results_of_the_suite_and_the_guide_to_it_are_two_pages(site: Site):
     guide, results = site.texts["how-to/suite.md"], site.texts["experiments/suite/index.md"]
     assert "## What suite-1 can say" not in guide and results.startswith("# What suite-1 can say")
     assert "(../experiments/suite/index.md#what-suite-1-can-say)" in site.linked("how-to/suite.md")
+
+
+HOSTILE = (
+    "<script>alert(1)</script> [a](javascript:alert(1)) {{ 7*7 }} `b`{ onclick=alert(1) } | cell | ![](x) ``` ~~~",
+    "`` ` <script>alert(1)</script> `` and ` <img src=x onerror=alert(1)> { onclick=alert(1) }",
+    "``` # <b onclick=alert(1)>",
+)
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_texts_of_a_configuration_are_text(tmp_path, words):
+    """Title, summary, statement, results and the file itself may come from anybody; oracle: the parser of the site."""
+    markdown = pytest.importorskip("markdown")
+    file = tmp_path / "a.yaml"
+    file.write_text(f"title: |\n  a\n  ```\n{words}\n\n~~~\n{words}\n", encoding="utf-8")
+    claim = {
+        "id": '"><script>',
+        "source": words,
+        "statement": words,
+        "kind": "statement of the paper",
+        "figures": [words],
+    }
+    claim |= {"words": words, "joined": "confirmed", "n_runs": 3, "numbers": [], "sizes": []}
+    claim["sizes"] = [{"of": "a", "stated": f"\n```\n{words}", "computed": "1"}]
+    row = dict.fromkeys(("at", "method", "metric", "baseline", "verdict", "average", "won", "lost", "tied"), words)
+    row |= dict.fromkeys(("change_pct", "ci_low", "ci_high"), "1")
+    data = {"name": "a", "title": words, "summary": words}
+    parts = [experiment_text("a", Configuration(file, data, [claim], ROOT / "results" / "a")), *results_parts([row])]
+    parts.append(table(("statement",), [(text(words),)]))
+    settings = yaml.unsafe_load((HERE / "mkdocs.yml").read_text("utf-8"))
+    extensions = [each if isinstance(each, str) else next(iter(each)) for each in settings["markdown_extensions"]]
+    made = markdown.markdown(commonmark(math("\n\n".join(parts))), extensions=extensions)
+    tags = re.findall(r"<(\w+)([^<>]*)>", made)
+    assert {tag for tag, _ in tags} & {"script", "img", "b"} == set() and "<h2" in made and "<td>" in made
+    assert not [about for _, about in tags if re.search(r"\bon\w+=|javascript:", about)]

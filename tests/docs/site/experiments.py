@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from docs.markdown import DOCS, ROOT, kept_figures, table, text
+from docs.markdown import DOCS, ROOT, block, kept_figures, table, text
 from docs.site.pages import Site, sections
 
 from docs import reproductions_page as papers
@@ -60,11 +60,11 @@ def experiment_text(name: str, experiment: Experiment) -> str:
         f"{text(data['title'])}.",
         text(data.get("summary", "")),
         f"![{Path(picture).stem}](../{picture})" if picture else "",
-        f"```console\n$ rmpc-bench run {name}\n```",
+        block("console", f"$ rmpc-bench run {name}"),
         *results_parts(comparisons(experiment.results)),
         *_claims(experiment),
         "## Configuration",
-        f"```yaml\n{experiment.path.read_text(encoding='utf-8').strip()}\n```",
+        block("yaml", experiment.path.read_text(encoding="utf-8").strip()),
     ]
     return "\n\n".join(filter(None, parts))
 
@@ -96,13 +96,21 @@ def results_parts(rows: Sequence[Mapping[str, str]]) -> list[str]:
         told = axes if all(row[key] == before.get(key) for key in axes) else []
         cells = [text(row[key]) * (key not in told) for key in (*axes, "method", *several)]
         plain = [_change(row, row["average"]) if row.get("adjusted_form") else ""] if adjusted else []
-        cells += [_change(row), *plain, f"{row['won']}/{row['lost']}/{row['tied']}"]
-        lines.append((*cells, row["verdict"].replace("-size", ", size").replace("-", " ")))
+        cells += [_change(row), *plain, text(f"{row['won']}/{row['lost']}/{row['tied']}")]
+        lines.append((*cells, text(row["verdict"].replace("-size", ", size").replace("-", " "))))
     average = " or ".join(sorted({row["average"] for row in rows} - {""}))
-    heads = (*axes, "method", *several, "change [%]", *["not adjusted"] * adjusted, "won/lost/tied", "verdict")
+    heads = (
+        *map(text, axes),
+        "method",
+        *several,
+        "change [%]",
+        *["not adjusted"] * adjusted,
+        "won/lost/tied",
+        "verdict",
+    )
     about = f"Change of {', '.join(metrics)} against {', '.join(sorted({row['baseline'] for row in rows}))}"
     more = f"The first {N_ROWS} of {len(rows)} comparisons." * (len(rows) > N_ROWS)
-    return ["## Results", f"{text(about)}{f' ({average})' if average else ''}.", table(heads, lines), more]
+    return ["## Results", f"{text(about)}{f' ({text(average)})' if average else ''}.", table(heads, lines), more]
 
 
 def _axes(rows: Sequence[Mapping[str, str]]) -> list[str]:

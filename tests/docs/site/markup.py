@@ -44,6 +44,8 @@ def mathml(formula: str, display: str) -> str:
 
 
 def _entities(part: str) -> str:
+    """Escaped marks; a brace begins attributes of HTML, such as a script, for the parser."""
+    part = re.sub(r"\{(?! loading=lazy \})", "&#123;", part)
     return re.sub(r"\\([~<|$])", lambda found: f"&#{ord(found[1])};", part)
 
 
