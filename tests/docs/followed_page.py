@@ -37,7 +37,8 @@ SHORT = tuple(
 """Pages with one experiment each."""
 FOLLOWED = (README, TUTORIAL, TUNING, *SHORT)
 """Pages whose ```text blocks are what their commands print."""
-BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(\w+)(?: (\w[\w.-]*))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+"""Language, name and text; a name is that of a file in the directory of the page."""
 SECONDS = re.compile(r"(?<= failed, )\d+(?:\.\d+)? s$", re.MULTILINE)
 """The time that a run took, which is not the same again."""
 

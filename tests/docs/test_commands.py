@@ -73,6 +73,13 @@ def test_targets_of_make_exist(page):
     assert {"".join(names) for names in asked} <= targets
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_writes_no_file_outside_its_directory(page):
+    """A block with a path would be none for `BLOCK`."""
+    named = re.findall(r"^ *```\w+ (.+)$", read(page), re.MULTILINE)
+    assert [name for name in named if not re.fullmatch(r"\w[\w.-]*", name)] == []
+
+
 def test_every_page_with_commands_is_followed():
     pages = {page.name for page in PAGES if "console" in {language for language, _, _ in BLOCK.findall(read(page))}}
     assert pages == {*ELSEWHERE}

@@ -164,6 +164,7 @@ def test_pages_have_no_dead_link_and_no_mark(built):
         for link in page.links:
             parts = urlsplit(link)
             goal = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+            assert parts.scheme in ("", "http", "https", "mailto"), (file, link)
             if not parts.scheme:
                 assert goal.exists(), (file, link)
                 assert not parts.fragment or goal not in pages or unquote(parts.fragment) in pages[goal].anchors, (

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-PROGRAM = shutil.which("chromium")
-OPTIONS = "--headless --no-sandbox --disable-gpu --remote-debugging-pipe --user-data-dir="
+PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser")
+OPTIONS = "--headless --no-sandbox --disable-gpu --remote-debugging-pipe".split()
 FOUND = """(function f(root) {
   let found = [...root.querySelectorAll('a')].map(a => a.href).filter(h => h.includes('?h='));
   for (const e of root.querySelectorAll('*')) if (e.shadowRoot) found = found.concat(f(e.shadowRoot));
@@ -29,7 +29,15 @@ class Browser:
     """
 
     def __init__(self, profile: Path) -> None:
-        command = ["sh", "-c", 'exec "$@" 3<&0 4>&1', "sh", PROGRAM or "chromium", *f"{OPTIONS}{profile}".split()]
+        command = [
+            "sh",
+            "-c",
+            'exec "$@" 3<&0 4>&1',
+            "sh",
+            PROGRAM or "chromium",
+            *OPTIONS,
+            f"--user-data-dir={profile}",
+        ]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0
         )
