@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
-from docs.markdown import DOCS, ROOT, filled, table
+from docs.markdown import DOCS, ROOT, table
 
 from rmpc_bench.analysis.intervals import wilson
 
@@ -96,8 +96,3 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "rivals": lambda: points_table("zenere2018", "rivals", "name", "mean MSE [rad^2]"),
     "baselines": baselines_table,
 }
-
-
-def generated() -> str:
-    """Return the text of the page."""
-    return filled(PAGE.read_text(encoding="utf-8"), TABLES)

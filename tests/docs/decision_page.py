@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 import pandas as pd
-from docs.markdown import DOCS, ROOT, filled, table
+from docs.markdown import DOCS, ROOT, table
 
 from rmpc_bench.config_file.tree import plain
 from rmpc_bench.config_file.yaml import load
@@ -61,8 +61,3 @@ def _number(value: float, decimals: int) -> str:
 
 TABLES: Mapping[str, Callable[[], str]] = {name: partial(changes, name) for name in SHOWN}
 """Marker -> table."""
-
-
-def generated() -> str:
-    """Return the page with all tables made again."""
-    return filled(PAGE.read_text(encoding="utf-8"), TABLES)

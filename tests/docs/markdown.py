@@ -98,9 +98,11 @@ def page(*parts: str) -> str:
     return "\n\n".join([MADE, *(part for part in parts if part)]) + "\n"
 
 
-def filled(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
-    """Return a page with every generated table made again."""
-    return PLACE.sub(lambda found: f"{found[1]}\n{tables[found[2]]()}\n\n{found[3]}", page)
+def filled(page: Path, tables: Mapping[str, Callable[[], str]]) -> str:
+    """Return the text of a page with every generated table made again; each of them has one place."""
+    written = page.read_text(encoding="utf-8")
+    assert sorted(name for _, name, _ in PLACE.findall(written)) == sorted(tables), page.name
+    return PLACE.sub(lambda found: f"{found[1]}\n{tables[found[2]]()}\n\n{found[3]}", written)
 
 
 @cache

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from docs.markdown import ROOT
+from docs.markdown import ROOT, filled
 
 from docs import (
     components_page,
@@ -20,16 +20,14 @@ from docs import (
     worked_comparisons,
 )
 
+WITH_TABLES = (reproductions_page, constraints_page, suite_page, decision_page, worked_comparisons)
+"""Modules with the tables of a page that is written by hand."""
 PAGES: Mapping[Path, Callable[[], str]] = {
     **components_page.pages(),
     reference_page.PAGE: reference_page.generated,
-    reproductions_page.PAGE: reproductions_page.generated,
-    constraints_page.PAGE: constraints_page.generated,
-    suite_page.PAGE: suite_page.generated,
-    decision_page.PAGE: decision_page.generated,
     files_page.PAGE: files_page.generated,
     **{page: partial(followed_page.updated, page) for page in followed_page.FOLLOWED},
-    worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
+    **{each.PAGE: partial(filled, each.PAGE, each.TABLES) for each in WITH_TABLES},
 }
 """Page -> the function that makes its text."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from docs.markdown import DOCS, ROOT, anchor, block, filled, heading, table, text
+from docs.markdown import DOCS, ROOT, anchor, block, heading, table, text
 
 from rmpc_bench.claims.claim import IDENTIFIERS, Finding
 from rmpc_bench.claims.markdown import number_text
@@ -80,12 +80,15 @@ Place = tuple[Configuration, dict[str, Any]]
 """A configuration and a claim in it."""
 
 
-def generated() -> str:
-    """Return the page; its introduction is written by hand."""
+def statements() -> str:
+    """Return the part of the page below its introduction."""
     parts = [part for group in GROUPS for part in (heading(2, GROUPS[group][0], group), *group_parts(group))]
     links = ", ".join(f"[{title}](#{group})" for group, (title, _) in GROUPS.items())
-    made = "\n\n".join([f"Papers and other experiments: {links}.", *parts])
-    return filled(PAGE.read_text(encoding="utf-8"), {"statements": lambda: made})
+    return "\n\n".join([f"Papers and other experiments: {links}.", *parts])
+
+
+TABLES: Mapping[str, Callable[[], str]] = {"statements": statements}
+"""Marker -> part of the page."""
 
 
 def configurations(group: str) -> list[Configuration]:

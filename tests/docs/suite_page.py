@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from docs.markdown import DOCS, ROOT, filled, table
+from docs.markdown import DOCS, ROOT, table
 from scipy import stats
 
 from rmpc_bench.config_file.tree import plain
@@ -174,8 +173,3 @@ def left_out_table() -> str:
 
 
 TABLES: Mapping[str, Callable[[], str]] = {"systems": systems_table, "rows": rows_table, "left-out": left_out_table}
-
-
-def generated() -> str:
-    """Return the text of the page."""
-    return filled(Path(PAGE).read_text(encoding="utf-8"), TABLES)

@@ -1,23 +1,29 @@
 """Pages that are followed literally in an empty directory; test_generated_pages.py compares what is printed."""
 
+import os
 import re
 import shutil
 import subprocess
+import sys
 
 import pandas as pd
 import pytest
-from docs.followed_page import BLOCK, FOLLOWED, README, SHORT, TUNING, TUTORIAL, cut, follow, followed
+from docs.followed_page import BLOCK, FOLLOWED, README, SHORT, TUNING, TUTORIAL, comparable, cut, follow, followed
+from docs.markdown import DOCS
 
-from rmpc_bench import load_results
+from rmpc_bench import load_config, load_results
+from rmpc_bench.components.user_class import MEANINGS
+from rmpc_bench.types import ConfigError
 
-PAGES = [page for page in FOLLOWED if page != README]
+OWN, LIMITS = DOCS / "own-components.md", DOCS / "constraints.md"
+PAGES = [*(page for page in FOLLOWED if page != README), OWN, LIMITS]
 
 
 @pytest.mark.page
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_command_works(page):
     steps = followed(page).steps
-    assert any(step.shown is not None for step in steps) and len(steps) <= 10
+    assert (page == OWN or any(step.shown is not None for step in steps)) and len(steps) <= 10
     for step in steps:
         assert step.code == 0, f"{step.line}\n{step.out}{step.err}"
         assert "Traceback" not in step.err
@@ -81,3 +87,45 @@ def test_a_page_without_compared_output_has_fewer_runs(tmp_path, monkeypatch):
     assert [step.line for step in follow(page, tmp_path)] == ["python -V", "rmpc-bench run a"]
     page.write_text("```console\n$ rmpc-bench run a\n```\n", "utf-8")
     assert [step.line for step in follow(page, tmp_path)] == ["rmpc-bench run a --runs 3"]
+
+
+@pytest.mark.page
+def test_few_commands_lead_to_an_own_estimator_on_an_own_plant():
+    """`init`, `check --component` and `run` are the first three; every experiment has a figure."""
+    place, steps = followed(OWN)
+    verbs = [step.line.split()[1] for step in steps]
+    assert verbs[:3] == ["init", "check", "run"] and 7 <= len(verbs) <= 10
+    for name in ("smoke/tanks", "filters", "parts", "water"):
+        assert (place / "results" / name / "figures" / "boxplot.svg").exists()
+
+
+@pytest.mark.page
+def test_the_tests_of_the_page_on_own_components_pass():
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_filters.py"]
+    done = subprocess.run(command, cwd=followed(OWN).place, capture_output=True, text=True, env=dict(os.environ))
+    assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-3000:]
+
+
+def test_every_name_of_the_page_on_own_components_is_a_standard_name():
+    rows = re.findall(r"^\| (`.*?`) \|", OWN.read_text(encoding="utf-8"), re.MULTILINE)
+    names = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert {name for name in names if name not in MEANINGS} <= {"crashed"}
+    assert {"y", "u_previous", "rng", "plant_info", "prepared"} <= names
+
+
+@pytest.mark.page
+def test_the_ranks_of_the_page_on_constraints():
+    place, steps = followed(LIMITS)
+    (shown,) = (step for step in steps if step.shown is not None)
+    assert comparable(shown.out) == comparable(shown.shown) and len(steps) == 3
+    assert (place / "results" / "limited" / "figures" / "rows.svg").exists()
+
+
+@pytest.mark.page
+def test_an_output_disturbance_is_refused_in_the_words_of_the_page():
+    override = "methods.input.model.disturbance.at=output"
+    with pytest.raises(ConfigError) as caught:
+        load_config(followed(LIMITS).place / "limited.yaml", overrides=[override])
+    blocks = BLOCK.findall(LIMITS.read_text("utf-8"))
+    (quoted,) = (text for language, _, text in blocks if language == "text" and "detectable" in text)
+    assert " ".join(quoted.split()).endswith(caught.value.problems[0].message)

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from docs.site.pages import anchors
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "methods").glob("*.md"))
@@ -129,14 +130,6 @@ def test_terms_of_the_glossary_are_in_alphabetical_order():
     assert len(terms) > 60 and terms == sorted(set(terms))
 
 
-def anchors(page: Path) -> set[str]:
-    """Anchors of headings, as code hosts make them, and those in HTML."""
-    text = read(page)
-    headings = re.findall(r"^#+ (.*)$", FENCE.sub("", text), re.MULTILINE)
-    made = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
-    return made | set(re.findall(r'<a id="([^"]+)">', text))
-
-
 COMPONENTS = sorted((ROOT / "docs" / "components").rglob("*.md"))
 
 
@@ -145,6 +138,6 @@ def test_links_lead_to_files_and_headings(page):
     missing = []
     for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", FENCE.sub("", read(page))):
         file = page.parent / target if target else page
-        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors(file)):
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors(read(file))):
             missing.append(f"{target}#{anchor}")
     assert missing == []

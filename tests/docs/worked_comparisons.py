@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from statistics import NormalDist
 from textwrap import fill
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from data_frames import arrays
-from docs.markdown import filled
+from docs.markdown import DOCS
 from scipy import stats
 
 from rmpc_bench.analysis.comparison import comparisons
@@ -29,7 +28,7 @@ from rmpc_bench.report.screen import WIDTH
 from rmpc_bench.report.screen_tables import ran_lines, row_lines
 from rmpc_bench.types import Array, MetricInfo
 
-PAGE = Path(__file__).parents[2] / "docs" / "statistics.md"
+PAGE = DOCS / "statistics.md"
 MSE = MetricInfo("mse", "rad^2", "lower")
 SETTLING = MetricInfo("settling_time", "s", "lower", may_not_occur=True)
 
@@ -208,7 +207,7 @@ def screen_of(case: Case) -> str:
     return "\n".join(row_lines(result_table(trials, summary(trials), comparisons(trials), case.info), WIDTH))
 
 
-def generated() -> str:
+def worked() -> str:
     """Return the part of the page."""
     tables = [table_of(make()) for make in SHOWN]
     rows = [row_of_comparison(found) for found in tables]
@@ -227,6 +226,5 @@ def generated() -> str:
     return "\n\n".join(parts)
 
 
-def updated(page: str) -> str:
-    """Return a page with its table made again."""
-    return filled(page, {"worked": generated})
+TABLES: Mapping[str, Callable[[], str]] = {"worked": worked}
+"""Marker -> part of the page."""

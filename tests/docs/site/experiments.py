@@ -28,7 +28,7 @@ def write(site: Site) -> None:
     for group, found in groups.items():
         for each in found:
             path = f"experiments/{name_of(group, each)}.md"
-            site.add(path, experiment_text(name_of(group, each), each), "reproductions.md", anchors=False)
+            site.add(path, experiment_text(name_of(group, each), each), "reproductions.md", linked=False)
             site.titles[path] = each.name
         if group in papers.GROUPS:
             parts = [re.sub("^###", "##", part) for part in papers.group_parts(group)[:-1]]
@@ -36,7 +36,7 @@ def write(site: Site) -> None:
             site.add(f"experiments/{group}/index.md", "\n\n".join(parts), "reproductions.md")
             site.lead("reproductions.md", group, f"experiments/{group}/index.md")
     _suite(site)
-    site.add("experiments/index.md", gallery(groups), "reproductions.md", anchors=False)
+    site.add("experiments/index.md", gallery(groups), "reproductions.md", linked=False)
 
 
 def shipped() -> dict[str, list[Experiment]]:

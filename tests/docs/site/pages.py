@@ -59,7 +59,7 @@ class Site:
         self._sources: dict[str, str] = {}
         self._places: dict[tuple[str, str], str] = {}
 
-    def add(self, path: str, text: str, source: str = "", anchors: bool = True) -> None:
+    def add(self, path: str, text: str, source: str = "", linked: bool = True) -> None:
         """Add a page.
 
         Parameters
@@ -67,15 +67,14 @@ class Site:
         path : of the page, as ``components/estimators/kalman.md``
         text : in Markdown; links are relative to the source, or begin with / and are paths of pages
         source : file of docs/ that the text is from, as ``tutorial.md``
-        anchors : whether links to headings and anchors of the source lead to this page
+        linked : whether links to headings and anchors of the source lead to this page
         """
         text = text.replace(MADE, "").strip() + "\n"
-        prose = _FENCE.sub("", text)
-        title = _HEADING.search(prose)
+        title = _HEADING.search(_FENCE.sub("", text))
         self.texts[path] = text
         self.titles[path] = re.sub(r"[`*]|:.*", "", title[1]) if title else path
         self._sources[path] = _file(source) if source else ""
-        for name in _anchors(prose) if source and anchors else ():
+        for name in anchors(text) if source and linked else ():
             self._places.setdefault((_file(source), name), path)
 
     def lead(self, source: str, anchor: str, path: str) -> None:
@@ -139,7 +138,7 @@ class Site:
         return (goal + f"#{anchor}" * self._has(goal, anchor)) if goal in self.texts else self._lose(page, f"/{goal}")
 
     def _has(self, page: str, anchor: str) -> bool:
-        return page in self.texts and anchor in _anchors(_FENCE.sub("", self.texts[page]))
+        return page in self.texts and anchor in anchors(self.texts[page])
 
     def _lose(self, page: str, target: str) -> str:
         self.lost.append(f"{page}: {target}")
@@ -151,5 +150,7 @@ def _file(source: str) -> str:
     return posixpath.normpath(posixpath.join("docs", source))
 
 
-def _anchors(prose: str) -> set[str]:
+def anchors(text: str) -> set[str]:
+    """Anchors of headings, and those in HTML."""
+    prose = _FENCE.sub("", text)
     return {slug(title) for title in _HEADING.findall(prose)} | {*re.findall(r'<a id="([^"]+)">', prose)}

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from docs.markdown import DOCS
-from docs.site import components, experiments, python_page
+from docs.site import experiments, python_page
 from docs.site.pages import Site
+
+from docs import components_page
 
 PARTS = {
     "Tutorials": "tutorial",
@@ -56,7 +58,9 @@ def site() -> Site:
     made.add("explanation/papers/index.md", f"# Equations of the papers\n\n{links}")
     made.lead("methods", "", "explanation/papers/index.md")
     experiments.write(made)
-    components.write(made)
+    for file in components_page.pages():
+        name = file.relative_to(DOCS).as_posix()
+        made.whole("components/index.md" if file == components_page.INDEX else name, name)
     python_page.write(made)
     return made
 
