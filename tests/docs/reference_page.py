@@ -1,4 +1,4 @@
-"""docs/reference.md: every key of a configuration from its schema, every option of the command line from click."""
+"""docs/reference.md: keys from the schema, options of the command line from click, and the files of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import click
 from docs.examples_of_keys import EXAMPLES
 from docs.markdown import DOCS, anchor, code, heading, key_table, page, table, text
-from docs.result_files import FILES
 
 from rmpc_bench import registry
 from rmpc_bench.claims.grammar import FUNCTION_HELP
@@ -47,6 +46,37 @@ COMPONENTS = {
     "noise": "noises",
 }
 """Key of a configuration -> group of its components."""
+FILES: dict[str, str] = {
+    "report.html, report.md": "the page: answer, table of the methods, claims",
+    "summary.csv": "metrics of every method: mean, standard error, interval, median, quartiles, failed runs",
+    "comparisons.csv": "against the baseline: change, interval, runs won, lost and tied, verdict",
+    "drivers.csv": "share of the variance that each uncertain quantity explains",
+    "requirements.csv": "runs that meet a requirement, with `statistics: {requirement: ..}`",
+    "lost.csv": "share of lost runs with its interval, with `statistics: {lost: ..}`",
+    "two-way.csv": "main effects and interactions of methods, with `methods: {grid: ..}`",
+    "tuning.csv": "range, default, tuned value, regret and rank of parameters, with `tune`",
+    "tuning.json": "every value that tuning has tried",
+    "tuning/": "trials of tuning and their times",
+    "claims.json, claims.md": "statements with findings, numbers and assumptions",
+    "tables/": "tables as Markdown and LaTeX",
+    "figures/": "figures",
+    "trials.csv": "a row per method and run: status and metrics, up to 1,000,000 rows unless asked for; `inf` where "
+    "an event did not occur",
+    "uncertainty.csv": "one row per run: the values of the uncertain quantities",
+    "series.csv": "gains, reported covariances and moments over time; n = 0 means exact",
+    "traces.npz": "trajectories of the recorded runs, with `record`",
+    "timings.csv": "times of computation of own components",
+    "failures/": "one file per failed run, with its command",
+    "logs/": "what own components print; `workers.txt` has the worker processes that have ended early",
+    "code/": "copies of own Python files",
+    "config.yaml, config.resolved.yaml": "the configuration as given, and with every default",
+    "manifest.json": "experiment hash, seed, versions, platform and times of the sessions",
+    "published.json": "what the derived files were made from",
+    "progress.json": "how far the computation is, for `rmpc-bench status`",
+    "shards/": "one directory per shard, each with a trial store",
+    "trials.sqlite": "the trial store, from which every other file is written",
+}
+"""Files and folders -> content; several names with one meaning are separated by a comma."""
 SHARED = {"plants": {"from": PLANT_OF, **PLANT_KEYS}, "models": MODEL_KEYS}
 
 
