@@ -119,7 +119,7 @@ def check_release(archive: Path, wheel: Path, directory: Path) -> None:
     tools = PROJECT["optional-dependencies"]["release"]
     call([UV, "pip", "install", "--quiet", "--python", programs / "python", *tools], directory)
     for check in CHECKS:
-        name, *arguments = shlex.split(check.format(root=ROOT, archive=archive, wheel=wheel))
+        name, *arguments = (word.format(root=ROOT, archive=archive, wheel=wheel) for word in check.split())
         lines = call([programs / name, *arguments], directory).strip().splitlines()
         print(f"{name}:", next((line for line in lines if "rating" in line), lines[-1]).strip())
     with tarfile.open(archive) as opened:

@@ -51,12 +51,11 @@ def variable():
 
 def run_in_child(arguments):
     """Return the exit code of ``rmpc-bench`` with these arguments and the streams of this process, None without one."""
-    number = int(os.environ.get(CONNECTION, -1))
     try:
-        os.fstat(number)
-    except OSError:
+        connection = socket.socket(fileno=int(os.environ[CONNECTION]))
+    except (KeyError, OSError):
         return None
-    return _ask(socket.socket(fileno=number), ["rmpc-bench", *arguments], os.getcwd(), [0, 1, 2])
+    return _ask(connection, ["rmpc-bench", *arguments], os.getcwd(), [0, 1, 2])
 
 
 def _ask(connection, command, cwd, streams):

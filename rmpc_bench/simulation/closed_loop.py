@@ -177,7 +177,7 @@ def simulate(
     known = r[: n_steps + 1].copy()
     loop = _Loop.of(plant, method, draws, RunLimits(state_range, x, known), runs, start, n_steps)
     limits, moving, arrivals = loop.limits, loop.moving, loop.arrivals
-    outputs, inputs = Recorder(n_steps + 1, n_runs if loop.has_gaps else None), Recorder(n_steps)
+    outputs, inputs = Recorder(n_steps + 1, n_runs if loop.own_matrices else None), Recorder(n_steps)
     changes_inputs, no_noise = plant.limits_inputs or bool(draws.inputs), np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -222,7 +222,7 @@ class _Loop(NamedTuple):
     channel: InputChannel
     fed: Feedthrough
     arrivals: Arrivals
-    has_gaps: bool
+    own_matrices: bool  # one per run, whether or not it has a gap
     n_steps: int
 
     @classmethod
@@ -246,10 +246,10 @@ class _Loop(NamedTuple):
         filter_, called = turned_calls(method, fed.used_by(own[0]), own[1])
         arrivals = Arrivals(draws, method.delay)
         timed = BlockTimes(arrivals.used_by(filter_), called)
-        # In every block alike, whether or not one of its runs has a gap: sums differ in the last bits otherwise.
+        # In every block alike: sums differ in the last bits otherwise.
         recorded = plant.recorded is not None and bool(plant.recorded.gaps)
-        has_gaps = draws.omits_measurements or bool(arrivals.D) or recorded
-        return cls(method, moving, timed, limits, runs, start, channel, fed, arrivals, has_gaps, n_steps)
+        own_matrices = draws.omits_measurements or bool(arrivals.D) or recorded
+        return cls(method, moving, timed, limits, runs, start, channel, fed, arrivals, own_matrices, n_steps)
 
     def corrected(self, k: int, state: Any, status: Statuses, y: Any, nd: int) -> tuple[Any, Estimate, Statuses]:
         """Call the estimator; return its state, its estimate and the statuses."""

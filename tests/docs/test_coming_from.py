@@ -3,13 +3,12 @@
 import re
 
 import numpy as np
-import pytest
 from click.testing import CliRunner
 from docs.followed_page import BLOCK
 from docs.markdown import DOCS
 from scipy.io import savemat
 
-from rmpc_bench import load_results, registry
+from rmpc_bench import load_results
 from rmpc_bench.cli import main
 
 TEXT = (DOCS / "coming-from.md").read_text("utf-8")
@@ -35,12 +34,6 @@ def test_the_file_runs_with_matrices_of_matlab(tmp_path):
         trials = load_results(made).trials
         values.append([trials.column("mse", method) for method in ("Kalman", "robust")])
     np.testing.assert_array_equal(*values)
-
-
-@pytest.mark.parametrize("page", ["coming-from", "choose-an-estimator", "nonlinear-estimation", "missing-measurements"])
-def test_every_kind_that_a_page_links_exists(page):
-    linked = re.findall(r"\]\(components/(\w+)/([\w-]+)\.md", (DOCS / f"{page}.md").read_text("utf-8"))
-    assert {kind for group, kind in linked if kind != "index" and kind not in registry.BUILT_IN[group]} == set()
 
 
 def test_the_adapters_of_the_tables_exist():

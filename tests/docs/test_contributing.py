@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md: its scaffold is followed in a copy of the clone, its files exist, and its sentences are short."""
+"""CONTRIBUTING.md: its scaffold is followed in a copy of the clone, and its files exist."""
 
 import os
 import re
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from docs.markdown import ROOT
-from docs.test_plain_english import LONGEST, sentences
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 ADDED = {"estimators": "new-filter", "controllers": "new-law", "metrics": "new_metric"}
@@ -47,28 +46,21 @@ def copy(tmp_path_factory):
 def test_a_scaffold_passes_all_tests_once_its_limit_is_written(copy):
     """Oracle: all tests whose name has that of the kind, and those that compare lists of kinds with the registry."""
     names = {name for kind in ADDED.values() for name in (kind, kind.replace("-", "_"))}
-    chosen = " or ".join(
-        [
-            *sorted(names),
-            *("every_registered_kind", "limit_or_a_reason", "example_or_a", "of_all_kinds", "has_every_cell"),
-        ]
-    )
-    chosen = f"({chosen}) and not up_to_date"  # `make docs` writes the pages
+    lists = ("every_registered_kind", "limit_or_a_reason", "example_or_a", "of_all_kinds", "has_every_cell")
+    chosen = f"({' or '.join([*sorted(names), *lists])}) and not up_to_date"  # `make docs` writes the pages
     own = [f"tests/{group}/test_{kind.replace('-', '_')}.py" for group, kind in ADDED.items()]
     files = [*(f"tests/{file}" for file in FILES), *own, "rmpc_bench/metrics/new_metric.py"]
     done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, *files)
     failed = re.findall(r"^FAILED (\S+)", done.stdout, re.MULTILINE)
-    assert failed == [f"{LIMIT}[{group}-{ADDED[group]}]" for group in ("estimators", "controllers")], done.stdout[
-        -3000:
-    ]
+    limits = [f"{LIMIT}[{group}-{ADDED[group]}]" for group in ("estimators", "controllers")]
+    assert failed == limits, done.stdout[-3000:]
     assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 50
     for group in ("estimators", "controllers"):
         module = copy / "rmpc_bench" / group / f"{ADDED[group].replace('-', '_')}.py"
         text = module.read_text(encoding="utf-8")
         assert text.count("\nLimit\n") == 1
-        module.write_text(
-            text.replace("\nLimit\n", "\nLimit   factor = 1 gives the Kalman filter.\n"), encoding="utf-8"
-        )
+        text = text.replace("\nLimit\n", "\nLimit   factor = 1 gives the Kalman filter.\n")
+        module.write_text(text, encoding="utf-8")
     done = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "new-filter or new-law", LIMIT)
     assert done.returncode == 0, done.stdout[-3000:]
 
@@ -80,8 +72,3 @@ def test_every_file_that_is_named_exists():
     roots = (ROOT, ROOT / "rmpc_bench", ROOT / "rmpc_bench" / "estimators")
     assert len(found) > 20
     assert [each for each in sorted(found) if not any((root / each).exists() for root in roots)] == []
-
-
-def test_sentences_are_short():
-    long = [sentence for sentence in sentences(TEXT) if len(sentence.split()) > LONGEST]
-    assert long == []

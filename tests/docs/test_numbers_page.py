@@ -6,16 +6,7 @@ import pytest
 from docs import numbers_page
 
 PAGE = numbers_page.PAGE.read_text(encoding="utf-8")
-SUMMARY = pd.DataFrame(
-    {
-        "point": [None, "a"],
-        "method": ["KF", "KF"],
-        "metric": ["mse", "mse"],
-        "n": [100, 100],
-        "mean": [1.0, 2.0],
-        "se": 0.1,
-    }
-)
+SUMMARY = pd.DataFrame({"point": [None, "a"], "method": "KF", "metric": "mse", "n": 100, "mean": [1.0, 2.0], "se": 0.1})
 COMPARED = pd.DataFrame(
     {
         "method": ["A", "B"],

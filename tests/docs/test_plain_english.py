@@ -12,7 +12,7 @@ PAGES = [
     page
     for page in sorted((ROOT / "docs").rglob("*.md"))
     if page.name not in GENERATED and "components" not in page.parts
-]
+] + [ROOT / "CONTRIBUTING.md"]
 LONGEST = 30
 """Words of a sentence; a formula, a name in code or a link counts as one."""
 
