@@ -61,7 +61,7 @@ def design(
     anti_windup: AntiWindup = "clamping",
     Tt: Positive | None = None,
 ) -> Lqg:
-    """Linear-quadratic control of the estimate with integrals of the control error.
+    """Linear-quadratic-Gaussian control (LQG) with integral action: integrals of the control error.
 
     Parameters
     ----------

@@ -7,7 +7,8 @@ Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)
         A model that varies with k has gains for every k, and stays as it is beyond its last k.  With constant parts f0
         and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean`), u(k) has the further terms -
         u_0 - K_d d_hat(k).
-Limits  `enforce: clip` clips the increment of that input, then the input.  `enforce: qp` adds the constraints
+Limits  `u` is the input saturation, `du` the rate limit of the actuator (slew rate), as a change per call.
+        `enforce: clip` clips the increment of that input, then the input.  `enforce: qp` adds the constraints
             u_low <= u(k+j) <= u_high,  du_low <= du(k+j) <= du_high                     for j = 0..Hu-1
             z_low - eps <= z(k+j) <= z_high + eps,  eps >= 0                             for j = 1..steps, `soft`
         and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Where no limit acts, the

@@ -151,7 +151,7 @@ def lqr(
     mean: Literal["known", "estimated", "ignored"] | None = None,
     limits: InputLimits | None = None,
 ) -> Lqr:
-    """Linear-quadratic control of the estimate over a receding horizon.
+    """Linear-quadratic regulator (LQR): state feedback of the estimate over a receding horizon.
 
     Parameters
     ----------

@@ -7,7 +7,8 @@ Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), 
         x_hat(k) and u(k), C that at x_pred(k).
 Source  zenere2018, (5)-(8).
 Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
-        the filter of the linear model.
+        the filter of the linear model.  With constant matrices the gain converges to the steady-state Kalman gain of
+        `control-lqe`.
         A missing measurement (NaN) is left out of the correction; not with a state-dependent model.
 Cost    As every gain schedule; a Riccati step per run and step with a state-dependent model.
 Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependent model.  With a state-dependent model a

@@ -19,8 +19,8 @@ EQUATION = r"1 \mathrm{\ if\ } \max_k |y_{k,i}| \gt f \max_k |r_{k,i}|, \mathrm{
 class Runaway(ComponentMetric):
     """Whether the output of the true system goes far beyond the reference: 1 if it does, else 0; lower is better.
 
-    A run is a runaway if for some output i the largest |y_i(k)| exceeds `factor` times the largest |r_i(k)| of the
-    whole experiment.  An output whose reference is always 0 needs `beyond`.
+    A run is a runaway if for some output i the largest |y_i(k)| of k = 0..N exceeds `factor` times the largest |r_i(k)|
+    of the whole experiment.  An output whose reference is always 0 needs `beyond`.
 
     Parameters
     ----------

@@ -2,9 +2,10 @@
 
 Model   These laws are applied to y(k) after all noise that adds to it, in the order of the list.
         `quantised`  offset + step round((y - offset) / step); a tie goes to the even multiple.
-        `missing`  y(k) is NaN at random samples, a stationary Markov chain of two states: a sample is missing with
-                   `probability`, in gaps of `gap` samples on average.  With `every`: m a sample is there at k = first +
-                   i m only.  Wherever it stands in the list, it omits the sample when that is taken.
+        `missing`  Lost packets, dropped samples (intermittent observations): y(k) is NaN at random samples, a
+                   stationary Markov chain of two states: a sample is missing with `probability`, in gaps of `gap`
+                   samples on average.  With `every`: m a sample is there at k = first + i m only.  Wherever it stands
+                   in the list, it omits the sample when that is taken.
         `delayed`  The value of sample j arrives at j + d(j), with its time.  Delays of several laws add up.
 Moments `quantised`  None, since the error depends on y.  For a step that is small beside the change of y from sample to
                      sample the error is close to uniform with the variance step^2 / 12.

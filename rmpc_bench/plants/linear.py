@@ -226,6 +226,7 @@ def design(
 ) -> UncertainLinear:
     """Linear system with one noise per state and one per output.
 
+    A state-space model from the matrices A, B, C, D, also those of a .mat file: `A: {file: system.mat, name: A}`.
     A missing matrix is zero; B, C and D are lists of rows.  Entries may depend on k.
 
     Parameters
