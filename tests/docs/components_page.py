@@ -38,8 +38,8 @@ PREFERRED = "zenere2018"
 """Paper whose figures are shown where there is a choice."""
 ABOUT = {
     "plants": "The true system, `plant: {kind: NAME, ..}`.",
-    "models": "The design model of estimators and controllers, `model: {kind: NAME, ..}`, with the covariance matrices Q and R "
-    "(`Q_w`, `R_v`) of process and measurement noise.",
+    "models": "The design model of estimators and controllers, `model: {kind: NAME, ..}`, with the covariance "
+    "matrices Q and R (`Q_w`, `R_v`) of process and measurement noise.",
     "estimators": "State estimators (observers), `estimator: {kind: NAME, ..}`, for all methods or in one of them.",
     "controllers": "`controller: {kind: NAME, ..}`, for all methods or in one of them.",
     "references": "What the output follows, `reference: {kind: NAME, ..}`.",

@@ -30,12 +30,13 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 TUNING = ROOT / "docs" / "tuning.md"
+COMING_FROM = ROOT / "docs" / "coming-from.md"
 SHORT = tuple(
     ROOT / "docs" / f"{name}.md"
     for name in ("missing-measurements", "delayed-inputs", "nonlinear-estimation", "calibration")
 )
 """Pages with one experiment each."""
-FOLLOWED = (README, TUTORIAL, TUNING, *SHORT)
+FOLLOWED = (README, TUTORIAL, TUNING, COMING_FROM, *SHORT)
 """Pages whose ```text blocks are what their commands print."""
 BLOCK = re.compile(r"^```(\w+)(?: (\w[\w.-]*))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 """Language, name and text; a name is that of a file in the directory of the page."""
