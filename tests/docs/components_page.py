@@ -39,7 +39,7 @@ PREFERRED = "zenere2018"
 ABOUT = {
     "plants": "The true system, `plant: {kind: NAME, ..}`.",
     "models": "The design model of estimators and controllers, `model: {kind: NAME, ..}`, with the covariance "
-    "matrices Q and R (`Q_w`, `R_v`) of process and measurement noise.",
+    "matrices Q (`Q_w`) and R (`R_v`) of process and measurement noise.",
     "estimators": "State estimators (observers), `estimator: {kind: NAME, ..}`, for all methods or in one of them.",
     "controllers": "`controller: {kind: NAME, ..}`, for all methods or in one of them.",
     "references": "What the output follows, `reference: {kind: NAME, ..}`.",
@@ -49,6 +49,11 @@ ABOUT = {
     "metrics": "One number per run, in the list `metrics`: `NAME`, or `{kind: NAME, name: COLUMN, ..}`.",
     "figures": "Pictures of the results, in the list `figures`: `NAME`, or `{kind: NAME, ..}`.",
 }
+TITLES = {
+    "estimators": "Estimators: Kalman filters, robust filters and moving horizon",
+    "models": "Models: the dynamics, and a covariance matrix for each noise (Q and R)",
+}
+"""Titles of groups with the words for which a search should find them."""
 LANGUAGES = {".csv": "csv", ".py": "python"}
 WITH_FIGURE = ("plants", "models", "estimators", "controllers", "figures")
 JOINT = ("plants", "models")
@@ -88,7 +93,7 @@ def _group(group: str) -> str:
     }
     common = [f"- {named}: {module_text(found)}" for named, found in modules.items() if module_text(found)]
     kinds_table = table(("name", "what it is"), rows)
-    return page(f"# {group.capitalize()}", ABOUT[group], kinds_table, "\n".join(common), "## Keys" * bool(keys), *keys)
+    return page(f"# {TITLES.get(group, group.capitalize())}", ABOUT[group], kinds_table, "\n".join(common), "## Keys" * bool(keys), *keys)
 
 
 def _kind(group: str, kind: str) -> str:
