@@ -93,7 +93,14 @@ def _group(group: str) -> str:
     }
     common = [f"- {named}: {module_text(found)}" for named, found in modules.items() if module_text(found)]
     kinds_table = table(("name", "what it is"), rows)
-    return page(f"# {TITLES.get(group, group.capitalize())}", ABOUT[group], kinds_table, "\n".join(common), "## Keys" * bool(keys), *keys)
+    return page(
+        f"# {TITLES.get(group, group.capitalize())}",
+        ABOUT[group],
+        kinds_table,
+        "\n".join(common),
+        "## Keys" * bool(keys),
+        *keys,
+    )
 
 
 def _kind(group: str, kind: str) -> str:
