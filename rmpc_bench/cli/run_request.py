@@ -230,7 +230,8 @@ def _said(config: ExperimentConfig, stored: Mapping[str, str], directory: Path) 
         else:
             yield f"added: {name}, in place of another method of this name in {directory}, whose trials are kept"
     n = len(config.methods) - 1
-    yield f"claims rest on the methods that they name; intervals of verdicts are simultaneous for {n} methods now"
+    claims = "claims rest on the methods that they name; " if config.claims else ""
+    yield f"{claims}intervals of verdicts are simultaneous for {n} methods now"
 
 
 def _directory(request: Request, config: ExperimentConfig) -> Path:

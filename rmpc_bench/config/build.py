@@ -28,6 +28,7 @@ from rmpc_bench.config.plant import (
     refuse_runs,
     refuse_start,
     refuse_unreachable,
+    unknown_parameter,
 )
 from rmpc_bench.config.statistics import shares
 from rmpc_bench.config_file.component import Component
@@ -323,8 +324,8 @@ class _ExperimentBuilder:
             self.methods.angles = angles_of(self.draft, plant)
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
-                    message = unknown(name, plant.nominal, f"parameter of {component.kind}")
                     key = "perturb" if change.relative else "set"
+                    message = unknown_parameter(name, plant, component.kind)
                     self.draft.problems.append(Problem(*change.mark, f"plant.{key}.{name}", message))
         return plant
 

@@ -32,7 +32,7 @@ from rmpc_bench.models.dynamics import OdeDynamics, neglected
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import Density, DesignNoise
 from rmpc_bench.noise.heavy_tailed import StudentT
-from rmpc_bench.noise.measurement import Delayed
+from rmpc_bench.noise.measurement import Delayed, Missing
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import BURSTS, COVARIANCE, SIGNALS, has_bursts
@@ -70,7 +70,7 @@ def warnings_of(
     `model` returns the design model of a component, `start` x0 and P0 for a design model.
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
+    found += [*_initial(draft, model), *gap_warnings(draft, experiment), *_without_noise(draft, model, experiment)]
     found += _densities(draft, model, experiment.plant)
     for path, component in _models(draft).items():
         made = model(component)
@@ -119,6 +119,18 @@ def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> It
             message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
             yield ["initial"], f"{message}; give `x_hat`, as a physical state"
             return
+
+
+def _without_noise(
+    draft: DraftConfig, model: Callable[[Component | None], Any], experiment: Experiment
+) -> Iterator[Finding]:
+    """Find laws that lose or delay measurements, and no noise, although a design model has measurement noise."""
+    laws = experiment.scenario.measurement
+    covariances = (model(component).v_law[1] for component in _models(draft).values())
+    if laws and all(isinstance(law, Missing | Delayed) for law in laws) and any(map(np.any, covariances)):
+        kinds = ", ".join(term.law.kind for term in draft.noise["measurement"] if term.law is not None)
+        message = f"has only laws that change y ({kinds}); it adds no noise, although the design model has one"
+        yield ["noise", "measurement"], f"{message}: {{sum: [same, ..]}}"
 
 
 def _scales(names: list[str], R_v: Array, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -44,6 +45,8 @@ GROUPS: dict[str, type] = {"normal": distributions.NormalGroup, "choice": distri
 _CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", *quantity.RESERVED)
+UNCERTAIN_MATRIX = "an uncertain entry of A is written with the kind uncertain-linear (H_A, G_x)"
+_UNKNOWN = re.compile(r"unknown name '(\w+)' \(known: pi,.*")
 SCALE = "scale"  # key of `uncertainty` that is no quantity: the factor on the spread of all of them
 
 
@@ -57,6 +60,19 @@ def _names_of(value: Any) -> list[str]:
     """Return the names of the quantities of a group; none for the law of one quantity."""
     of = value.get("of") if isinstance(value, Map) else None
     return [each for each in of if isinstance(each, str)] if isinstance(of, Items) else []
+
+
+def explain_uncertain(draft: DraftConfig) -> None:
+    """Say of numbers that are written with an uncertain quantity where such a quantity may stand."""
+    names = uncertain_names(draft)
+
+    def explained(found: re.Match[str]) -> str:
+        if found[1] not in names:
+            return found[0]
+        way_out = f"it stands in `plant.perturb` and `plant.set`, and {UNCERTAIN_MATRIX}"
+        return f"{found[1]!r} is an uncertain quantity, and this value is a fixed number; {way_out}"
+
+    draft.problems[:] = [replace(each, message=_UNKNOWN.sub(explained, each.message)) for each in draft.problems]
 
 
 def read_uncertainty(draft: DraftConfig) -> None:
@@ -215,6 +231,8 @@ def _no_law(law: Any, words: tuple[str, ...]) -> str:
         return "'sum' needs its terms: {sum: [{..}, {..}]}"
     if isinstance(law, str) and law in kinds:
         return f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})"
+    if isinstance(law, Items):
+        return "a list of laws is written {sum: [..]}"
     if isinstance(law, int | float):
         return f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance"
     given = [*law] if isinstance(law, Map) else []

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator
 
 from rmpc_bench.config.draft import DraftConfig, ParameterChange
-from rmpc_bench.config.noise import uncertain_names
+from rmpc_bench.config.noise import UNCERTAIN_MATRIX, uncertain_names
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Map, locate_key
@@ -179,6 +179,13 @@ def read_plant_keys(draft: DraftConfig) -> None:
                     expression()
             except quantity.QuantityError as error:
                 draft.note(path, str(error))
+
+
+def unknown_parameter(name: str, plant: Plant, kind: str) -> str:
+    """Say that a plant has no parameter of a name, or none with a name at all."""
+    if plant.nominal:
+        return unknown(name, plant.nominal, f"parameter of {kind}")
+    return f"{kind} has no named parameters; {UNCERTAIN_MATRIX}, or take an `ode` with `perturb`"
 
 
 def given_bounds(draft: DraftConfig) -> dict[str, tuple[float, float]]:

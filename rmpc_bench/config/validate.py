@@ -18,7 +18,7 @@ from rmpc_bench.config.draft import DraftConfig, Inherited, PointTuning
 from rmpc_bench.config.input import check_input
 from rmpc_bench.config.method_tune import shrink_tuning
 from rmpc_bench.config.methods import read_method_section
-from rmpc_bench.config.noise import read_initial, read_noise, read_uncertainty
+from rmpc_bench.config.noise import explain_uncertain, read_initial, read_noise, read_uncertainty
 from rmpc_bench.config.plant import RANGE_KEYS, read_plant_keys, refuse_sections
 from rmpc_bench.config.plugins import check_required
 from rmpc_bench.config.sections import SECTIONS, Time, components_of, section_of
@@ -98,6 +98,7 @@ def _sections(
     draft.claims = [
         draft.checked(ClaimKeys, ["claims", number]) for number, _ in enumerate(draft.values["claims"] or [])
     ]
+    explain_uncertain(draft)
     return draft
 
 

@@ -30,6 +30,11 @@ SYSTEM = {
     "models": {"A": "A", "B": "B", "C": "C", "D": "D", "Q": "P_w", "R": "P_v"},
     "plants": dict(zip("ABCD", "ABCD", strict=True)),
 }  # group of the component ``linear`` -> name in the file -> key of the component
+WAYS_OUT = {
+    "a struct": "save its fields: save('{file}', '-struct', '{name}')",
+    "a sparse matrix": "save full({name})",
+    "an object": "of a state-space model save [A, B, C, D] = ssdata({name})",
+}  # what MATLAB calls a variable that is no matrix of numbers -> how its numbers are saved
 SAME_STEP = 1e-9  # relative difference of two sampling times that are meant to be equal
 
 
@@ -86,7 +91,7 @@ class _Reader:
         try:
             content = self._content(node["file"], mark)
             if of and all(isinstance(each, str) and each in content for each in of):
-                columns = [content[each].reshape(-1) for each in of]
+                columns = [_named(content, each, node["file"]).reshape(-1) for each in of]
                 if len({*map(len, columns)}) > 1:
                     raise _FileError(f"{node['file']} has columns of different lengths")
                 return _numbers(np.column_stack(columns), mark)
@@ -108,10 +113,9 @@ class _Reader:
         try:
             content = self._content(source["from"], mark)
             self._check(content, source["from"])
-            found = {key: content[name] for name, key in SYSTEM[group].items() if name in content}
+            names = {name: key for name, key in SYSTEM[group].items() if name in content or name in "AC"}
+            found = {key: _named(content, name, source["from"]) for name, key in names.items()}
             found = {key: matrix for key, matrix in found.items() if key != "D" or matrix.any()}
-            for name in ("A", "C"):
-                _named(content, name, source["from"])
         except _FileError as error:
             self.problems.append(Problem(*mark, join([*path, "linear", "from"]), str(error)))
             return node
@@ -125,7 +129,7 @@ class _Reader:
         """Refuse another sampling time."""
         if "Ts" not in content:
             return
-        Ts, step = float(content["Ts"].reshape(-1)[0]), self._step()
+        Ts, step = float(_named(content, "Ts", text).reshape(-1)[0]), self._step()
         if step is not None and abs(Ts - step) > SAME_STEP * max(Ts, step):
             raise _FileError(f"{text}: Ts is {Ts:g}, and time.step is {step:g}; they must be equal")
 
@@ -176,11 +180,17 @@ def _read(file: Path, text: str) -> Mapping[str, Array]:
 
 
 def _named(content: Mapping[str, Array], name: str, text: str) -> Array:
-    if name not in content:
-        near = difflib.get_close_matches(name, content, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(content) or 'none'}"
-        raise _FileError(f"{text} has no matrix {name!r}{hint}")
-    return content[name]
+    numbers = {each: matrix for each, matrix in content.items() if matrix.dtype != object}
+    if name in numbers:
+        return numbers[name]
+    near = difflib.get_close_matches(name, numbers, n=1)
+    others = [each for each in (name, name.partition(".")[0], *content) if each in content and each not in numbers]
+    hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(content) or 'none'}"
+    if others and (others[0] != next(iter(content)) or not near):
+        kind = content[others[0]].item()
+        way_out = WAYS_OUT.get(kind, "save its numbers as a matrix").format(name=others[0], file=text)
+        hint = f": {others[0]} is {kind}; {way_out}"
+    raise _FileError(f"{text} has no matrix {name!r}{hint}")
 
 
 def _numbers(matrix: Array, mark: Mark) -> Any:

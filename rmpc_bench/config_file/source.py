@@ -21,6 +21,7 @@ from rmpc_bench.config_file.known_files import file_beside, is_file_name
 from rmpc_bench.config_file.method_grid import EXCLUDE, GRID
 from rmpc_bench.config_file.tree import DELETE, Items, Map, Mark, join, locate, plain, same_kind, split, with_kind
 from rmpc_bench.config_file.yaml import EXTENDS, Override, load, one_line, parse, parse_override
+from rmpc_bench.expressions.quantity import written_file
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 
@@ -112,6 +113,9 @@ def read_named(key: str, text: Any, mark: Mark, directory: Path, leading: tuple[
     """Return the file that a key names, reached by the `leading` ones, and its content; a ConfigError at the name."""
     if not is_file_name(text):
         raise ConfigError([Problem(*mark, key, f"must be the name of a configuration (got {shown(text)})")])
+    if numbers := written_file(text):
+        message = f"must be the name of a configuration (.yaml); matrices of a file are written A: {numbers}"
+        raise ConfigError([Problem(*mark, key, message)])
     file, extends = file_beside(directory, text), key == EXTENDS
     if file.resolve() in leading:
         raise ConfigError([Problem(*mark, key, f"{text}: {'extends' if extends else 'includes'} itself")])

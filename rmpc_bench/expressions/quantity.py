@@ -53,6 +53,7 @@ _ON_ARRAYS: dict[str, Callable[[Column, Column], Column]] = {
     "/": operator.truediv,
 }
 _UNIT = re.compile(r"[^\W\d_][\w/^*.· -]*")
+_FILE = re.compile(r"[^*()]+\.(mat|npz|csv|npy|txt)", re.IGNORECASE)
 _SPREAD = re.compile(r"\s*(?:\+\s*-|±)")
 
 
@@ -231,7 +232,18 @@ def _parse(text: str | float | int, names: Collection[str], start: int) -> Expre
     try:
         return _QuantityParser(text, names, start).parse()
     except ExpressionError as error:
+        if file := written_file(text):
+            raise QuantityError(f"a file is written {file}") from None
         _fail(text, error)
+
+
+def written_file(text: str) -> str:
+    """Write how a configuration names a file of numbers; empty where a text is no name of one."""
+    found = _FILE.fullmatch(text)
+    if found is None or found[1].lower() == "csv":
+        return f"{{file: {text}}}" if found else ""
+    ending = "" if found[1].lower() in ("mat", "npz") else ", and ends in .mat, .npz or .csv"
+    return f"{{file: {text}, name: A}}{ending}"
 
 
 def _number_text(number: float | int) -> str:

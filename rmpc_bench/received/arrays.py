@@ -26,7 +26,8 @@ MAX_ENTRIES = 100_000  # largest number of entries of a matrix of a configuratio
 MAX_COLUMNS = 10_000
 _MOST_ARRAYS = 10_000
 _MATRIX, _COMPRESSED, _OPAQUE, _IS_COMPLEX = 14, 15, 17, 0x800
-"""Of a MATLAB file of version 5: types of elements, the class of objects without a name, a flag."""
+"""Of a MATLAB file of version 5: types of elements, the class of objects without sizes, a flag."""
+_NO_NUMBERS = {1: "a cell array", 2: "a struct", 4: "text", 5: "a sparse matrix", 16: "a function"}
 _CLASSES = dict(zip(range(6, 16), ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"), strict=True))
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _PRECISIONS = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
@@ -123,7 +124,7 @@ def _npy(archive: ZipFile, entry: ZipInfo) -> Array:
 
 
 def _mat(content: bytes) -> dict[str, Array]:
-    """Read a MATLAB file up to version 7.2; what is no full matrix of numbers becomes an array of the type object."""
+    """Read a MATLAB file up to version 7.2; what is no full matrix of numbers becomes an object, the word for it."""
     # It is read here, because the compiled reader of SciPy crashes on altered files.
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order and content[125 if order == "<" else 124] == 2:
@@ -160,8 +161,12 @@ def _version_5(content: memoryview, order: str) -> dict[str, Array]:
                 _limit(8 * n_entries, number, len(content))
                 parts.append(numbers.astype(_CLASSES[flags & 0xFF]))
             found[str(name, "latin-1")] = parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
-        elif flags & 0xFF != _OPAQUE and name:
-            found[str(name, "latin-1")] = np.array(None)
+        else:
+            # An object has its name in place of its sizes.
+            name = sizes if flags & 0xFF == _OPAQUE else name
+            found[str(name, "latin-1")] = np.array(_NO_NUMBERS.get(flags & 0xFF, "an object"), dtype=object)
+    # The data of objects stand behind all variables and have no name.
+    found.pop("", None)
     return found
 
 
@@ -186,7 +191,8 @@ def _version_4(content: bytes) -> dict[str, Array]:
         if not name or place + size * (1 + bool(is_complex)) > len(content):
             raise ValueError("a matrix is larger than the file")
         numbers = np.frombuffer(content[place : place + size], dtype).reshape((rows, n), order="F")
-        found[name] = np.array(None) if kind % 10 or is_complex else numbers
+        other = {0: "a complex matrix" if is_complex else "", 1: "text"}.get(kind % 10, "a sparse matrix")
+        found[name] = np.array(other, dtype=object) if other else numbers
         place += size * (1 + bool(is_complex))
         _limit(0, len(found), len(content))
     return found

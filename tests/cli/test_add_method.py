@@ -102,6 +102,14 @@ def test_the_same_name_twice(tmp_path):
     assert found.exit_code == 2 and "is added twice" in found.stderr
 
 
+def test_claims_are_named_where_there_are_some(finished, tmp_path):
+    """The intervals of verdicts change without claims, too."""
+    for path in (finished[0], write(tmp_path, file="other.yaml", claims=None)):
+        said = cli("run", path, "-o", tmp_path / "dry", "--dry-run", "--add-method", C).stderr
+        assert "intervals of verdicts are simultaneous for 2 methods now" in said
+        assert ("claims rest on" in said) == (path == finished[0])
+
+
 def test_with_overrides_the_directory_is_that_of_the_overrides(tmp_path, monkeypatch):
     """The added method does not change its name."""
     monkeypatch.chdir(tmp_path)

@@ -79,6 +79,20 @@ ERRORS = {
         servo(noise="{measurement: {gaussian: {std: 1, cov: 1}}}"), "noise.measurement.gaussian", "{std",
         "give one of std, cov and density",
     ),
+    "a perturbed entry of a matrix": (
+        linear(uncertainty="{eps: +-10%}", plant=f"{{kind: linear, A: {A}, B: {B}, C: {C}, set: {{k: 1 + eps}}}}"),
+        "plant.set.k", "k", "linear has no named parameters; an uncertain entry of A is written with the kind "
+        "uncertain-linear (H_A, G_x), or take an `ode` with `perturb`",
+    ),
+    "an uncertain quantity in a matrix": (
+        linear(uncertainty="{eps: +-10%}", A="[[1, 0.1], [0, 0.9*(1 + eps)]]"), "plant.A", "[[1, 0.1]",
+        "column 10 of '0.9*(1 + eps)': 'eps' is an uncertain quantity, and this value is a fixed number; it stands in "
+        "`plant.perturb` and `plant.set`, and an uncertain entry of A is written with the kind uncertain-linear (H_A",
+    ),
+    "an uncertain quantity in a design": (
+        servo(methods="{R: {estimator: {kind: robust-kalman, c: 1 + eps}}}"), "methods.R.estimator.c", "1 + eps",
+        "column 5 of '1 + eps': 'eps' is an uncertain quantity, and this value is a fixed number",
+    ),
     "sigma": (
         servo(noise="{measurement: {gaussian: {sigma: 1}}}"), "noise.measurement.gaussian.sigma", "sigma",
         "did you mean 'std'?",
@@ -179,6 +193,11 @@ WARNINGS = {
     "a model without process noise": (
         linear(model="P_v: 0.01"), "model", "has no process noise, but the plant has: the gain of a filter tends to 0; "
         "give P_w",
+    ),
+    "a measurement noise that is forgotten": (
+        linear(noise="{process: same, measurement: {sum: [{delayed: 1}, {missing: {probability: 8%}}]}}"),
+        "noise.measurement", "has only laws that change y (delayed, missing); it adds no noise, although the design "
+        "model has one: {sum: [same, ..]}",
     ),
     "an unstable mode that is not measured": (
         linear(model="A: [[0.9, 0], [0, 1.3]], P_w: 1, P_v: 1"), "model",

@@ -203,6 +203,8 @@ MISTAKES = [
     ("noise", "{process: {sum: [same, 3]}}", "3", "noise.process.sum.1", "a number is no noise law"),
     ("noise", "{process: {sum: [same, {same: {scale: -1}}]}}", "-1", "noise.process.sum.1.same.scale", "must be >= 0"),
     ("noise", "{process: {gaussian: {std: 1}, same: {}}}", "{gau", "noise.process", "laws add up as a list: {sum: ["),
+    ("noise", f"{{measurement: [same, {G}]}}", "[same", "noise.measurement", "a list of laws is written {sum: [..]}"),
+    ("noise", f"[same, {G}]", "[same", "noise", "a list of laws is written {sum: [..]}"),
     ("noise", "{process: {none: {}}}", "{none", "noise.process", "'none' is not a known noise law; known: same, sum"),
     ("noise", f"{{process: {{sum: [{G}, {{uniform: {{radius: [1, -1]}}}}]}}}}", "-1",
      "noise.process.sum.1.uniform.radius.1", "must be >= 0 (got -1)"),

@@ -86,7 +86,7 @@ WRONG = {
     ),
     "perturb": (
         {"plant": PLANT.replace("Dv:", "perturb: {A: 1 + eps}, Dv:"), "uncertainty": "{eps: +-10%}"},
-        "plant.perturb.A: 'A' is not a known parameter of uncertain-linear; known: none",
+        "plant.perturb.A: uncertain-linear has no named parameters; an uncertain entry of A is written with the kind",
     ),
     "k in a covariance": (
         {"model": '{from: plant, W: "1 + k", V: 1}'},

@@ -240,6 +240,10 @@ WRONG = {
     '{from: ""}': "6:15: plant.from: must be the name of a configuration (got '')",
     "{from: b/bnch.yaml}": "6:15: plant.from: {here}/b/bnch.yaml: there is no such file; "
     "did you mean '{here}/b/bench.yaml'?",
+    "{from: b/system.mat}": "6:15: plant.from: must be the name of a configuration (.yaml); matrices of a file are "
+    "written A: {file: b/system.mat, name: A}",
+    "{from: A.csv}": "6:15: plant.from: must be the name of a configuration (.yaml); matrices of a file are written A: "
+    "{file: A.csv}",
     "{from: b}": "6:15: plant.from: {here}/b: is a directory, not a YAML file",
     "{from: taking.yaml}": "6:15: plant.from: taking.yaml: includes itself",
     "{from: b/cycle.yaml}": "b/cycle.yaml:1:15: plant.from: ../taking.yaml: includes itself",

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 from scipy.io import savemat
+from scipy.sparse import csc_matrix
 
 from rmpc_bench import load_config, run
 from rmpc_bench.types import ConfigError
@@ -102,6 +103,16 @@ def test_a_name_in_an_override_is_relative_to_the_configuration(directory, tmp_p
         ("{file: complex.npz}", "must be a matrix of finite real numbers (got shape (1,) of type complex128)"),
         ("{file: nan.npz}", "must be a matrix of finite real numbers"),
         ("{file: object.npz}", "object.npz: A.npy has Python objects"),
+        ("system.mat", "a file is written {file: system.mat, name: A}"),
+        ("data/A.csv", "a file is written {file: data/A.csv}"),
+        ("system.npy", "a file is written {file: system.npy, name: A}, and ends in .mat, .npz or .csv"),
+        ("system.TXT", "a file is written {file: system.TXT, name: A}, and ends in .mat, .npz or .csv"),
+        ("{file: other.mat, name: sys.A}", "sys is a struct; save its fields: save('other.mat', '-struct', 'sys')"),
+        ("{file: other.mat, name: sys}", "sys is a struct; save its fields: save('other.mat', '-struct', 'sys')"),
+        ("{file: other.mat, name: A}", "other.mat has no matrix 'A'; did you mean 'A1'?"),
+        ("{file: other.mat, name: P}", "P is a sparse matrix; save full(P)"),
+        ("{file: other.mat, name: cells}", "cells is a cell array; save its numbers as a matrix"),
+        ("{file: other.mat, name: words}", "words is text; save its numbers as a matrix"),
     ],
 )
 def test_a_file_without_the_matrix_is_an_error_at_its_name(directory, value, text):
@@ -109,13 +120,24 @@ def test_a_file_without_the_matrix_is_an_error_at_its_name(directory, value, tex
     (directory / "letters.csv").write_text("a,b\nc,2\n", encoding="utf-8")
     for name in ("text.mat", "text.npz"):
         (directory / name).write_text("no matrix", encoding="utf-8")
+    others = {"sys": {"A": A}, "A1": A, "P": csc_matrix(A), "words": "two", "cells": np.array([A, "a"], dtype=object)}
+    savemat(directory / "other.mat", others)
     np.savez(directory / "complex.npz", A=np.array([1j]))
     np.savez(directory / "nan.npz", A=np.array([[np.nan]]))
     np.savez(directory / "object.npz", A=np.array([{}], dtype=object))
     (found,) = problems(written(directory, ROWS.replace("[[0.9, 0.1], [0, 0.8]]", value)))
     assert "case.yaml:6:" in found
-    assert "plant.A.file" in found
+    assert ("plant.A.file: " if "file:" in value else "plant.A: ") in found
     assert text in found
+
+
+def test_a_system_in_a_struct_names_the_way_out(directory):
+    savemat(directory / "struct.mat", {"sys": {"A": A, "C": C}})
+    savemat(directory / "step.mat", {"A": A, "C": C, "Ts": {"Ts": 0.1}})
+    (found,) = problems(written(directory, "{linear: {from: struct.mat}}"))
+    assert found.endswith("has no matrix 'A': sys is a struct; save its fields: save('struct.mat', '-struct', 'sys')")
+    (found,) = problems(written(directory, "{linear: {from: step.mat}}"))
+    assert "Ts is a struct" in found
 
 
 def test_hdf5_files_of_matlab_name_the_way_out(directory):
