@@ -31,7 +31,7 @@ from rmpc_bench.analysis.levels import held_level
 from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, without_noise
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import FACTOR
+from rmpc_bench.analysis.verdict import FACTOR, sign_of
 from rmpc_bench.types import Array, MetricInfo
 
 
@@ -77,10 +77,10 @@ def ranks(losses: Losses, confidence: float, seed: int) -> Ranks:
     n = len(pairs)
     better = np.zeros((len(losses.methods), len(losses.methods)), dtype=bool)
     for number, (a, b) in enumerate(pairs):
-        sign = _sign(found[number])
+        sign = sign_of(found[number])
         if has_failed:
             n_failed = int(losses.failed[:, a].sum()), int(losses.failed[:, b].sum())
-            sign = _with_failures(sign, _sign(found[n + number]), _sign(found[2 * n + number]), n_failed)
+            sign = _with_failures(sign, sign_of(found[n + number]), sign_of(found[2 * n + number]), n_failed)
         better[a, b], better[b, a] = sign < 0, sign > 0
     return Ranks(losses.methods, better, level, dict(zip(pairs, zip(accuracy, found[:n], strict=True), strict=True)))
 
@@ -117,12 +117,6 @@ def group_intervals(
     columns = [row[method].per_run for row in found for method in methods if method != baseline]
     level = held_level(np.stack(columns, axis=1), confidence, seed) if columns else confidence
     return [[(each, interval_of(each.per_run, level, seed)) for each in row] for row in found]
-
-
-def _sign(interval: Interval) -> int:
-    """Return the sign of an interval that excludes 0, else 0; NaN excludes nothing."""
-    low, high = interval
-    return 1 if low > 0 else -1 if high < 0 else 0
 
 
 class Difference(NamedTuple):

@@ -96,7 +96,7 @@ def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:
     word = _word(evidence)
     if failures is None or failures.method_only == failures.baseline_only:
         return word
-    fails_more, is_certain = failures.method_only > failures.baseline_only, bool(_sign(failures.interval))
+    fails_more, is_certain = failures.method_only > failures.baseline_only, bool(sign_of(failures.interval))
     if fails_more and is_certain:
         return Verdict.FAILS_MORE
     # Failures can make a method worse than its finished runs say, and its baseline's can make it better.
@@ -120,7 +120,7 @@ def _word(evidence: Evidence) -> Verdict:
     if counts_decide(evidence):
         return _word_of_counts(evidence.superiority)
     low, high = evidence.interval
-    sign, other = _sign(evidence.interval), _sign(evidence.other)
+    sign, other = sign_of(evidence.interval), sign_of(evidence.other)
     if sign * other < 0:
         return Verdict.DEPENDS_ON_AVERAGE
     if _inside(evidence):
@@ -139,7 +139,7 @@ def _word_of_counts(superiority: Interval) -> Verdict:
     return Verdict.WORSE if high < 0.5 else Verdict.INCONCLUSIVE
 
 
-def _sign(interval: Interval) -> int:
+def sign_of(interval: Interval) -> int:
     """Return the sign of an interval that excludes 0, else 0; NaN excludes nothing."""
     low, high = interval
     return 1 if low > 0 else -1 if high < 0 else 0

@@ -20,7 +20,6 @@ from rmpc_bench.types.texts import cut, in_columns, width_of, wrapped
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.types import Noise
 
 
 MOST_METHODS, FIRST_METHODS = 40, 30  # methods that have a line; of more the first ones
@@ -199,7 +198,9 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
     for name, law in config.first_point["noise"].items():
         size = experiment.plant.nw if name == "process" else experiment.plant.nv
         terms = experiment.scenario.process if name == "process" else experiment.scenario.measurement
-        if isinstance(law, dict) and "same" in law and size and all(_silent(term) for term in terms):
+        moments = [moment for term in terms for moment in (term.mean, term.cov)]
+        is_silent = all(moment is not None and not moment.any() for moment in moments)
+        if isinstance(law, dict) and "same" in law and size and is_silent:
             yield f"{name} noise: `same` as that of the design model, which has none"
     # A class for one run cannot say whether it has limits.
     laws = [method for method in experiment.methods if not isinstance(method.controller, SingleDesign)]
@@ -216,11 +217,6 @@ def _of_components(config: ExperimentConfig) -> Iterator[str]:
             ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} methods" for names in forms.values()
         )
         yield f"x_hat(k) uses y(k) in {with_y}, and not in {without}"
-
-
-def _silent(term: Noise) -> bool:
-    """Whether a noise law is known to be always 0."""
-    return all(moment is not None and not moment.any() for moment in (term.mean, term.cov))
 
 
 def _values(config: ExperimentConfig, path: str) -> str:

@@ -39,6 +39,7 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
     state and the methods.
     """
+    from rmpc_bench.components.designs import registered_design
     from rmpc_bench.components.reference import CodeError
 
     own = _named_component(name)
@@ -55,7 +56,7 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
         if number:
             click.echo()
         try:
-            _show(group, kind)
+            _show_design(group, kind, registered_design(group, kind))
         except CodeError as error:
             raise click.BadParameter(f"{group}/{kind}: {error}") from None
     return 0
@@ -236,13 +237,6 @@ def _show_own(group: str, reference: CodeReference) -> None:
             _show_design(group, reference.text, loaded_design(group, reference))
     except CodeError as error:
         raise click.BadParameter(error.line) from None
-
-
-def _show(group: str, kind: str) -> None:
-    """Show a registered component."""
-    from rmpc_bench.components.designs import registered_design
-
-    _show_design(group, kind, registered_design(group, kind))
 
 
 def _show_design(group: str, kind: str, design: Any) -> None:

@@ -76,7 +76,8 @@ def show(
         _export(found, export)
     if plot is not None:
         _plot(found, plot)
-    return exits.FINDING_DIFFERS if _differs(found, until) else 0
+    differs = found.stored_status and (found.differing or found.status != found.stored_status)
+    return exits.FINDING_DIFFERS if until is None and differs else 0
 
 
 def _row(directory: Path, method: str, text: str, point: dict[str, str]) -> list[str]:
@@ -151,10 +152,6 @@ def _post_mortem(error: BaseException) -> bool:
         return False
     pdb.post_mortem(user_entry(error))
     return True
-
-
-def _differs(found: Replay, until: int | None) -> bool:
-    return until is None and bool(found.stored_status) and bool(found.differing or found.status != found.stored_status)
 
 
 def _lines(found: Replay, until: int | None) -> list[str]:

@@ -14,7 +14,14 @@ from rmpc_bench.config.check import FirstCalls, warnings_of
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ModelFacts
 from rmpc_bench.config.identity import SweepPoint, sweep_point
 from rmpc_bench.config.input import built_controller
-from rmpc_bench.config.noise import NoiseLaws, delay_of, refuse_feedthrough, refuse_unbridged, with_prediction
+from rmpc_bench.config.noise import (
+    UNCERTAIN_MATRIX,
+    NoiseLaws,
+    delay_of,
+    refuse_feedthrough,
+    refuse_unbridged,
+    with_prediction,
+)
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant import (
     UncertainParameter,
@@ -28,7 +35,6 @@ from rmpc_bench.config.plant import (
     refuse_runs,
     refuse_start,
     refuse_unreachable,
-    unknown_parameter,
 )
 from rmpc_bench.config.statistics import shares
 from rmpc_bench.config_file.component import Component
@@ -325,7 +331,10 @@ class _ExperimentBuilder:
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
                     key = "perturb" if change.relative else "set"
-                    message = unknown_parameter(name, plant, component.kind)
+                    message = unknown(name, plant.nominal, f"parameter of {component.kind}")
+                    if not plant.nominal:
+                        without = f"{component.kind} has no named parameters"
+                        message = f"{without}; {UNCERTAIN_MATRIX}, or take an `ode` with `perturb`"
                     self.draft.problems.append(Problem(*change.mark, f"plant.{key}.{name}", message))
         return plant
 

@@ -173,18 +173,16 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
         roles |= {f"against.{role}": component for role, component in opponent.named.items()}
     terms = {f"noise.{channel}.{i}": term for channel, sum_ in draft.noise.items() for i, term in enumerate(sum_)}
     terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial["laws"])}
-    if draft.model is not None and any(term.same is not None or _has_density(term) for term in terms.values()):
+    # A density is sampled with the plant's equations at the operating point of the design model.
+    densities = [term.law.parameters.get("density") for term in terms.values() if term.law is not None]
+    needs_model = any(term.same is not None for term in terms.values()) or any(each is not None for each in densities)
+    if draft.model is not None and needs_model:
         # The noise of the plant does not depend on the disturbances of the design model.
         common["model"] = _without_later(draft.model, draft.model.without_shared().resolved(without_path))
         roles["model"] = draft.model
     # An edit of an estimator in the file of the plant is no other experiment.
     code = own.identity({**roles, **{role: term.law for role, term in terms.items()}}, whole=False)
     return {**common, "code": code} if code else common
-
-
-def _has_density(term: NoiseTerm) -> bool:
-    """Whether a law is sampled with the plant's equations at the operating point of the design model."""
-    return term.law is not None and term.law.parameters.get("density") is not None
 
 
 def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:

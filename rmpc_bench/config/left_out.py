@@ -36,10 +36,10 @@ def leave_out(draft: DraftConfig, claims: tuple[Claim, ...], before: int) -> tup
     found: dict[str, dict[int, Problem]] = {"claims": {}, "figures": {}}
     kept, settings = draft.problems[:before], list[Problem]()
     for problem in draft.problems[before:]:
-        section, number = _entry(problem)
+        steps, (section, number) = problem.path.split("."), _entry(problem)
         if number is not None and section in found and draft.is_inherited([section, number]):
             found[section].setdefault(number, problem)
-        elif _is_setting(draft, problem):
+        elif tuple(steps[:2]) in _LISTS and draft.is_inherited(steps):
             settings.append(problem)
         else:
             kept.append(problem)
@@ -56,12 +56,6 @@ def _entry(problem: Problem) -> tuple[str, int | None]:
     """Return the section that a problem is about, and the position of the entry of its list."""
     section, *steps = problem.path.split(".")
     return section, int(steps[0]) if steps and steps[0].isdigit() else None
-
-
-def _is_setting(draft: DraftConfig, problem: Problem) -> bool:
-    """Whether a problem is about an entry of an inherited list of methods, metrics or requirements."""
-    steps = problem.path.split(".")
-    return tuple(steps[:2]) in _LISTS and draft.is_inherited(steps)
 
 
 def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
@@ -218,16 +212,12 @@ def problems_at_origin(draft: DraftConfig, given: Map) -> list[Problem]:
     methods = given.get("methods")
     if isinstance(methods, Map) and GRID in methods:
         visit(given, ["methods", GRID], methods[GRID])
-    of_plant = {_without_path(problem) for problem in draft.problems if problem.path.startswith("plant.")}
+    of_plant = {replace(problem, path="") for problem in draft.problems if problem.path.startswith("plant.")}
     return [
         _moved(problem, paths)
         for problem in draft.problems
-        if problem.path.startswith("plant.") or _without_path(problem) not in of_plant
+        if problem.path.startswith("plant.") or replace(problem, path="") not in of_plant
     ]
-
-
-def _without_path(problem: Problem) -> tuple[str, int, int, str]:
-    return problem.file, problem.line, problem.column, problem.message
 
 
 def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Problem:
@@ -237,4 +227,4 @@ def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Pr
     # A block mapping has the same place as its first key; the last step of the path distinguishes the two.
     last = problem.path.split(".")[-1]
     path = next((path for path in here if path.split(".")[-1] == last), here[0])
-    return Problem(problem.file, problem.line, problem.column, path, problem.message)
+    return replace(problem, path=path)

@@ -84,20 +84,15 @@ def canonicalise(
         **{key: values[key] for key in _AS_GIVEN},
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
-        labels=_labels(draft, experiment),
+        labels={
+            name: label + " (oracle)" * (name in experiment.oracles and "oracle" not in label)
+            for name, label in draft.labels.items()
+        },
         figures=tuple(figure for figure in draft.figures if figure is not None),
         claims=claims,
         resolved=_with_sweep(first_point, sweep, own),
         first_point=first_point,
     )
-
-
-def _labels(draft: DraftConfig, experiment: Experiment) -> dict[str, str]:
-    """Return the labels; that of a method which knows the plant says so."""
-    return {
-        name: label + (" (oracle)" if name in experiment.oracles and "oracle" not in label else "")
-        for name, label in draft.labels.items()
-    }
 
 
 def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:

@@ -66,11 +66,10 @@ def explain_uncertain(draft: DraftConfig) -> None:
     """Say of numbers that are written with an uncertain quantity where such a quantity may stand."""
     names = uncertain_names(draft)
 
+    said = f"this value is a fixed number; it stands in `plant.perturb` and `plant.set`, and {UNCERTAIN_MATRIX}"
+
     def explained(found: re.Match[str]) -> str:
-        if found[1] not in names:
-            return found[0]
-        way_out = f"it stands in `plant.perturb` and `plant.set`, and {UNCERTAIN_MATRIX}"
-        return f"{found[1]!r} is an uncertain quantity, and this value is a fixed number; {way_out}"
+        return f"{found[1]!r} is an uncertain quantity, and {said}" if found[1] in names else found[0]
 
     draft.problems[:] = [replace(each, message=_UNKNOWN.sub(explained, each.message)) for each in draft.problems]
 

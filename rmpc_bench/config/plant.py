@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Gt, Len, Lt
@@ -19,7 +19,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator
 
 from rmpc_bench.config.draft import DraftConfig, ParameterChange
-from rmpc_bench.config.noise import UNCERTAIN_MATRIX, uncertain_names
+from rmpc_bench.config.noise import uncertain_names
 from rmpc_bench.config_file.component import Component
 from rmpc_bench.config_file.keys import shown
 from rmpc_bench.config_file.tree import Map, locate_key
@@ -116,18 +116,7 @@ def gap_warnings(draft: DraftConfig, experiment: Experiment) -> Iterator[tuple[l
 RANGE_KEYS = ("bounds", "diverged", "angles")  # keys of a plant that are no parameters of its design
 
 
-class _Number(NamedTuple):
-    """A number with the unit that stands behind it; empty without one."""
-
-    value: float
-    unit: str
-
-
-def _number(given: Any) -> _Number | None:
-    return None if given is None else _Number(*quantity.with_unit(given))
-
-
-Entry = Annotated[Any, BeforeValidator(_number)]
+Entry = Annotated[Any, BeforeValidator(lambda given: None if given is None else quantity.with_unit(given))]
 Bounds: Any = dict[str, Annotated[list[Entry], Len(2, 2)]]
 Limit = Annotated[float, Gt(0), Lt(LARGEST)]
 Limits: Any = Limit | list[Limit] | dict[str, Limit]
@@ -147,9 +136,9 @@ def read_range(draft: DraftConfig) -> None:
         draft.plant_range["angles"] = dict.fromkeys(angles, 2.0 * np.pi)
     bounds = draft.plant_range.get("bounds")
     if bounds:
-        pairs = {name: [None if each is None else each.value for each in pair] for name, pair in bounds.items()}
+        pairs = {name: [None if each is None else each[0] for each in pair] for name, pair in bounds.items()}
         draft.plant_range["bounds"] = pairs
-        draft.bound_units = {name: {each.unit for each in pair if each} - {""} for name, pair in bounds.items()}
+        draft.bound_units = {name: {each[1] for each in pair if each} - {""} for name, pair in bounds.items()}
 
 
 def read_plant_keys(draft: DraftConfig) -> None:
@@ -179,13 +168,6 @@ def read_plant_keys(draft: DraftConfig) -> None:
                     expression()
             except quantity.QuantityError as error:
                 draft.note(path, str(error))
-
-
-def unknown_parameter(name: str, plant: Plant, kind: str) -> str:
-    """Say that a plant has no parameter of a name, or none with a name at all."""
-    if plant.nominal:
-        return unknown(name, plant.nominal, f"parameter of {kind}")
-    return f"{kind} has no named parameters; {UNCERTAIN_MATRIX}, or take an `ode` with `perturb`"
 
 
 def given_bounds(draft: DraftConfig) -> dict[str, tuple[float, float]]:
@@ -265,14 +247,17 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
     `x0` is the true initial state without its deviation, None where it has an error.
     """
     bounds, found = draft.plant_range.get("bounds") or {}, len(draft.problems)
+    inputs = () if plant.signals is None else (*plant.signals.inputs, *(f"u.{i}" for i in range(plant.nu)))
     low, high = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf)
-    _check_start_units(draft, plant)
+    for i, (name, unit) in enumerate(zip(state_names(plant), draft.start_units, strict=False)):
+        for message in _wrong_units(plant, name, {unit} - {""}):
+            draft.note(["initial", "x", i], message)
     for name, pair in bounds.items():
         lower, upper = _pair(*pair)
         if not lower < upper:
             message = f"the lower bound {lower:g} must be below the upper bound {upper:g}"
             draft.note(["plant", "bounds", name], message)
-        if name in _inputs(plant):
+        if name in inputs:
             _check_unit(draft, plant, name)
             continue
         states = _states(draft, plant, "bounds", name)
@@ -312,11 +297,6 @@ def state_names(plant: Plant) -> tuple[str, ...]:
     return plant.signals.states if plant.signals is not None else tuple(f"x.{i}" for i in range(plant.nx))
 
 
-def _inputs(plant: Plant) -> tuple[str, ...]:
-    """Names that stand for inputs in `bounds`."""
-    return () if plant.signals is None else (*plant.signals.inputs, *(f"u.{i}" for i in range(plant.nu)))
-
-
 def _states(draft: DraftConfig, plant: Plant, key: str, name: str) -> slice | None:
     """Return the states that a name stands for: its own, `x` for all, `x.i` for one, counted from 0."""
     names = state_names(plant)
@@ -342,13 +322,6 @@ def _check_unit(draft: DraftConfig, plant: Plant, name: str) -> None:
     """Report a unit other than that of the state or the input."""
     for message in _wrong_units(plant, name, draft.bound_units.get(name, set())):
         draft.note(["plant", "bounds", name], message)
-
-
-def _check_start_units(draft: DraftConfig, plant: Plant) -> None:
-    """Report units of the initial state other than those of the states."""
-    for i, (name, unit) in enumerate(zip(state_names(plant), draft.start_units, strict=False)):
-        for message in _wrong_units(plant, name, {unit} - {""}):
-            draft.note(["initial", "x", i], message)
 
 
 def _wrong_units(plant: Plant, name: str, given: set[str]) -> Iterator[str]:

@@ -117,7 +117,10 @@ class RoundBuilder:
             [point] = build([draft], own, smoke=self._origin.smoke, cache=self._cache, calls=self._calls)
             if point is not None and not draft.problems:
                 return point, left
-            lost = {trial for trial in left if any(_is_about(problem.path, trial) for problem in draft.problems)}
+            starts = {trial: f"{join(['methods', trial.name])}." for trial in left}
+            lost = {
+                trial for trial in left if any(f"{each.path}.".startswith(starts[trial]) for each in draft.problems)
+            }
             if not lost:
                 raise ConfigError(draft.problems)
             left = [trial for trial in left if trial not in lost]
@@ -166,8 +169,3 @@ class RoundBuilder:
                 own = with_values(draft, own, {each.path: as_value(each, value) for each, value in pairs}, mark)
             found.put(trial.name, own, mark, mark)
         return found
-
-
-def _is_about(path: str, trial: Trial) -> bool:
-    start = join(["methods", trial.name])
-    return path == start or path.startswith(f"{start}.")

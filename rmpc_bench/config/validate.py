@@ -84,7 +84,9 @@ def _sections(
     read_plant_keys(draft)
     draft.model = _component(draft, "model")
     draft.reference = _component(draft, "reference")
-    _input(draft)
+    if "input" in tree:
+        draft.input = _component(draft, "input")
+        check_input(draft)
     read_noise(draft)
     read_initial(draft)
     read_method_section(draft)
@@ -160,14 +162,6 @@ def _refuse_unit(draft: DraftConfig) -> None:
             message = f"the parameters of the {role} `{component.kind}` are in seconds: time.unit must be s"
             draft.note(["time", "unit"], message)
             return
-
-
-def _input(draft: DraftConfig) -> None:
-    """Read the input in open loop; an experiment with a controller has one of some inputs only, or none."""
-    if "input" not in draft.tree:
-        return
-    draft.input = _component(draft, "input")
-    check_input(draft)
 
 
 def _named(metric: Component) -> Component:

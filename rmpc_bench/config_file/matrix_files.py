@@ -71,7 +71,9 @@ class _Reader:
                 of = node.get("of") if key == "values" and isinstance(value, Map) else None
                 rows = isinstance(of, Items)
                 result[key] = self._table(value, [*path, key], of) if rows else self.replaced(value, [*path, key])
-            return self._system(result, path) if _is_system(result) else result
+            source = result.get("linear")
+            is_system = isinstance(source, Map) and {*source} == {"from"} and isinstance(source["from"], str)
+            return self._system(result, path) if is_system else result
         if isinstance(node, Items):
             return node.like(self.replaced(value, [*path, number]) for number, value in enumerate(node))
         return node
@@ -156,12 +158,6 @@ def _is_matrix(node: Map) -> bool:
     return set(node) <= {"file", "name"} and isinstance(file, str) and file.lower().endswith(SUFFIXES)
 
 
-def _is_system(node: Map) -> bool:
-    """Whether a component names the file of a linear system."""
-    source = node.get("linear")
-    return isinstance(source, Map) and set(source) == {"from"} and isinstance(source["from"], str)
-
-
 def _read(file: Path, text: str) -> Mapping[str, Array]:
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
@@ -184,12 +180,12 @@ def _named(content: Mapping[str, Array], name: str, text: str) -> Array:
     if name in numbers:
         return numbers[name]
     near = difflib.get_close_matches(name, numbers, n=1)
-    others = [each for each in (name, name.partition(".")[0], *content) if each in content and each not in numbers]
+    others = {each: str(content[each].item()) for each in content if each not in numbers}
+    asked = [each for each in (name, name.partition(".")[0]) if each in others]
     hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(content) or 'none'}"
-    if others and (others[0] != next(iter(content)) or not near):
-        kind = content[others[0]].item()
-        way_out = WAYS_OUT.get(kind, "save its numbers as a matrix").format(name=others[0], file=text)
-        hint = f": {others[0]} is {kind}; {way_out}"
+    for other in asked or [each for each in others if others[each] in WAYS_OUT and not near][:1]:
+        way_out = WAYS_OUT.get(others[other], "save its numbers as a matrix").format(name=other, file=text)
+        hint = f": {other} is {others[other]}; {way_out}"
     raise _FileError(f"{text} has no matrix {name!r}{hint}")
 
 

@@ -40,13 +40,7 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 }
 RESERVED = (*_CONSTANTS, *_FUNCTIONS)
 """Names that have a meaning in every quantity."""
-_OPERATORS: dict[str, Callable[[float, float], float]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-}
-_ON_ARRAYS: dict[str, Callable[[Column, Column], Column]] = {
+_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -110,7 +104,7 @@ def _column(node: Node, columns: Mapping[str, Column], n: int) -> Column | None:
             if found is None or right is None:
                 return None
             with np.errstate(all="ignore"):
-                found = _ON_ARRAYS[following.operator](found, right)
+                found = _OPERATORS[following.operator](found, right)
             if not np.isfinite(found).all():
                 return None
     return found if found is not None and np.isfinite(found).all() else None
@@ -240,10 +234,9 @@ def _parse(text: str | float | int, names: Collection[str], start: int) -> Expre
 def written_file(text: str) -> str:
     """Write how a configuration names a file of numbers; empty where a text is no name of one."""
     found = _FILE.fullmatch(text)
-    if found is None or found[1].lower() == "csv":
-        return f"{{file: {text}}}" if found else ""
-    ending = "" if found[1].lower() in ("mat", "npz") else ", and ends in .mat, .npz or .csv"
-    return f"{{file: {text}, name: A}}{ending}"
+    ending = found[1].lower() if found else ""
+    name, other = ", name: A" * (ending != "csv"), ", and ends in .mat, .npz or .csv" * (ending in ("npy", "txt"))
+    return f"{{file: {text}{name}}}{other}" if found else ""
 
 
 def _number_text(number: float | int) -> str:

@@ -110,6 +110,7 @@ def test_a_name_in_an_override_is_relative_to_the_configuration(directory, tmp_p
         ("{file: other.mat, name: sys.A}", "sys is a struct; save its fields: save('other.mat', '-struct', 'sys')"),
         ("{file: other.mat, name: sys}", "sys is a struct; save its fields: save('other.mat', '-struct', 'sys')"),
         ("{file: other.mat, name: A}", "other.mat has no matrix 'A'; did you mean 'A1'?"),
+        ("{file: other.mat, name: M2}", "other.mat has no matrix 'M2': sys is a struct; save its fields: "),
         ("{file: other.mat, name: P}", "P is a sparse matrix; save full(P)"),
         ("{file: other.mat, name: cells}", "cells is a cell array; save its numbers as a matrix"),
         ("{file: other.mat, name: words}", "words is text; save its numbers as a matrix"),
@@ -120,7 +121,14 @@ def test_a_file_without_the_matrix_is_an_error_at_its_name(directory, value, tex
     (directory / "letters.csv").write_text("a,b\nc,2\n", encoding="utf-8")
     for name in ("text.mat", "text.npz"):
         (directory / name).write_text("no matrix", encoding="utf-8")
-    others = {"sys": {"A": A}, "A1": A, "P": csc_matrix(A), "words": "two", "cells": np.array([A, "a"], dtype=object)}
+    others = {
+        "sys": {"A": A},
+        "sys1": A,
+        "A1": A,
+        "P": csc_matrix(A),
+        "words": "two",
+        "cells": np.array([A, "a"], dtype=object),
+    }
     savemat(directory / "other.mat", others)
     np.savez(directory / "complex.npz", A=np.array([1j]))
     np.savez(directory / "nan.npz", A=np.array([[np.nan]]))
