@@ -1,5 +1,6 @@
-"""Keys of estimators that have no default, for tests of all kinds; a new kind with such a key gets a line here."""
+"""Keys without a default, for tests of all estimators and controllers; a new kind with such a key gets a line here."""
 
+import json
 from typing import Any
 
 REQUIRED: dict[str, dict[str, Any]] = {
@@ -10,9 +11,18 @@ REQUIRED: dict[str, dict[str, Any]] = {
     "robust-h-infinity": {"alpha": 0.1},
     "robust-kalman": {"c": 0.1},
     "wasserstein-kalman": {"radius": 0.01},
+    "gpc": {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1},
+    "mpc": {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1},
+    "minimax-lq": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
+    "lqr": {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
+    "control-lqr": {"Q_x": 1.0, "R_u": 0.1},
+    "tube-mpc": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1, "limits": {"u": (-1.0, 1.0)}, "W": 0.1},
+    "game-gain": {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
+    "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
+    "pid": {"Kp": 1.0},
 }
 
 
 def in_yaml(kind: str) -> str:
-    """Return the required keys of an estimator as a part of a mapping in YAML."""
-    return ", ".join(f"{key}: {value}" for key, value in REQUIRED.get(kind, {}).items())
+    """Return the required keys of a kind as a part of a mapping in YAML."""
+    return ", ".join(f"{key}: {json.dumps(value)}" for key, value in REQUIRED.get(kind, {}).items())

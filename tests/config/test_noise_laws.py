@@ -125,7 +125,7 @@ def test_estimators_that_do_not_bridge_are_named(load):
     assert found.startswith("9:") and "'KF'" not in found and "robust-kalman" in found
 
 
-def test_kinds_that_the_message_names_bridge():
+def test_every_kind_that_the_message_names_bridges():
     """Oracle: the designs of these kinds, as far as a linear model has no further keys."""
     assert set(registry.BRIDGING) <= set(registry.names("estimators"))
     model = LinearModel(np.array([[0.9]]), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)))

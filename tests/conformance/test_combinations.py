@@ -164,7 +164,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_the_table_has_every_cell():
+def test_the_table_has_every_kind():
     """Oracle: the registry; kinds that were added later may be missing."""
     assert len(CONTROLLERS) >= 9 and set(CONTROLLERS) <= set(registry.names("controllers"))
     assert set(expected()) == {(plant, scenario) for plant in PLANTS for scenario in SCENARIOS}
@@ -175,7 +175,7 @@ def test_the_table_has_every_cell():
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("plant", PLANTS)
-def test_every_cell_runs_or_names_its_error(plant, scenario):
+def test_every_kind_runs_or_names_its_error(plant, scenario):
     """Oracle: the table; here every tenth cell, in `.ci/run` all."""
     cells = CELLS if ALL else CELLS[len(plant + scenario) % 10 :: 10]
     experiment, messages = loaded(plant, scenario, cells)

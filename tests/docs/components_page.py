@@ -189,4 +189,4 @@ def _shared_rows(group: str) -> list[str]:
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
     names = Counter(row.split("|")[1] for row in counts)
     inner = {row for row in counts if names[row.split("|")[1]] == 1 and "." in row.split("|")[1]}
-    return [row for row, count in counts.items() if count >= SHARED_BY - (row in inner)]
+    return sorted(row for row, count in counts.items() if count >= SHARED_BY - (row in inner))

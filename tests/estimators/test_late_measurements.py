@@ -6,7 +6,9 @@ exact: mean and covariance of Gaussian variables given what has arrived.
 
 import numpy as np
 import pytest
+from conformance.test_estimators import KALMAN_LIMITS
 from conftest import ROUND, SOLVER
+from required_keys import REQUIRED
 
 from rmpc_bench.config_file.factories import estimator
 from rmpc_bench.models.linear import LinearModel
@@ -69,18 +71,15 @@ def exact(k, p0, *, uses_newest):
 WALK = {"A": [[1.0]], "B": [[0.0]]}
 OUTPUTS = {1: [[1.0]], 2: [[1.0], [0.5]]}
 UNCERTAIN = {"Bw": [[1.0]], "H_A": [[0.0]], "G_x": [[0.0]]}
-LIMITS = {
-    "control-lqe": {}, "correntropy-kalman": {"sigma": 1e6}, "directional-kalman": {"q": 0.0, "direction": 1.0},
-    "enhanced-robust": {}, "extended-kalman": {}, "fading-kalman": {"alpha": 1.0}, "gated-kalman": {"gate": 1e6},
-    "h-infinity": {"theta": 0.0}, "huber-kalman": {"k": 1e6}, "kalman": {}, "kalman-disturbance": {"D0": 0.0},
-    "kalman-predictor": {}, "lmmse": {"form": "filter"}, "oracle": {},
-    "mixed": {"M0": np.zeros((1, 1))}, "moving-horizon": {"window": 2},
-    "nonlinear-moving-horizon": {"window": 2},
-    "risk-sensitive": {"theta": 1e-12}, "robust-h-infinity": {"alpha": 1.0}, "robust-kalman": {"c": 1e-12},
-    "sayed-bdu": {}, "student-kalman": {"dof": 1e12}, "unscented-kalman": {}, "wasserstein-kalman": {"radius": 0.0},
+LIMITS = KALMAN_LIMITS | {
+    "control-lqe": {}, "mixed": {"M0": np.zeros((1, 1))}, "moving-horizon": {"window": 2},
+    "nonlinear-moving-horizon": {"window": 2}, "oracle": {},
 }  # fmt: skip
 """Keys with which a kind is `kalman` or `kalman-predictor`."""
-OTHERS = {"lp-window": {"Ne": 2}, "set-membership": {"inflate": False}}
+OTHERS = {kind: REQUIRED.get(kind, {}) for kind in BRIDGING if kind not in LIMITS} | {
+    "lp-window": {"Ne": 2},
+    "set-membership": {"inflate": False},
+}
 """Kinds without this limit."""
 PREDICTORS = {"enhanced-robust", "kalman-predictor", "oracle", "robust-h-infinity"}
 NEED_UNCERTAINTY = {"enhanced-robust", "lmmse", "oracle", "robust-h-infinity", "sayed-bdu"}
@@ -114,11 +113,6 @@ def revealed(kind, n_runs, ny=1):
     plant = oracle_plant(ny)
     nominal = {name: np.full(n_runs, value) for name, value in plant.nominal.items()}
     return (plant.draw(nominal, [np.random.default_rng(i) for i in range(n_runs)], STEPS),)
-
-
-def test_the_cases_are_those_of_all_kinds():
-    """Oracle: the list of kinds in the message for the others."""
-    assert {*LIMITS, *OTHERS} == {*BRIDGING}
 
 
 def test_the_exact_values():

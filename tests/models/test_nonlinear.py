@@ -87,16 +87,6 @@ def test_f_has_the_matrices_of_the_linear_model_at_the_operating_point():
     np.testing.assert_array_equal(again.f(model.x_op, [3.0]), model.f(model.x_op, [3.0]))
 
 
-KEYS = {
-    "gpc": {"Np": 3, "Q_yw": 1.0, "Q_u": 0.1},
-    "mpc": {"Hp": 3, "Hu": 2, "Q": 1.0, "R": 0.1},
-    "minimax-lq": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
-    "lqr": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
-    "control-lqr": {"Q_x": 1.0, "R_u": 0.1},
-    "tube-mpc": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1, "limits": {"u": (-1.0, 1.0)}, "W": 0.1},
-    "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
-    "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
-}
 NONLINEAR = ("extended-kalman", "nonlinear-moving-horizon", "unscented-kalman")
 """Estimators for nonlinear models."""
 LINEAR = [
@@ -118,7 +108,7 @@ def test_linear_methods_refuse_a_nonlinear_model_with_the_way_out(group, kind):
     make = registry.get(group, kind)
     given = {name: value for name, value in provided.items() if name in inspect.signature(make).parameters}
     with pytest.raises(DesignError, match="linearise|uncertain matrices"):
-        make(model, **given, **KEYS.get(kind, {}), **REQUIRED.get(kind, {}))
+        make(model, **given, **REQUIRED.get(kind, {}))
 
 
 def test_a_compiled_model_is_the_same_and_faster_to_call():
@@ -232,7 +222,7 @@ def test_what_does_not_support_a_trajectory_says_so():
     with pytest.raises(DesignError, match="use kalman"):
         registry.get("estimators", "lp-window")(model, STEPS, x0=np.zeros(2))
     with pytest.raises(DesignError, match="the estimator kalman or the controller gpc"):
-        registry.get("controllers", "mpc")(model, **KEYS["mpc"])
+        registry.get("controllers", "mpc")(model, **REQUIRED["mpc"])
     with pytest.raises(DesignError, match="at: trajectory"):
         gpc(model, STEPS, **KEYS["gpc"], tuning=LpNoise(Ne2=4, kp=0.3))
     with pytest.raises(DesignError, match="no effect"):
