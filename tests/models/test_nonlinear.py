@@ -224,7 +224,7 @@ def test_what_does_not_support_a_trajectory_says_so():
     with pytest.raises(DesignError, match="the estimator kalman or the controller gpc"):
         registry.get("controllers", "mpc")(model, **REQUIRED["mpc"])
     with pytest.raises(DesignError, match="at: trajectory"):
-        gpc(model, STEPS, **KEYS["gpc"], tuning=LpNoise(Ne2=4, kp=0.3))
+        gpc(model, STEPS, **REQUIRED["gpc"], tuning=LpNoise(Ne2=4, kp=0.3))
     with pytest.raises(DesignError, match="no effect"):
         linearise(TS, two_tanks(), noise=NOISE, at="trajectory", jacobian=tanks.rhs)
 
