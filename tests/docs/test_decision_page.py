@@ -35,7 +35,7 @@ def test_outliers():
     single = rows.loc[[(point, each) for point in heavy for each in ("gate", "correntropy")]]
     few = single["far_worse_runs"].astype(int)
     assert (single["ci_high"] > 1e6).all() and f"lost {few.min()} to {few.max()} of 200 runs" in WORDS
-    assert f"says that {few.min()} to {few.max()} of the runs decide the mean" in WORDS
+    assert f"{few.min()} to {few.max()} of the runs determine the mean" in WORDS
 
 
 def test_dry_friction():
