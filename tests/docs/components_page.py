@@ -53,7 +53,7 @@ TITLES = {
     "estimators": "Estimators: Kalman filters, robust filters and moving horizon",
     "models": "Models: the dynamics, and a covariance matrix for each noise (Q and R)",
 }
-"""Titles of groups with the words for which a search should find them."""
+"""Titles with the words for which a search should find them."""
 LANGUAGES = {".csv": "csv", ".py": "python"}
 WITH_FIGURE = ("plants", "models", "estimators", "controllers", "figures")
 JOINT = ("plants", "models")
@@ -92,15 +92,8 @@ def _group(group: str) -> str:
         ", ".join(f"`{each}`" for each in sharing(found)): found for found in map(partial(_manual, group), kinds)
     }
     common = [f"- {named}: {module_text(found)}" for named, found in modules.items() if module_text(found)]
-    kinds_table = table(("name", "what it is"), rows)
-    return page(
-        f"# {TITLES.get(group, group.capitalize())}",
-        ABOUT[group],
-        kinds_table,
-        "\n".join(common),
-        "## Keys" * bool(keys),
-        *keys,
-    )
+    title, kinds_table = TITLES.get(group, group.capitalize()), table(("name", "what it is"), rows)
+    return page(f"# {title}", ABOUT[group], kinds_table, "\n".join(common), "## Keys" * bool(keys), *keys)
 
 
 def _kind(group: str, kind: str) -> str:
