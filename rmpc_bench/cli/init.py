@@ -124,7 +124,7 @@ def _add(component: str) -> int:
         return exits.CANNOT_WRITE
     click.echo(f"next    write the method into {next(iter(texts))}, and its limit into the docstring")
     click.echo("        make docs lint type")
-    click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'])))}'")
+    click.echo(f"        pytest -k '{' or '.join(dict.fromkeys((kind, _words(kind)['MODULE'], 'every_kind')))}'")
     return 0
 
 

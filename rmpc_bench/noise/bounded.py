@@ -6,6 +6,7 @@ Model   `uniform`  w = center + L u, L = mix diag(radius), u uniform in the box 
                      center) <= 1.  A singular M gives a flat ellipsoid.
 Source  `ellipsoid`  ma2025, (1), (74), (75); Section V for the skewed cube.
 Limit   `ellipsoid`  With skew 1/2 and outside `reject` is uniform in the ellipsoid.
+Sums    {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]} adds noises, each with a random stream.
 Bursts  make the law depend on k, without moments `mean` and `cov`.
 """
 

@@ -167,7 +167,7 @@ def test_a_new_component_is_written_and_listed(clone, group, kind):
     assert all(kind in after[f"{file}.py"] for file in ("rmpc_bench/registry", f"tests/conformance/test_{group}"))
     assert done.stdout.splitlines()[1:] == [
         "        make docs lint type",
-        f"        pytest -k '{' or '.join(dict.fromkeys([kind, module]))}'",
+        f"        pytest -k '{' or '.join(dict.fromkeys([kind, module, 'every_kind']))}'",
     ]
     # To sort imports ruff looks whether their modules are there.
     ignored = shutil.ignore_patterns("__pycache__", "cli")
