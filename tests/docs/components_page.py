@@ -178,8 +178,9 @@ def _rows(group: str, kind: str) -> list[str]:
 
 @cache
 def _shared_rows(group: str) -> list[str]:
-    """Rows that several kinds of a group have; for a key inside a mapping that has one meaning two kinds are enough."""
+    """Rows that several kinds of a group have, by name; for a key inside a mapping that has one meaning two kinds are enough."""
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
     names = Counter(row.split("|")[1] for row in counts)
     inner = {row for row in counts if names[row.split("|")[1]] == 1 and "." in row.split("|")[1]}
-    return sorted(row for row, count in counts.items() if count >= SHARED_BY - (row in inner))
+    shared = (row for row, count in counts.items() if count >= SHARED_BY - (row in inner))
+    return sorted(shared, key=lambda row: (row.split("`")[1], row))
