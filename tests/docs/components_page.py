@@ -178,7 +178,7 @@ def _rows(group: str, kind: str) -> list[str]:
 
 @cache
 def _shared_rows(group: str) -> list[str]:
-    """Rows that several kinds of a group have, by name; for a key inside a mapping that has one meaning two kinds are enough."""
+    """Rows that several kinds of a group have, by name; two are enough for a key of one meaning inside a mapping."""
     counts = Counter(row for kind in sorted(registry.BUILT_IN[group]) for row in dict.fromkeys(_rows(group, kind)))
     names = Counter(row.split("|")[1] for row in counts)
     inner = {row for row in counts if names[row.split("|")[1]] == 1 and "." in row.split("|")[1]}
