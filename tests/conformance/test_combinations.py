@@ -184,8 +184,14 @@ def test_every_kind_runs_or_names_its_error(plant, scenario):
         cell: outcome(None if cell in messages else blocks[" ".join(cell)].status, messages.get(cell)) for cell in cells
     }
     rows, laws = expected()[plant, scenario], [*CONTROLLERS]
-    # A kind without a row does what a plain filter does.
-    assert found == {(kind, law): rows.get(kind, rows["fading-kalman"])[laws.index(law)] for kind, law in cells}
+    # A kind without a row does what a plain filter does, whose P is known before the runs or depends on the data.
+    plain = (rows["fading-kalman"], rows["gated-kalman"])
+    wrong = {
+        (kind, law): what
+        for (kind, law), what in found.items()
+        if what not in {row[laws.index(law)] for row in ((rows[kind],) if kind in rows else plain)}
+    }
+    assert wrong == {} and [*found] == [*cells]
 
 
 @pytest.mark.parametrize("plant", PLANTS)
