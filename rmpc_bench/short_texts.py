@@ -13,7 +13,7 @@ SHORT: Mapping[str, Mapping[str, str]] = {
         "fmu": "co-simulation unit (FMI 2 or 3)",
         "linear": "linear system with given matrices",
         "moving-slide": "planar parallel robot with four driven arms",
-        "ode": "differential equation in a Python function",
+        "ode": "nonlinear ODE in a Python function",
         "scipy": "linear system of scipy.signal",
         "servo": "servomechanism with inductance and dry friction",
         "servo-linear": "servomechanism without inductance and dry friction",

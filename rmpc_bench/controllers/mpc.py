@@ -154,7 +154,7 @@ def design(
     estimator : estimator of the method; the predictions use the mean of the process noise if it estimates one
     plant_info : names of the states and outputs, which soft limits may use
     n_steps : number of control periods, for a model that varies with k
-    Hp : prediction horizon [samples]
+    Hp : length of the prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error
     R : weight of the scaled input increment (of the scaled input for `law: printed`)
