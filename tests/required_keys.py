@@ -1,7 +1,10 @@
 """Keys without a default, for tests of all estimators and controllers; a new kind with such a key gets a line here."""
 
+import inspect
 import json
 from typing import Any
+
+from rmpc_bench import registry
 
 REQUIRED: dict[str, dict[str, Any]] = {
     "directional-kalman": {"q": 0.01, "direction": 1.0},
@@ -21,6 +24,11 @@ REQUIRED: dict[str, dict[str, Any]] = {
     "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
     "pid": {"Kp": 1.0},
 }
+
+
+def sampled(kind: str) -> dict[str, float]:
+    """Return a sampling time if the design of this estimator takes one."""
+    return {"Ts": 0.1} if "Ts" in inspect.signature(registry.get("estimators", kind)).parameters else {}
 
 
 def in_yaml(kind: str) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from required_keys import REQUIRED
+from required_keys import REQUIRED, sampled
 from small_experiment import cli, ran, write
 from uncertain_experiment import write_estimation
 
@@ -132,7 +132,7 @@ def test_every_kind_that_the_message_names_bridges():
     keys = REQUIRED | dict.fromkeys(("mixed", "set-membership"), {"M0": np.eye(1)})
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
     for kind in set(registry.BRIDGING) - {"oracle", "lmmse", "lp-window", "control-lqe"}:
-        assert estimator(kind, model, n_steps=3, **start, **keys.get(kind, {})).bridges_missing, kind
+        assert estimator(kind, model, n_steps=3, **start, **sampled(kind), **keys.get(kind, {})).bridges_missing, kind
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import random_model, random_psd
 from optional_libraries import skip_without_library
+from required_keys import sampled
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import EstimatorExample, check_component
@@ -109,7 +110,7 @@ def case(request):
     start = {"x0": rng.standard_normal(nx)} | ({} if kind in WITHOUT_COVARIANCE else {"P0": model.Q_w})
     if kind in BOUNDED and (kind != "kalman" or parameters):
         model, parameters = bounded(rng, model), parameters | {"M0": 40.0 * model.Q_w}
-    design = registry.get("estimators", kind)(model, STEPS, **start, **parameters)
+    design = registry.get("estimators", kind)(model, STEPS, **start, **sampled(kind), **parameters)
     example = EstimatorExample.random(nu, ny, n_runs=RUNS, n_steps=STEPS, delta=lambda rows: drawn(design, rows))
     return design, example, nx
 
@@ -135,7 +136,8 @@ def test_available_information(kind):
     system = replace(LinearSystem.shipped(), n_runs=8 if kind == "lp-window" else 20, n_steps=100)
     start = {"x0": system.x0} | ({} if kind in WITHOUT_COVARIANCE else {"P0": system.P0})
     start |= {"M0": system.P0} if kind in ("mixed", "set-membership") else {}
-    design = registry.get("estimators", kind)(system.model, system.n_steps, **start, **PARAMETERS[kind][0])
+    start |= sampled(kind) | PARAMETERS[kind][0]
+    design = registry.get("estimators", kind)(system.model, system.n_steps, **start)
     results = run_checks(EstimatorInformationExample.checks, design, EstimatorInformationExample(system))
     failed = [str(each) for each in with_expected(results, design.expected_failures) if each.status == "failed"]
     assert failed == []
@@ -206,7 +208,7 @@ def test_the_limit_is_the_kalman_filter_with_missing_measurements(kind, form, ou
         system = LinearSystem.of(
             LinearModel(now.A, now.B, [[1.0, 0.0], [0.3, 1.0]], now.Q_w, [[0.1, 0.03], [0.03, 0.2]])
         )
-    keys = KALMAN_LIMITS[kind] | ({"form": form} if form else {})
+    keys = sampled(kind) | KALMAN_LIMITS[kind] | ({"form": form} if form else {})
     result = kalman_with_gaps(design(system.model, system.n_steps, x0=system.x0, P0=system.P0, **keys), system)
     assert result.status == "passed", str(result)
 

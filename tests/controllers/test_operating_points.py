@@ -123,7 +123,7 @@ def reference(method, shift):
 def designed(model, estimator, controller, shift):
     """Return a method of two (kind, parameters) for a model; the start of the estimator is moved."""
     make, own = registry.get("estimators", estimator[0]), dict(estimator[1])
-    start = {**START, "x0": START["x0"] + shift}
+    start = {**START, "x0": START["x0"] + shift, "Ts": Affine.Ts}
     given = {name: value for name, value in start.items() if name in inspect.signature(make).parameters}
     filter_ = make(model, STEPS, **given, **own)
     law, keys = registry.get("controllers", controller[0]), dict(controller[1])

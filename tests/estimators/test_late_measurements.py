@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conformance.test_estimators import KALMAN_LIMITS
 from conftest import ROUND, SOLVER
-from required_keys import REQUIRED
+from required_keys import REQUIRED, sampled
 
 from rmpc_bench.config_file.factories import estimator
 from rmpc_bench.models.linear import LinearModel
@@ -103,7 +103,7 @@ def made(kind, p0=1.0, ny=1):
     if kind == "oracle":
         keys = {**keys, "plant": oracle_plant(ny)}
     start = {} if kind in ("control-lqe", "lp-window") else {"P0": p0 * np.eye(1)}
-    return estimator(kind, model, n_steps=STEPS, x0=np.zeros(1), **start, **keys)
+    return estimator(kind, model, n_steps=STEPS, x0=np.zeros(1), **start, **sampled(kind), **keys)
 
 
 def revealed(kind, n_runs, ny=1):

@@ -65,7 +65,7 @@ def of_plant(recorded, tmp_path_factory):
 def made(kind):
     """The estimator of a kind for data of any length, with what else its design takes of the start."""
     taken = inspect.signature(registry.get("estimators", kind)).parameters
-    given = {**START, "M0": None if taken.get("M0") and taken["M0"].default is None else 0.0}
+    given = {**START, "Ts": 0.1, "M0": None if taken.get("M0") and taken["M0"].default is None else 0.0}
     return rmpc_bench.estimator(kind, MODEL, **{k: v for k, v in given.items() if k in taken}, **KEYS.get(kind, {}))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ALL
-from required_keys import REQUIRED
+from required_keys import REQUIRED, sampled
 
 import rmpc_bench
 from rmpc_bench import registry
@@ -41,7 +41,7 @@ def made(name, runs=1):
     start = {"x0": 0.0, "P0": 1.0}
     if kind in ("lp-window", STEADY):
         del start["P0"]
-    estimator = rmpc_bench.estimator(kind, model, n_steps=N, **start, **keys)
+    estimator = rmpc_bench.estimator(kind, model, n_steps=N, **start, **sampled(kind), **keys)
     state, _ = estimator.correct(0, estimator.init(runs), np.zeros((runs, 1)))
     return estimator, state
 
