@@ -34,7 +34,7 @@ from rmpc_bench.types.metric import AdjustKeys
 PAIRS_PER_TERM = 10
 """With so many pairs per term an adjustment for draws that explain nothing widens an interval by 10 % at most."""
 FORMS = {"degree 4": 4, "quadratic": 2, "without interactions": 2, "linear": 1}  # form -> total degree, largest first
-BARE = "without interactions"
+ADDITIVE = "without interactions"
 HIGHEST = 4  # largest degree of a polynomial
 LARGEST_LEVERAGE, SMALLEST_EIGENVALUE = 0.95, 0.02  # beyond these the drawn values do not determine the terms of a form
 WIDEST = 2.0
@@ -156,14 +156,14 @@ def terms_of(degrees: Sequence[int], form: str) -> list[Term]:
     total = FORMS.get(form, 0)
     places = range(len(degrees))
     chosen = (each for k in range(1, total + 1) for each in combinations_with_replacement(places, k))
-    found = (tuple(each.count(place) for place in places) for each in chosen if form != BARE or len({*each}) == 1)
+    found = (tuple(each.count(place) for place in places) for each in chosen if form != ADDITIVE or len({*each}) == 1)
     return [term for term in found if all(n <= most for n, most in zip(term, degrees, strict=True))]
 
 
 def n_terms(degrees: Sequence[int], form: str) -> int:
     """Count the terms of a form with the constant."""
     total = FORMS.get(form, 0)
-    if form == BARE:
+    if form == ADDITIVE:
         return 1 + sum(min(total, degree) for degree in degrees)
     counts = [1] + [0] * total
     for degree in degrees:
