@@ -135,7 +135,7 @@ def _explain(error: BaseException, verb: str) -> int:
         return _say(own, USAGE)
     if isinstance(error, IsADirectoryError):
         return _say(f"{error.filename2 or error.filename}: is a directory; move it away, a file has this name", USAGE)
-    if isinstance(error, FileExistsError | NotADirectoryError):
+    if isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
         return _say(f"{error.filename}: a file is in the place of this directory; choose another one", USAGE)
     if isinstance(error, OSError):
         return _say(f"results cannot be written: {error}; stored trials are intact", CANNOT_WRITE)

@@ -45,6 +45,8 @@ def code_of(outcome, name="run"):
         (StoreError("another experiment"), 5, "another experiment"),
         (WriteError("disk full"), 74, "results cannot be written: disk full"),
         (OSError(28, "No space left on device"), 74, "No space left on device"),
+        (FileExistsError(17, "File exists", "out"), 2, "out: a file is in the place of this directory"),
+        (FileExistsError("no name is known"), 74, "no name is known"),
         (KeyboardInterrupt(), 130, "interrupted; finished blocks are stored, the same command continues"),
         (exits.Terminated(), 143, "terminated; finished blocks are stored, the same command continues"),
         (ZeroDivisionError("bug"), 70, "please report it"),
