@@ -37,13 +37,13 @@ def difference(model: NonlinearModel, name: str, made: Callable[..., Array], arg
     Both are called at the operating point and at random states and inputs within the bounds of the plant.  Points at
     which the model is not defined are left out.
     """
-    rng, names = np.random.Generator(np.random.PCG64(5)), model.dynamics.names
+    rng, signals = np.random.Generator(np.random.PCG64(5)), model.dynamics.signals
     for trial in range(TRIALS):
         size = 10.0 ** rng.uniform(-2.0, 1.0)
         x, u = size * np.abs(rng.standard_normal(model.nx)), rng.standard_normal(model.nu)
         if trial == 0 and model.operating_point is not None:
             x, u = model.operating_point.x, model.operating_point.u
-        at: dict[str, Any] = {"x": np.clip(x, *model.limits), "u": np.clip(u, *model.dynamics.limits(names.inputs))}
+        at: dict[str, Any] = {"x": np.clip(x, *model.limits), "u": np.clip(u, *signals.limits(signals.inputs))}
         given = [{**at, "k": trial}[each] for each in arguments]
         try:
             with np.errstate(all="ignore"):

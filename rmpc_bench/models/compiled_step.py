@@ -35,8 +35,7 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
 
     def step(k: int, x: Array, u: Array, lead: Array, u_lead: Array) -> Array:
         given = (np.ascontiguousarray(each) for each in (x, u, lead, u_lead))
-        moved: Array = kernel(k * Ts, *given, p, Ts, substeps, rtol, scale)
-        return moved
+        return kernel(k * Ts, *given, p, Ts, substeps, rtol, scale)
 
     try:
         step(0, *(np.ones((1, n)) for n in (ode.nx, ode.nu, ode.nx, ode.nu)))

@@ -82,13 +82,11 @@ class Entry(NamedTuple):
     def B_d(self, B: Float[Array, "*runs nx nu"]) -> Float[Array, "*runs nx nd"]:
         """Return how the disturbances enter x(k+1), for an input matrix or one per run."""
         # Every column of S has a single 1, or none: the product has the numbers of B.
-        gain: Array = np.einsum("...ij,jk->...ik", B, self.S) + self.N
-        return gain
+        return np.einsum("...ij,jk->...ik", B, self.S) + self.N
 
     def of_output(self, D: Float[Array, "*k ny nu"]) -> Float[Array, "*k ny nd"]:
         """Return how the disturbances enter y(k): those of the input through its feedthrough, too."""
-        gain: Array = np.einsum("...ij,jk->...ik", D, self.S) + self.C_d
-        return gain
+        return np.einsum("...ij,jk->...ik", D, self.S) + self.C_d
 
 
 def entry_of(model: Model, disturbance: Disturbance) -> Entry:

@@ -65,8 +65,7 @@ class Augmented:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Those of the model of x."""
-        remarks: tuple[str, ...] = self.undisturbed.remarks
-        return remarks
+        return self.undisturbed.remarks
 
     def facts(self) -> list[tuple[str, str]]:
         """Those of the model of x, and the disturbances."""
@@ -122,8 +121,7 @@ class AugmentedWhenAsked(Augmented):
     @property
     def R_v(self) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise."""
-        covariance: Array = self.undisturbed.R_v
-        return covariance
+        return self.undisturbed.R_v
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +213,7 @@ class DisturbedNonlinear(DisturbedModel):
             of_x = np.reshape(rows, (*x.shape[:-1], self.ny))
         else:
             of_x = self.undisturbed.h(x)
-        measured: Array = of_x + d @ self.entry.C_d.T
-        return measured
+        return of_x + d @ self.entry.C_d.T
 
     def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "n n"]:
         """Return the Jacobian of f with respect to [x; d]."""
@@ -290,8 +287,7 @@ class DisturbedStates(AugmentedWhenAsked, StateDependentModel):
     def measure(self, x: Float[Array, "runs n"]) -> Float[Array, "runs ny"]:
         """Return y of the model without linearisation."""
         x, d = self._parts(x)
-        measured: Array = self.undisturbed.measure(x) + mv(self.entry.C_d, d)
-        return measured
+        return self.undisturbed.measure(x) + mv(self.entry.C_d, d)
 
     def _parts(self, x: Float[Array, "runs n"]) -> tuple[Array, Array]:
         nx = self.undisturbed.nx
@@ -381,8 +377,7 @@ def disturbed(model: Model, entry: Entry, label: str = "") -> Model:
         (Model, DisturbedModel),
     )
     make: Any = next(made for kind, made in kinds if isinstance(model, kind))
-    found: Model = make(model, entry, label)
-    return found
+    return make(model, entry, label)
 
 
 def with_disturbance(model: Model, disturbance: Disturbance, n_steps: int, x0: Float[Array, " nx"]) -> Model:
@@ -401,7 +396,7 @@ def _linear_models(model: Model, n_steps: int, x0: Float[Array, " nx"]) -> list[
     """Return the linear models with which detectability is checked; none where the model has none."""
     if isinstance(model, StateDependentModel):
         if model.has_offsets:
-            low, high = model.dynamics.limits(model.dynamics.names.inputs)  # type: ignore[attr-defined]
+            low, high = model.dynamics.signals.limits(model.dynamics.signals.inputs)  # type: ignore[attr-defined]
             A, B, f0, C, d0 = (part[0] for part in model.around(0, x0[None], np.clip(0.0, low, high)[None]))
         else:
             (A, B), C = (part[0] for part in model.at_state(x0[None])), model.C

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +19,7 @@ from rmpc_bench.models.noise_sets import DesignNoise, over_sample
 from rmpc_bench.models.ode_functions import alone, slopes
 from rmpc_bench.numerics.integration import Tolerance, apply_map, halve, inside, rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
-from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, OperatingPoint, Plant, SolverError
+from rmpc_bench.types import Array, DesignError, NamedSignals, Ode, OperatingPoint, Plant, Signals, SolverError
 from rmpc_bench.types.angles import near, period_of
 from rmpc_bench.types.basics import attribute
 
@@ -39,21 +39,14 @@ class Tangent(NamedTuple):
     """Without columns where the output takes no input."""
 
 
-class Names(NamedTuple):
-    """Names of states, inputs and outputs."""
-
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-
 class Dynamics:
     """A plant at its nominal parameters; `rest` is zero in a steady state.
 
-    A subclass gives the attributes `names` and `continuous` and the methods.
+    A subclass gives the attributes `signals` and `continuous` and the methods.
     """
 
-    names: Names
+    signals: NamedSignals
+    """Names, bounds and units of states, inputs and outputs."""
     continuous: bool
     """Whether `rest` is x', in contrast to x(k+1) - x(k)."""
     x_period: Float[Array, " nx"] | None = None
@@ -70,7 +63,7 @@ class Dynamics:
         """Return Q_w and R_v of a noise; A is the Jacobian at an operating point."""
         A = (A if self.continuous else None) if self.A_c is None else self.A_c
         has_rates = self.continuous or self.A_c is not None
-        return noise.covariances(len(self.names.states), len(self.names.outputs), Ts if has_rates else None, A)
+        return noise.covariances(self.signals.nx, self.signals.ny, Ts if has_rates else None, A)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x', or x(k+1) - x(k); NaN where it is not defined."""
@@ -99,13 +92,8 @@ class Dynamics:
         """
         return np.array([each + self.rest(each, applied) for each, applied in zip(x, u, strict=True)])
 
-    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Lower and upper bounds of states or inputs, infinite where there are none."""
-        return np.full(len(names), -np.inf), np.full(len(names), np.inf)
-
-    def unit(self, name: str) -> str:
-        """Unit of a state, an input or an output; empty where there is none."""
-        return ""
+    def refuse_errors(self, x: Float[Array, " nx"], u: Float[Array, " nu"], key: str) -> None:
+        """Call the functions of a user once; a DesignError at the key reports what they raise."""
 
     def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices at a point."""
@@ -136,35 +124,29 @@ class Dynamics:
         nx = len(x)
         moves = derivative(self.rest_near(x, u), np.concatenate([x, u]))
         seen: Derivative = derivative(self.output_near(x, u), self._point(x, u))
-        every = (*self.names.states, *self.names.inputs)
+        every = (*self.signals.states, *self.signals.inputs)
         kinks = tuple(every[i] for i in sorted({*moves.kinks, *seen.kinks}))
         return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J[:, :nx], seen.J[:, nx:]), kinks
 
 
+@dataclass(frozen=True, eq=False)
 class OfPlant:
-    """Sizes and angles of a design model that is made from a plant."""
+    """What design models have in common that are made from a plant."""
 
-    dynamics: Dynamics
+    dynamics: Dynamics  # the nominal plant
+    Ts: float  # sampling time [s]
+    substeps: int  # given steps of the integration per sample; 0 for error control
+    Q_w: Float[Array, "nx nx"]  # Q_w, R_v: covariances of the noises
+    R_v: Float[Array, "ny ny"]
 
-    @property
-    def y_period(self) -> Float[Array, " ny"] | None:
-        """Period of every output."""
-        return self.dynamics.y_period
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return len(self.dynamics.names.states)
+    y_period = property(lambda self: self.dynamics.y_period)
+    nx = property(lambda self: self.dynamics.signals.nx)
+    ny = property(lambda self: self.dynamics.signals.ny)
 
     @attribute
     def nu(self) -> int:
         """Number of inputs; fewer for a law beside a signal of the others."""
-        return len(self.dynamics.names.inputs)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return len(self.dynamics.names.outputs)
+        return self.dynamics.signals.nu
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,17 +155,9 @@ class OdeDynamics(Dynamics):
 
     ode: Ode
 
-    @property
-    def continuous(self) -> bool:  # type: ignore[override]
-        """Whether it is a differential equation."""
-        return not self.ode.discrete
-
+    signals = property(lambda self: self.ode)
+    continuous = property(lambda self: not self.ode.discrete)
     fed = property(lambda self: self.ode.fed)
-
-    @property
-    def names(self) -> Names:  # type: ignore[override]
-        """Names of the equation."""
-        return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
 
     @cached_property
     def x_period(self) -> Float[Array, " nx"] | None:  # type: ignore[override]
@@ -267,26 +241,17 @@ class OdeDynamics(Dynamics):
         found, kinks = super().tangent(x, u)
         return self.slopes(x, u) if hasattr(self.ode.rhs, "jacobian") else found, kinks
 
-    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Bounds of the plant."""
-        return self.ode.limits(names)
-
-    def unit(self, name: str) -> str:
-        """Unit of the plant."""
-        return self.ode.units.get(name, "")
-
-    def refuse_errors(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> None:
+    def refuse_errors(self, x: Float[Array, " nx"], u: Float[Array, " nu"], key: str) -> None:
         """Call both functions once and report what they raise."""
-        for name in ("rhs", "output"):
-            try:
-                if name == "rhs":
-                    self.ode.slope(0.0, x, u, self.ode.p)
-                else:
-                    self.ode.measure(x, u, self.ode.p)
-            # The functions are the user's: they may raise anything.
-            except Exception as error:
-                where = ", ".join(f"{each} = {value:.6g}" for each, value in zip(self.ode.states, x, strict=True))
-                raise DesignError(f"{name} raises {type(error).__name__} at {where}: {error}") from error
+        name = "rhs"
+        try:
+            self.ode.slope(0.0, x, u, self.ode.p)
+            name = "output"
+            self.ode.measure(x, u, self.ode.p)
+        # The functions are the user's: they may raise anything.
+        except Exception as error:
+            where = ", ".join(f"{each} = {value:.6g}" for each, value in zip(self.ode.states, x, strict=True))
+            raise DesignError(f"{name} raises {type(error).__name__} at {where}: {error}", key) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,30 +261,16 @@ class LinearDynamics(Dynamics):
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
-    signals: NamedSignals | None = None  # names and bounds; None where the signals have no names
+    signals: NamedSignals
     A_c: Float[Array, "nx nx"] | None = None
     D: Float[Array, "ny nu"] | float = 0.0
 
     continuous = False
-
     fed = property(lambda self: bool(np.any(self.D)))
-
-    @property
-    def names(self) -> Names:  # type: ignore[override]
-        """Names of the plant, or counted ones, such as ``x.0``."""
-        if self.signals is not None:
-            return Names(self.signals.states, self.signals.inputs, self.signals.outputs)
-        sizes = {"x": self.A.shape[0], "u": self.B.shape[1], "y": len(self.C)}
-        return Names(*(tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items()))
-
-    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Bounds of the plant."""
-        return super().limits(names) if self.signals is None else self.signals.limits(names)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x(k+1) - x(k)."""
-        moved: Array = self.A @ x + self.B @ u - x
-        return moved
+        return self.A @ x + self.B @ u - x
 
     def output(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " ny"]:
         """Return y."""
@@ -338,12 +289,12 @@ def dynamics_of(plant: Plant) -> Dynamics:
     """Return the nominal plant as functions."""
     if plant.ode is not None:
         return OdeDynamics(plant.ode)
-    if plant.system is not None and not plant.system.varies:
-        now = plant.system.at(0)
-        return LinearDynamics(now.A, now.B, now.C, plant.signals, plant.A_c, now.D)
-    linear: LinearPlant | None = plant.linear(dict(plant.nominal))
-    if linear is not None:
-        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals, plant.A_c, linear.D)
+    constant = plant.system is not None and not plant.system.varies
+    now: Any = plant.system.at(0) if constant else plant.linear(dict(plant.nominal))
+    if now is not None:
+        sizes = {"x": len(now.A), "u": now.B.shape[1], "y": len(now.C)}
+        counted = (tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items())
+        return LinearDynamics(now.A, now.B, now.C, plant.signals or Signals(*counted), plant.A_c, now.D)
     raise DesignError(
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"
@@ -365,7 +316,7 @@ def noise_of_plant(plant: Plant, point: OperatingPoint | None, S: Array, Ts: flo
 
 def neglected(dynamics: Dynamics, S: Array, x: Float[Array, " nx"], Ts: float) -> float:
     """Return the largest difference of Ts S from the covariance over a sample at a state, relative to its variances."""
-    low, high = dynamics.limits(dynamics.names.inputs)
+    low, high = dynamics.signals.limits(dynamics.signals.inputs)
     exact = over_sample(S, Ts, dynamics.slopes(x, np.clip(0.0, low, high)).A)
     size = np.sqrt(exact.diagonal())
     return float(np.max(np.abs(Ts * S - exact) / np.where(size > 0, size[:, None] * size, np.inf)))

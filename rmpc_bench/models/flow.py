@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics, OdeDynamics
+from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, LinearDynamics, OdeDynamics, OfPlant
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.ode_functions import padded, rows
 from rmpc_bench.models.state_dependent import StateDependentModel
@@ -28,9 +28,12 @@ from rmpc_bench.types import Array, DesignError, Model
 class Flow:
     """Base class of the maps of a design model.
 
-    A subclass gives the methods `advance`, `measure`, `Q_w_at` and `R_v_at`; it may give the others.
+    A subclass gives the methods `advance` and `measure`, and `Q_w` and `R_v` or the methods that return them at k; it
+    may give the others.
     """
 
+    Q_w: Float[Array, "n n"]
+    R_v: Float[Array, "ny ny"]
     cost_per_point: float = 0.0
     """Time of `advance` per state in a large block [s]."""
     x_period: Float[Array, " n"] | None = None
@@ -65,11 +68,11 @@ class Flow:
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
         """Covariance of the process noise from k to k+1."""
-        raise NotImplementedError("Q_w_at")
+        return self.Q_w
 
     def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise at k."""
-        raise NotImplementedError("R_v_at")
+        return self.R_v
 
     def A_at(self, k: int) -> Float[Array, "n n"] | None:
         """Transition matrix from k to k+1 of a linear model; None for a nonlinear one."""
@@ -109,11 +112,7 @@ class LinearFlow(Flow):
     """A linear model, which may depend on k."""
 
     model: Model
-
-    @property
-    def varies(self) -> bool:
-        """Whether the matrices depend on k."""
-        return self.model.varies
+    varies = property(lambda self: self.model.varies)
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return A x + B u + f0."""
@@ -127,46 +126,28 @@ class LinearFlow(Flow):
 
     def Q_w_at(self, k: int) -> Float[Array, "n n"]:
         """Covariance of the process noise from k to k+1."""
-        covariance: Array = self.model.at(k).Q_w
-        return covariance
+        return self.model.at(k).Q_w
 
     def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise at k."""
-        covariance: Array = self.model.at(k).R_v
-        return covariance
+        return self.model.at(k).R_v
 
     def A_at(self, k: int) -> Float[Array, "n n"] | None:
         """Transition matrix at k."""
-        A: Array = self.model.at(k).A
-        return A
+        return self.model.at(k).A
 
     def C_at(self, k: int) -> Float[Array, "ny n"] | None:
         """Output matrix at k."""
-        C: Array = self.model.at(k).C
-        return C
+        return self.model.at(k).C
 
 
 @dataclass(frozen=True, eq=False)
-class PlantFlow(Flow):
+class PlantFlow(OfPlant, Flow):
     """The nominal plant, integrated over a sample by the Runge-Kutta method of order 4, or its map."""
 
-    dynamics: Dynamics  # the nominal plant
-    Ts: float  # sampling time [s]
-    substeps: int  # given steps of the integration per sample; 0 for error control
-    Q_w: Float[Array, "n n"]  # Q_w, R_v: covariances of the noises
-    R_v: Float[Array, "ny ny"]
     compiled: Any = None  # model whose method ``f(x, u, k)`` is compiled; None where there is none
 
-    @property
-    def x_period(self) -> Float[Array, " n"] | None:  # type: ignore[override]
-        """Period of every state of the plant."""
-        return self.dynamics.x_period
-
-    @property
-    def y_period(self) -> Float[Array, " ny"] | None:  # type: ignore[override]
-        """Period of every output of the plant."""
-        return self.dynamics.y_period
-
+    x_period = property(lambda self: self.dynamics.x_period)
     fed = property(lambda self: self.dynamics.fed)
 
     @property
@@ -188,9 +169,8 @@ class PlantFlow(Flow):
             return mv(dynamics.A, x) + driven(dynamics.B, u)
         if self.compiled is not None:
             states, inputs = (each.reshape(len(x) // points, points, each.shape[1]) for each in (x, u))
-            return _each(lambda i: self.compiled.points(k, states[i], inputs[i], leading), states.shape).reshape(
-                x.shape
-            )
+            found = _each(lambda i: self.compiled.points(k, states[i], inputs[i], leading), states.shape)
+            return found.reshape(x.shape)
         with np.errstate(all="ignore"):
             return dynamics.advance(k, x, u, self.Ts, self.substeps, points, leading, strict=False)
 
@@ -209,14 +189,6 @@ class PlantFlow(Flow):
             except OUTSIDE_DOMAIN:
                 pass
         return _each(lambda i: dynamics.output(x[i], inputs[i]), shape)
-
-    def Q_w_at(self, k: int) -> Float[Array, "n n"]:
-        """Covariance of the process noise."""
-        return self.Q_w
-
-    def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
-        """Covariance of the measurement noise."""
-        return self.R_v
 
     def A_at(self, k: int) -> Float[Array, "n n"] | None:
         """Transition matrix of a plant with matrices."""
@@ -243,7 +215,7 @@ class PlantFlow(Flow):
     @property
     def limits(self) -> Interval | None:
         """Bounds of the states of the plant."""
-        found = Interval(*self.dynamics.limits(self.dynamics.names.states))
+        found = Interval(*self.dynamics.signals.limits(self.dynamics.signals.states))
         return found if found.bounded.any() else None
 
     def warm_up(self) -> None:
@@ -294,8 +266,7 @@ def prediction_flow(model: Model) -> Flow:
     A nonlinear model with disturbances, or whose flow has further states, gives its linear model.
     """
     if model.flow is not None and len(model.flow.Q_w_at(0)) == model.nx:
-        found: Flow = model.flow
-        return found
+        return model.flow
     if isinstance(model, StateDependentModel):
         return StateFlow(model)
     model.at(0)

@@ -46,12 +46,6 @@ x_{k+1} = A x_k + B u_k + f_0 + w_k, \quad y_k = C x_k + d_0 + v_k"""
 class TrajectoryModel(OfPlant, StateDependentModel):
     """A model that is linearised at the latest estimate."""
 
-    dynamics: Dynamics  # the nominal plant
-    Ts: float  # sampling time [s]
-    substeps: int  # given steps of the integration per sample; 0 for error control
-    Q_w: Float[Array, "nx nx"]  # Q_w, R_v: covariances of the noises
-    R_v: Float[Array, "ny ny"]
-
     has_offsets = True
 
     @property
@@ -61,7 +55,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 
     def at_state(self, x: Float[Array, "runs nx"]) -> Pair:
         """Linearise at a state of every run, at the input nearest to 0."""
-        low, high = self.dynamics.limits(self.dynamics.names.inputs)
+        low, high = self.dynamics.signals.limits(self.dynamics.signals.inputs)
         return Pair(*self.around(0, x, np.tile(np.clip(0.0, low, high), (len(x), 1)))[:2])
 
     def around(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Affine:
@@ -203,7 +197,7 @@ def _given(
 
 def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "nx nx"]) -> list[tuple[str, str]]:
     """Describe an operating point."""
-    names, point, nx = dynamics.names, found.point, len(found.point.x)
+    signals, point, nx = dynamics.signals, found.point, len(found.point.x)
     size = sizes_of_coordinates(point.x)
     # Similar sizes of the states, so that the ranks do not depend on their units.
     scaled, C, B = tangent.A / size[:, None] * size, tangent.C * size, tangent.B / size[:, None]
@@ -214,7 +208,8 @@ def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "
         rest = f"steady state, {what} = 0"
     if found.iterations is not None:
         rest = f"steady state with residual {found.residual:.2g}, {found.iterations} Newton steps"
-    where = "; ".join(text(dynamics, each, values) for each, values in zip(names, point, strict=True) if len(each))
+    named = zip((signals.states, signals.inputs, signals.outputs), point, strict=True)
+    where = "; ".join(text(signals, names, values) for names, values in named if names)
     rows = [("operating point", where), ("", rest)]
     if isinstance(dynamics, OdeDynamics) and dynamics.continuous:
         rows.append(("eigenvalues", f"{_complex_text(np.linalg.eigvals(tangent.A))} 1/{dynamics.ode.time_unit}"))

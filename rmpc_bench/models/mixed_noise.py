@@ -114,8 +114,7 @@ class MixedModel(Model):
         if ("", k) not in self._made:
             A, B, C, P_w, P_v, D = (self._at(name, k) for name in LINEAR_PART)
             self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean, D=D)
-        made: LinearModel = self._made["", k]
-        return made
+        return self._made["", k]
 
     feedthrough = property(lambda self: self.matrices["D"].varies or bool(self.at(0).D.any()))
 
@@ -139,8 +138,7 @@ class MixedModel(Model):
         k = k if self.matrices[name].varies else 0
         if (name, k) not in self._made:
             self._made[name, k] = self._factors.get(name, 1.0) * self.matrices[name].at(k)
-        made: Array = self._made[name, k]
-        return made
+        return self._made[name, k]
 
 
 def design(

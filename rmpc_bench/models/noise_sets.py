@@ -85,8 +85,7 @@ class MatchedModel(Model):
 
 def uniform_covariance(M: Float[Array, "n n"], n_disturbances: int = 0) -> Float[Array, "n n"]:
     """Return the covariance of the uniform distribution on E(0, M), whose last coordinates may have no bounded part."""
-    cov: Array = M / (len(M) - n_disturbances + 2)
-    return cov
+    return M / (len(M) - n_disturbances + 2)
 
 
 def with_noise_kind(

@@ -35,11 +35,6 @@ EQUATION = r"x_{k+1} = f(x_k, u_k) + w_k, \quad y_k = h(x_k) + v_k"
 class NonlinearModel(OfPlant, Model):
     """The nominal plant as functions of one run; create it with `nonlinear_model`."""
 
-    dynamics: Dynamics  # the nominal plant
-    Ts: float  # sampling time [s]
-    substeps: int  # given steps of the integration per sample; 0 for error control
-    Q_w: Float[Array, "nx nx"]  # Q_w, R_v: covariances of the noises
-    R_v: Float[Array, "ny ny"]
     operating_point: OperatingPoint | None = None  # point of the key `at`; None without it
     # keys `at`, `noise` and `jacobian` of the linear model around the operating point
     linear_keys: tuple[At, DesignNoise, Any] | None = None
@@ -65,7 +60,7 @@ class NonlinearModel(OfPlant, Model):
     @property
     def limits(self) -> tuple[Float[Array, " nx"], Float[Array, " nx"]]:
         """Lower and upper bounds of the states, infinite where there are none."""
-        return self.dynamics.limits(self.dynamics.names.states)
+        return self.dynamics.signals.limits(self.dynamics.signals.states)
 
     feedthrough = property(lambda self: self.dynamics.fed)
 
@@ -145,8 +140,7 @@ class NonlinearModel(OfPlant, Model):
             )
         if "linear" not in self._cache:
             self._cache["linear"] = linearised(self.dynamics, self.Ts, *self.linear_keys)
-        made: LinearisedModel = self._cache["linear"]
-        return made
+        return self._cache["linear"]
 
     def facts(self) -> list[tuple[str, str]]:
         """Integration, and the operating point."""

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.dynamics import Dynamics, OdeDynamics
+from rmpc_bench.models.dynamics import Dynamics
 from rmpc_bench.numerics.steady_state import Zero, find_zero
-from rmpc_bench.types import Array, DesignError, OperatingPoint
+from rmpc_bench.types import Array, DesignError, NamedSignals, OperatingPoint
 from rmpc_bench.types.errors import unknown
 
 Values: TypeAlias = float | list[float] | dict[str, float]
@@ -48,19 +48,19 @@ class Found(NamedTuple):
 def find_point(dynamics: Dynamics, at: At) -> Found:
     """Return the operating point that `at` describes."""
     _refuse_incomplete(at)
-    names = dynamics.names
+    signals = dynamics.signals
     if at.y is not None:
         return _of_output(dynamics, at)
-    u = numbers(at.u, names.inputs, "at.u", "input")
-    _refuse_outside(dynamics, u, names.inputs, "at.u")
+    u = numbers(at.u, signals.inputs, "at.u", "input")
+    _refuse_outside(signals, u, signals.inputs, "at.u")
     if at.x is None:
         return _of_input(dynamics, at, u)
-    x = numbers(at.x, names.states, "at.x", "state")
-    _refuse_outside(dynamics, x, names.states, "at.x")
-    _refuse_errors(dynamics, x, u, "at.x")
+    x = numbers(at.x, signals.states, "at.x", "state")
+    _refuse_outside(signals, x, signals.states, "at.x")
+    dynamics.refuse_errors(x, u, "at.x")
     rest, y = dynamics.rest(x, u), dynamics.output(x, u)
     if not (np.isfinite(rest).all() and np.isfinite(y).all()):
-        raise DesignError(f"the plant is not defined at {text(dynamics, names.states, x)}", "at.x")
+        raise DesignError(f"the plant is not defined at {text(signals, signals.states, x)}", "at.x")
     return Found(OperatingPoint(x, u, y), rest, float(np.abs(rest).max(initial=0.0)), None)
 
 
@@ -80,9 +80,9 @@ def numbers(given: Any, names: Sequence[str], key: str, noun: str) -> Float[Arra
     return np.array([given[name] for name in names], dtype=float)
 
 
-def text(dynamics: Dynamics, names: Sequence[str], values: Float[Array, " n"]) -> str:
+def text(signals: NamedSignals, names: Sequence[str], values: Float[Array, " n"]) -> str:
     """Write numbers with their names and units."""
-    units = [f" {dynamics.unit(name)}" if dynamics.unit(name) else "" for name in names]
+    units = [f" {signals.units[name]}" if signals.units.get(name) else "" for name in names]
     return ", ".join(f"{name} = {value:.6g}{unit}" for name, value, unit in zip(names, values, units, strict=True))
 
 
@@ -97,25 +97,25 @@ def _refuse_incomplete(at: At) -> None:
 
 def _of_input(dynamics: Dynamics, at: At, u: Float[Array, " nu"]) -> Found:
     """Find the steady state of an input."""
-    names = dynamics.names
-    low, high = dynamics.limits(names.states)
-    start = _start(dynamics, at.guess, names.states, ())
-    _refuse_errors(dynamics, start, u, "at.guess")
+    signals = dynamics.signals
+    low, high = signals.limits(signals.states)
+    start = _start(signals, at.guess, signals.states, ())
+    dynamics.refuse_errors(start, u, "at.guess")
     zero = find_zero(lambda x: dynamics.rest(x, u), start, low, high)
     if not zero.converged:
-        raise _not_found(dynamics, text(dynamics, names.inputs, u), zero, start, names.states)
+        raise _not_found(signals, text(signals, signals.inputs, u), zero, start, signals.states)
     point = OperatingPoint(zero.x, u, dynamics.output(zero.x, u))
     return Found(point, np.zeros(len(start)), zero.residual, zero.iterations)
 
 
 def _of_output(dynamics: Dynamics, at: At) -> Found:
     """Find the steady state of an output, and its input."""
-    names = dynamics.names
-    y, nx = numbers(at.y, names.outputs, "at.y", "output"), len(names.states)
-    every = (*names.states, *names.inputs)
-    low, high = dynamics.limits(every)
-    start = _start(dynamics, at.guess, names.states, names.inputs)
-    _refuse_errors(dynamics, start[:nx], start[nx:], "at.guess")
+    signals = dynamics.signals
+    y, nx = numbers(at.y, signals.outputs, "at.y", "output"), len(signals.states)
+    every = (*signals.states, *signals.inputs)
+    low, high = signals.limits(every)
+    start = _start(signals, at.guess, signals.states, signals.inputs)
+    dynamics.refuse_errors(start[:nx], start[nx:], "at.guess")
 
     def missed(z: Float[Array, " n"]) -> Float[Array, " m"]:
         return np.concatenate([dynamics.rest(z[:nx], z[nx:]), dynamics.output(z[:nx], z[nx:]) - y])
@@ -123,16 +123,16 @@ def _of_output(dynamics: Dynamics, at: At) -> Found:
     zero = find_zero(missed, start, low, high)
     x, u = zero.x[:nx], zero.x[nx:]
     if not zero.converged:
-        raise _not_found(dynamics, text(dynamics, names.outputs, y), zero, start, every)
+        raise _not_found(signals, text(signals, signals.outputs, y), zero, start, every)
     return Found(OperatingPoint(x, u, dynamics.output(x, u)), np.zeros(nx), zero.residual, zero.iterations)
 
 
 def _start(
-    dynamics: Dynamics, guess: Values | None, states: tuple[str, ...], inputs: tuple[str, ...]
+    signals: NamedSignals, guess: Values | None, states: tuple[str, ...], inputs: tuple[str, ...]
 ) -> Float[Array, " n"]:
     """Return the first point of a search: the guess, and the middle of the bounds where there is none."""
     every = (*states, *inputs)
-    low, high = dynamics.limits(every)
+    low, high = signals.limits(every)
     start = _middle(low, high)
     if isinstance(guess, dict):
         for name, value in guess.items():
@@ -141,7 +141,7 @@ def _start(
             start[every.index(name)] = value
     elif guess is not None:
         start[: len(states)] = numbers(guess, states, "at.guess", "state")
-    _refuse_outside(dynamics, start, every, "at.guess")
+    _refuse_outside(signals, start, every, "at.guess")
     return start
 
 
@@ -154,27 +154,19 @@ def _middle(low: Float[Array, " n"], high: Float[Array, " n"]) -> Float[Array, "
     return middle
 
 
-def _refuse_outside(dynamics: Dynamics, values: Float[Array, " n"], names: tuple[str, ...], key: str) -> None:
-    low, high = dynamics.limits(names)
+def _refuse_outside(signals: NamedSignals, values: Float[Array, " n"], names: tuple[str, ...], key: str) -> None:
+    low, high = signals.limits(names)
     for name, value, least, most in zip(names, values, low, high, strict=True):
         if not least <= value <= most:
             raise DesignError(f"{name} = {value:g} is outside the bounds of the plant, [{least:g}, {most:g}]", key)
 
 
-def _refuse_errors(dynamics: Dynamics, x: Float[Array, " nx"], u: Float[Array, " nu"], key: str) -> None:
-    if isinstance(dynamics, OdeDynamics):
-        try:
-            dynamics.refuse_errors(x, u)
-        except DesignError as error:
-            raise DesignError(str(error), key) from error
-
-
 def _not_found(
-    dynamics: Dynamics, wanted: str, zero: Zero, start: Float[Array, " n"], names: tuple[str, ...]
+    signals: NamedSignals, wanted: str, zero: Zero, start: Float[Array, " n"], names: tuple[str, ...]
 ) -> DesignError:
-    reached = text(dynamics, names, zero.x)
+    reached = text(signals, names, zero.x)
     return DesignError(
-        f"no steady state was found for {wanted} from the guess {text(dynamics, names, start)}: after "
+        f"no steady state was found for {wanted} from the guess {text(signals, names, start)}: after "
         f"{zero.iterations} steps the residual is {zero.residual:.3g} at {reached}; give another `guess`, or `x` and "
         "`u` of a point that need not be a steady state",
         "at",

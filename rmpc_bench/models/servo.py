@@ -171,20 +171,23 @@ def nonlinear_parameters(given: Mapping[str, float], Ts: float) -> dict[str, flo
     return p
 
 
-def coefficients(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 9"], Float[Array, "*runs 2 3"]]:
-    """Coefficients of the equations of motion in the order of the kernel, torques divided by inertias.
+def coefficients(p: Mapping[str, Any]) -> Float[Array, "*runs 3 9"]:
+    """Coefficients of the equations of motion as the kernel takes them, torques divided by inertias.
 
     The parameters are numbers, or arrays with one number per run.
 
-    First array: twist th_m / rho - th_l, load (twist, w_l), motor (twist, w_m, I), current (I, w_m, V).  Second array:
-    friction, rows load and motor, columns alpha_0 to alpha_2.
+    First row: twist th_m / rho - th_l, load (twist, w_l), motor (twist, w_m, I), current (I, w_m, V).  Other rows:
+    alpha_0 to alpha_2 of the friction of load and motor.
     """
     load, motor, current = p["J_l"], p["J_m"], p["L"]
     linear = [1.0 / p["rho"], p["k_theta"] / load, p["beta_l"] / load]
     linear += [p["k_theta"] / p["rho"] / motor, p["beta_m"] / motor, p["K_t"] / motor]
     linear += [p["R"] / current, p["K_t"] / current, 1.0 / current]
-    friction = [[p[f"alpha_{b}0"] / J, p[f"alpha_{b}1"] / J, p[f"alpha_{b}2"]] for b, J in (("l", load), ("m", motor))]
-    return np.stack(linear, axis=-1), np.stack([np.stack(row, axis=-1) for row in friction], axis=-2)
+    found = np.zeros((*np.shape(load), 3, 9))
+    found[..., 0, :] = np.stack(linear, axis=-1)
+    for row, (b, J) in enumerate((("l", load), ("m", motor)), 1):
+        found[..., row, :3] = np.stack([p[f"alpha_{b}0"] / J, p[f"alpha_{b}1"] / J, p[f"alpha_{b}2"]], axis=-1)
+    return found
 
 
 def with_current(p: Mapping[str, float]) -> tuple[Float[Array, "5 5"], Float[Array, "5 3"]]:

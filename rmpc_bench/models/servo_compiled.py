@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.servo import TOLERANCE
 from rmpc_bench.models.servo_kernel import WORK, servo_advance, servo_points
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.linear_loop_kernel import ROWS, ready, rows_kernel
@@ -16,13 +17,9 @@ from rmpc_bench.types import Array, Statuses, StepFunction
 NO_SIZES = np.zeros(1, dtype=np.int64)
 
 
-def compiled_servo(
-    linear: Float[Array, "runs 9"], friction: Float[Array, "runs 2 3"], Ts: float, tolerance: float
-) -> StepFunction:
+def compiled_servo(coefficients: Float[Array, "runs 3 9"], Ts: float, tolerance: float = TOLERANCE) -> StepFunction:
     """Return the step for the compiled simulation; `tolerance` bounds the last terms of a Taylor series, relative."""
-    own = np.zeros((len(linear), 3, 9))
-    own[:, 0], own[:, 1:, :3] = linear, friction
-    return StepFunction(servo_advance, own, np.array([[Ts, tolerance]]), NO_SIZES, WORK)
+    return StepFunction(servo_advance, coefficients, np.array([[Ts, tolerance]]), NO_SIZES, WORK)
 
 
 def servo_step(
@@ -31,29 +28,19 @@ def servo_step(
     """Return the states one sample later, for voltages u [V], and the statuses of the kernel."""
     x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
     rows = ready(rows_kernel, ROWS)
-    arrays = (as_compiled(each) for each in (x, u, w, plant.own, plant.shared))
-    x, u, w, own, shared = arrays
+    x, u, w, own, shared = map(as_compiled, (x, u, w, plant.own, plant.shared))
     rows(plant.advance, 0, x, u, w, own, shared, plant.sizes, np.zeros(plant.work), x_next, status)
     return x_next, status
 
 
 def servo_flow(
-    linear: Float[Array, " 9"],
-    friction: Float[Array, "2 3"],
-    Ts: float,
-    tolerance: float,
-    x: Float[Array, "points 5"],
-    u: Float[Array, "points 1"],
+    plant: StepFunction, x: Float[Array, "points 5"], u: Float[Array, "points 1"]
 ) -> tuple[Float[Array, "points 5"], Statuses]:
-    """Return the states of one plant one sample later without noise, and the statuses of the kernel.
-
-    `tolerance` bounds the last terms of a Taylor series relative to its largest term; inputs are voltages [V].
-    """
+    """Do the same for the plant of one run at many points, without noise."""
     # No compiled function is passed to the kernel: finding its pointer costs as much as a hundred points.
-    own, x_next, status = np.zeros((3, 9)), np.empty(x.shape), np.zeros(len(x), np.int8)
-    own[0], own[1:, :3] = linear, friction
-    x, u, shared = as_compiled(x), as_compiled(u), np.array([[Ts, tolerance]])
-    servo_points(x, u, np.zeros(4), own, shared, NO_SIZES, np.zeros(WORK), x_next, status)
+    x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
+    x, u, own = map(as_compiled, (x, u, plant.own[0]))
+    servo_points(x, u, np.zeros(4), own, plant.shared, plant.sizes, np.zeros(plant.work), x_next, status)
     return x_next, status
 
 

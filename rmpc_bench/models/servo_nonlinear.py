@@ -13,7 +13,6 @@ Cost    About 2.5 times a sample of the plant per point: sigma points have more 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +21,7 @@ from jaxtyping import Float
 from rmpc_bench.models import servo
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.servo import LINEAR, NONLINEAR, TOLERANCE, ServoNoise, coefficients, nonlinear_parameters
+from rmpc_bench.models.servo import LINEAR, NONLINEAR, ServoNoise, coefficients, nonlinear_parameters
 from rmpc_bench.types import Array, Model, Status
 from rmpc_bench.types.basics import takes
 
@@ -39,31 +38,22 @@ class ServoFlow(Flow):
     """The flow of the servomechanism."""
 
     Ts: float  # sampling time [s]
-    linear: Float[Array, " 9"]  # linear, friction: coefficients of the equations of motion, see `servo.coefficients`
-    friction: Float[Array, "2 3"]
+    coefficients: Float[Array, "3 9"]  # of the equations of motion, see `servo.coefficients`
     Q_w: Float[Array, "5 5"]  # Q_w, R_v: covariances of the noises
     R_v: Float[Array, "1 1"]
     cost_per_point: float = field(default=3e-6, init=False)
 
     def advance(self, k: int, x: Float[Array, "points 5"], u: Float[Array, "points 1"]) -> Float[Array, "points 5"]:
         """Advance one sample with constant voltage; NaN where friction events are too many."""
-        from rmpc_bench.models.servo_compiled import servo_flow
+        from rmpc_bench.models.servo_compiled import compiled_servo, servo_flow
 
-        moved, status = servo_flow(self.linear, self.friction, self.Ts, TOLERANCE, x, u)
+        moved, status = servo_flow(compiled_servo(self.coefficients[None], self.Ts), x, u)
         moved[status != Status.OK] = np.nan
         return moved
 
     def measure(self, k: int, x: Float[Array, "points 5"], *u: Array) -> Float[Array, "points 1"]:
         """Return the load angle."""
         return x[:, :1]
-
-    def Q_w_at(self, k: int) -> Float[Array, "5 5"]:
-        """Covariance of the process noise."""
-        return self.Q_w
-
-    def R_v_at(self, k: int) -> Float[Array, "1 1"]:
-        """Covariance of the measurement noise."""
-        return self.R_v
 
     def C_at(self, k: int) -> Float[Array, "1 5"]:
         """Output matrix."""
@@ -92,19 +82,12 @@ class ServoModel(Model):
     linear: LinearModel  # model of the four states without inductance and dry friction
     flow: ServoFlow  # flow of the five states
 
+    extra_signals = property(lambda self: self.linear.extra_signals)
+    disturbance_inputs = property(lambda self: self.linear.disturbance_inputs)
+
     def at(self, k: int) -> LinearModel:
         """Return the linear model."""
         return self.linear
-
-    @property
-    def extra_signals(self) -> Mapping[str, Float[Array, "nz 4"]]:
-        """Torques of the shaft."""
-        return self.linear.extra_signals
-
-    @property
-    def disturbance_inputs(self) -> Mapping[str, Float[Array, "4 nd"]]:
-        """Torque on the load."""
-        return self.linear.disturbance_inputs
 
     def facts(self) -> list[tuple[str, str]]:
         """What uses which part of the model."""
@@ -135,5 +118,5 @@ def design(Ts: float, *, noise: ServoNoise, **parameters: float) -> ServoModel:
     """
     p = nonlinear_parameters(parameters, Ts)
     linear = servo.design(Ts, noise=noise, **{name: p[name] for name in LINEAR})
-    flow = ServoFlow(Ts, *coefficients(p), with_current_variance(linear.Q_w), linear.R_v)
+    flow = ServoFlow(Ts, coefficients(p), with_current_variance(linear.Q_w), linear.R_v)
     return ServoModel(linear, flow)

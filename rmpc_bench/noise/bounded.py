@@ -52,8 +52,7 @@ class BoundedNoise(CenteredNoise):
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
         u = np.ascontiguousarray(self.points.draw(rng, n_samples, len(self.center)))
-        deviation: Array = np.einsum("ij,kj->ki", self.factor, u)
-        return deviation
+        return np.einsum("ij,kj->ki", self.factor, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +64,7 @@ class KnownBoundedNoise(BoundedNoise):
     @property
     def mean(self) -> Float[Array, " n"]:
         """Mean of the noise."""
-        mean: Array = self.center + self.factor @ self.points.moments(len(self.center)).mean
-        return mean
+        return self.center + self.factor @ self.points.moments(len(self.center)).mean
 
     @property
     def cov(self) -> Float[Array, "n n"]:

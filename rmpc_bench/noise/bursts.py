@@ -134,13 +134,11 @@ class CenteredNoise(Noise, ABC):
 
     def enlarged(self, rng: np.random.Generator, gain: Float[Array, " samples"]) -> Float[Array, "samples n"]:
         """Deviation of one run, with a factor for every sample."""
-        deviation: Array = gain[:, None] * self.deviation(rng, len(gain))
-        return deviation
+        return gain[:, None] * self.deviation(rng, len(gain))
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""
-        noise: Array = self.center + self.deviation(rng, n_samples)
-        return noise
+        return self.center + self.deviation(rng, n_samples)
 
 
 Steady = TypeVar("Steady", bound=CenteredNoise)
@@ -166,8 +164,7 @@ class BurstyNoise(Noise):
         gain = np.ones(n_samples)
         for first, last, factor in self._spans(rng):
             gain[first : last + 1] *= factor
-        noise: Array = self.steady.center + self.steady.enlarged(rng, gain)
-        return noise
+        return self.steady.center + self.steady.enlarged(rng, gain)
 
     @property
     def burst_names(self) -> tuple[str, ...]:

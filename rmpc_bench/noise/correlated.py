@@ -56,8 +56,7 @@ class Drift(CenteredNoise):
         z = rng.standard_normal((len(gain), len(self.mean)))
         increments = gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
         increments[:1] = 0.0
-        deviation: Array = np.cumsum(increments, axis=0)
-        return deviation
+        return np.cumsum(increments, axis=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,8 +40,7 @@ class Gaussian(CenteredNoise):
 
     def shaped(self, z: Float[Array, "samples n"]) -> Float[Array, "samples n"]:
         """Return root z; the sums of a sample do not depend on the number of samples."""
-        deviation: Array = np.einsum("ij,kj->ki", self.root, z)
-        return deviation
+        return np.einsum("ij,kj->ki", self.root, z)
 
 
 def gaussian(

@@ -33,8 +33,7 @@ class HalfNormal(CenteredNoise):
     @property
     def mean(self) -> Float[Array, " n"]:
         """Mean of the noise."""
-        mean: Array = self.center + sqrt(2.0 / pi) * self.std
-        return mean
+        return self.center + sqrt(2.0 / pi) * self.std
 
     @property
     def cov(self) -> Float[Array, "n n"]:
@@ -43,8 +42,7 @@ class HalfNormal(CenteredNoise):
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
-        deviation: Array = self.std * np.abs(rng.standard_normal((n_samples, len(self.center))))
-        return deviation
+        return self.std * np.abs(rng.standard_normal((n_samples, len(self.center))))
 
 
 def half_normal(

@@ -61,8 +61,7 @@ class StudentT(CenteredNoise):
         """Noise of one run without its center."""
         z = rng.standard_normal((n_samples, len(self.center)))
         c = child_of(rng, 0).chisquare(self.dof, (n_samples, 1 if self.joint else len(self.center)))
-        deviation: Array = np.einsum("ij,kj->ki", self.root, z / np.sqrt(c / self.dof))
-        return deviation
+        return np.einsum("ij,kj->ki", self.root, z / np.sqrt(c / self.dof))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +89,7 @@ class ContaminatedNormal(CenteredNoise):
         """Noise of one run without its mean."""
         z = rng.standard_normal((n_samples, len(self.mean)))
         gain = np.where(child_of(rng, 0).random(n_samples) < self.probability, self.factor, 1.0)
-        deviation: Array = gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
-        return deviation
+        return gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
 
 
 def student_t(

@@ -72,8 +72,7 @@ class Ball(KnownPoints):
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Points one by one: n coordinates of a random direction in n + 2 dimensions are uniform in the ball."""
         g = rng.standard_normal((n_samples, n + 2))
-        points: Array = g[:, :n] / _lengths(g)
-        return points
+        return g[:, :n] / _lengths(g)
 
     def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
@@ -89,8 +88,7 @@ class SkewedCube(KnownPoints):
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Draw points; another skew changes signs but not the absolute values."""
         modulus, sign = np.moveaxis(rng.random((n_samples, 2, n)), 1, 0)
-        points: Array = np.where(sign < self.skew, modulus, -modulus)
-        return points
+        return np.where(sign < self.skew, modulus, -modulus)
 
     def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
@@ -110,8 +108,7 @@ class ProjectedCube(Points):
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Points one by one, those of the cube where they are inside."""
         u = self.cube.draw(rng, n_samples, n)
-        projected: Array = u / np.maximum(_lengths(u), 1.0)
-        return projected
+        return u / np.maximum(_lengths(u), 1.0)
 
 
 @dataclass(frozen=True)
@@ -144,5 +141,4 @@ class RejectedCube(KnownPoints):
 
 
 def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
-    lengths: Array = np.sqrt(np.einsum("ki,ki->k", u, u))[:, None]
-    return lengths
+    return np.sqrt(np.einsum("ki,ki->k", u, u))[:, None]

@@ -162,8 +162,7 @@ def _spectrum(F: Float[Array, "n r"]) -> tuple[Float[Array, " r"], Float[Array, 
 
 def _stretched(F: Float[Array, "n r"], W: Float[Array, "r r"], stretch: Float[Array, " r"]) -> Float[Array, "n r"]:
     """Return F W stretch^1/2 W': a small source of F keeps its digits beside a large one, which U s^1/2 would not."""
-    root: Array = F.dot((W * np.sqrt(stretch)).dot(W.T))
-    return root
+    return F.dot((W * np.sqrt(stretch)).dot(W.T))
 
 
 # The Kullback-Leibler divergence of one normal density from another, in its two parts.

@@ -48,8 +48,7 @@ def sum_shape(M1: Float[Array, "n n"], M2: Float[Array, "n n"]) -> Float[Array, 
         return M2
     if p == float("inf"):
         return M1
-    total: Array = (1.0 + 1.0 / p) * M1 + (1.0 + p) * M2
-    return total
+    return (1.0 + 1.0 / p) * M1 + (1.0 + p) * M2
 
 
 def sum_shapes(M1: Float[Array, "runs n n"], M2: Float[Array, "n n"]) -> Float[Array, "runs n n"]:
@@ -58,8 +57,7 @@ def sum_shapes(M1: Float[Array, "runs n n"], M2: Float[Array, "n n"]) -> Float[A
     if second == 0.0:
         return M1
     inverse = np.divide(second, first, out=np.zeros_like(first), where=first > 0.0)
-    total: Array = (1.0 + inverse)[:, None, None] * M1 + (1.0 + first / second)[:, None, None] * M2
-    return total
+    return (1.0 + inverse)[:, None, None] * M1 + (1.0 + first / second)[:, None, None] * M2
 
 
 @cache
@@ -149,30 +147,25 @@ class _Combination(NamedTuple):
 
     def delta2(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
         """Scale of diag(1 / t), without the margin for rounding."""
-        left: Array = 1.0 - lam * (1.0 - lam) * (self.z[:, None] ** 2 / self.mixed(lam)).sum(axis=2)
-        return left
+        return 1.0 - lam * (1.0 - lam) * (self.z[:, None] ** 2 / self.mixed(lam)).sum(axis=2)
 
     def scale(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
         """Return delta2 plus the margin for rounding, so that sets in contact still intersect."""
-        enough: Array = np.maximum(self.delta2(lam), 0.0) + self.margin[:, None]
-        return enough
+        return np.maximum(self.delta2(lam), 0.0) + self.margin[:, None]
 
     def trace(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
         """Trace of the shape for the scale 1."""
         n = self.B.shape[1]
-        total: Array = ((self.B**2).sum(axis=1)[:, None] / self.mixed(lam)[:, :, :n]).sum(axis=2)
-        return total
+        return ((self.B**2).sum(axis=1)[:, None] / self.mixed(lam)[:, :, :n]).sum(axis=2)
 
     def radius(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
         """Return prod(t)^(-1/n); its product with the scale is a monotonic function of the volume."""
         n = self.B.shape[1]
-        root: Array = np.exp(-np.log(self.mixed(lam)[:, :, :n]).sum(axis=2) / n)
-        return root
+        return np.exp(-np.log(self.mixed(lam)[:, :, :n]).sum(axis=2) / n)
 
     def mixed(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points p"]:
         """Return t."""
-        t: Array = (1.0 - lam)[:, :, None] + lam[:, :, None] * self.g[:, None]
-        return t
+        return (1.0 - lam)[:, :, None] + lam[:, :, None] * self.g[:, None]
 
 
 def _smallest(size: Callable[[Array], Array], n_runs: int) -> Float[Array, " runs"]:
@@ -182,5 +175,4 @@ def _smallest(size: Callable[[Array], Array], n_runs: int) -> Float[Array, " run
         points = low[:, None] + (high - low)[:, None] * SHARES
         best = size(points).argmin(axis=1)
         low, high = points[rows, np.maximum(best - 1, 0)], points[rows, np.minimum(best + 1, len(SHARES) - 1)]
-    found: Array = points[rows, best]
-    return found
+    return points[rows, best]

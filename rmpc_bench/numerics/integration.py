@@ -29,8 +29,7 @@ class Bounds(NamedTuple):
 
     def outside(self, x: Float[Array, "nx runs"]) -> Bool[Array, "nx runs"]:
         """Whether a state is outside; a state that is not a number is not."""
-        out: Array = (x < self.low[:, None]) | (x > self.high[:, None])
-        return out
+        return (x < self.low[:, None]) | (x > self.high[:, None])
 
 
 class Advance(NamedTuple):
@@ -184,8 +183,7 @@ def relative_errors(one: Array, two: Array, size: Array, largest: Array, rtol: f
 def distances(x: Array, first: Array, size: Array, largest: Array) -> Array:
     """Return how far the states of points are from those of the first one, relative to the size of the states."""
     unit = np.maximum(size, NEAREST * largest)
-    away: Array = np.abs(x - first) / (unit + np.where(unit == 0.0, 1.0, 0.0))
-    return away
+    return np.abs(x - first) / (unit + np.where(unit == 0.0, 1.0, 0.0))
 
 
 def halve(

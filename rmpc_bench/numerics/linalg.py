@@ -26,8 +26,7 @@ def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs 
     contiguous memory, because einsum adds up in an order that depends on the layout.
     """
     A, x = np.ascontiguousarray(A), np.ascontiguousarray(x)
-    product: Array = np.einsum("ij,rj->ri" if A.ndim == 2 else "rij,rj->ri", A, x)
-    return product
+    return np.einsum("ij,rj->ri" if A.ndim == 2 else "rij,rj->ri", A, x)
 
 
 def congruence(
@@ -37,8 +36,7 @@ def congruence(
     A = np.ascontiguousarray(A)
     shape = "ij" if A.ndim == 2 else "rij"
     half = np.einsum(f"{shape},rjk->rik", A, np.ascontiguousarray(P))
-    product: Array = np.einsum(f"rik,{shape.replace('i', 'l').replace('j', 'k')}->ril", half, A)
-    return product
+    return np.einsum(f"rik,{shape.replace('i', 'l').replace('j', 'k')}->ril", half, A)
 
 
 def as_compiled(array: Array) -> Array:
@@ -152,8 +150,7 @@ def as_vector(value: float | list[float] | Array, n: int, parameter: str = "") -
 def psd_sqrt(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
     """Return the symmetric root S of a positive semidefinite P, or of every matrix of a stack: S S = P."""
     lam, U = np.linalg.eigh(symmetrise(P))
-    root: Array = (U * np.sqrt(np.maximum(lam, 0.0))[..., None, :]) @ U.mT
-    return root
+    return (U * np.sqrt(np.maximum(lam, 0.0))[..., None, :]) @ U.mT
 
 
 def nearly_equal(P: Float[Array, "*k n n"], other: Float[Array, "n n"], tolerance: float) -> Any:

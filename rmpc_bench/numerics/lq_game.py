@@ -180,8 +180,7 @@ def _coefficients(values: Float[Array, "nodes rows"]) -> Float[Array, "rows node
     degrees = np.arange(NODES)
     basis = np.cos(np.pi * np.outer(degrees, degrees + 0.5) / NODES) * (2.0 / NODES)
     basis[0] *= 0.5
-    series: Array = (basis @ values).T
-    return series
+    return (basis @ values).T
 
 
 def _is_resolved(alone: Array, D: Array, E: Array, first: Array) -> bool:

@@ -66,8 +66,7 @@ def steady_map(
     one = np.linalg.pinv(M) * signs
     free = np.linalg.svd(M)[2][len(M) :].T
     root = np.linalg.cholesky(R_u).T
-    choose: Array = one - free @ np.linalg.pinv(root @ free[nx:]) @ (root @ one[nx:])
-    return choose
+    return one - free @ np.linalg.pinv(root @ free[nx:]) @ (root @ one[nx:])
 
 
 def _equations(A: Array, B: Array, C: Array, D: Any) -> Array:

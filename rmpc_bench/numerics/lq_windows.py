@@ -63,8 +63,7 @@ def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipl
     if not bounded.all():
         raise ValueError("a multiplier is below the smallest one of its game")
     n_windows = len(multipliers)
-    gains: Array = np.linalg.solve(stages.R[:n_windows], stages.B[:n_windows].mT @ first)
-    return gains
+    return np.linalg.solve(stages.R[:n_windows], stages.B[:n_windows].mT @ first)
 
 
 def smallest_multipliers(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:

@@ -280,8 +280,7 @@ def _moved(maps: WindowMaps, data: Windows, first: int, x: Float[Array, "runs mo
 def _solved(H: Float[Array, "runs n n"], g: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
     """Return H^-1 g; NaN for a singular matrix, which does not change the other runs."""
     try:
-        solution: Array = np.linalg.solve(H, g[:, :, None])[:, :, 0]
-        return solution
+        return np.linalg.solve(H, g[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         if len(H) == 1:
             return np.full_like(g, np.nan)

@@ -181,8 +181,7 @@ class NoiseChannel:
             return self.base
         if not t > 0.0:
             raise ZeroDivisionError("a must exceed the largest eigenvalue of G W G'")
-        bound: Array = self.base + (self.cross / ((self.lam[-1] - self.lam) + t)).dot(self.cross.T)  # Step 2
-        return bound
+        return self.base + (self.cross / ((self.lam[-1] - self.lam) + t)).dot(self.cross.T)  # Step 2
 
     def own(self, t: float) -> Float[Array, "nz nz"]:
         """Return a H H'."""

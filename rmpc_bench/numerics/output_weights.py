@@ -59,8 +59,7 @@ class OwnState(NamedTuple):
 
 def whitening(R_v: Float[Array, "*k ny ny"]) -> Float[Array, "*k ny ny"]:
     """Return the lower triangular T with T R_v T' = I."""
-    inverse: Array = np.tril(np.linalg.inv(np.linalg.cholesky(R_v)))
-    return inverse
+    return np.tril(np.linalg.inv(np.linalg.cholesky(R_v)))
 
 
 def whitening_of_runs(

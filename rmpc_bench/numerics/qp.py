@@ -285,8 +285,7 @@ class QuadraticProgram:
 
     def _slacks(self, z: Array, low: Array, high: Array) -> Float[Array, "problems rows"]:
         """Return the slacks of soft rows with the values z; 0 for hard rows."""
-        slacks: Array = np.where(self._marks == SOFT, np.maximum(np.maximum(low - z, z - high), 0.0), 0.0)
-        return slacks
+        return np.where(self._marks == SOFT, np.maximum(np.maximum(low - z, z - high), 0.0), 0.0)
 
     def _kkt(
         self, f: Array, low: Array, high: Array, x: Array, lam: Array, rounding: float
@@ -313,8 +312,7 @@ class QuadraticProgram:
             )
             worst.append(np.where(soft, price, 0.0))
         worst += [outside / size, np.minimum(np.abs(distance) / size, share)]
-        largest: Array = np.concatenate(worst, axis=1).max(axis=1, initial=0.0)
-        return largest
+        return np.concatenate(worst, axis=1).max(axis=1, initial=0.0)
 
     @cached_property
     def _conditions(self) -> tuple[Array, Array, Array]:

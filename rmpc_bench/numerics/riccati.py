@@ -105,5 +105,4 @@ def error_radius(
     F: Float[Array, "kF nx nx"], K: Float[Array, "kK nx ny"], C: Float[Array, "kC ny nx"]
 ) -> Float[Array, " k"]:
     """Return the spectral radius of F - K C at each k; below 1 the error dynamics are stable."""
-    radius: Array = np.abs(np.linalg.eigvals(F - K @ C)).max(axis=-1)
-    return radius
+    return np.abs(np.linalg.eigvals(F - K @ C)).max(axis=-1)

@@ -88,8 +88,7 @@ def _shrunk_inverse(system: Uncertain, X: Float[Array, "nx nx"], alpha: float) -
     N = system.N
     if not np.linalg.eigvalsh(symmetrise(alpha * np.eye(len(N)) - N.dot(X).dot(N.T)))[0] > 0.0:
         raise OutOfRangeError("alpha")
-    inverse: Array = np.linalg.inv(X) - N.T.dot(N) / alpha
-    return inverse
+    return np.linalg.inv(X) - N.T.dot(N) / alpha
 
 
 def _widened(root: Float[Array, "nx nx"], limits: Limits) -> Float[Array, "nx nx"]:
@@ -98,5 +97,4 @@ def _widened(root: Float[Array, "nx nx"], limits: Limits) -> Float[Array, "nx nx
     left = 1.0 - np.pad(sizes, (0, len(W) - len(sizes))) ** 2
     if not left[0] > 0.0:
         raise OutOfRangeError("theta")
-    widened: Array = root.dot((W.T / np.sqrt(left)).dot(W))
-    return widened
+    return root.dot((W.T / np.sqrt(left)).dot(W))

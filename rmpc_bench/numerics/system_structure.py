@@ -36,8 +36,7 @@ def zeros(
         return np.empty(0, dtype=complex)
     # Basis (n + r, n) of the states and inputs with output zero.
     W = np.linalg.svd(outputs)[2][len(outputs) :].T
-    found: Array = eigvals(np.hstack([A, B]) @ W, W[:n]).astype(complex)
-    return found
+    return eigvals(np.hstack([A, B]) @ W, W[:n]).astype(complex)
 
 
 def _without_infinite(system: System, tol: float) -> System:

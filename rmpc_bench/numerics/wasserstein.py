@@ -130,8 +130,7 @@ def minimax_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"
         return mean_square(worst, gain) / scale, gradient.ravel() / scale
 
     found = minimize(largest, L.dot(root).ravel(), jac=True, method="BFGS", options={"gtol": 1e-9})
-    gain: Array = np.linalg.solve(root.T, found.x.reshape(L.shape).T).T
-    return gain
+    return np.linalg.solve(root.T, found.x.reshape(L.shape).T).T
 
 
 def worst_for_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"]) -> Float[Array, "nz nz"]:

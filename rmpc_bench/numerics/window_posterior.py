@@ -111,8 +111,7 @@ def range_root(Q: Float[Array, "n n"]) -> Float[Array, "n rank"]:
     unit = np.where(size > 0.0, size, 1.0)
     lam, U = np.linalg.eigh(symmetrise(Q / unit[:, None] / unit))
     kept = lam > RANK
-    root: Array = unit[:, None] * U[:, kept] * np.sqrt(lam[kept])
-    return root
+    return unit[:, None] * U[:, kept] * np.sqrt(lam[kept])
 
 
 def range_of_root(root: Float[Array, "n r"]) -> Float[Array, "n rank"]:

@@ -61,8 +61,7 @@ class Zonotope:
 
     def support(self, directions: Float[Array, "rows n"]) -> Float[Array, " rows"]:
         """Return max {d' z : z in Z} for every row d'; the minimum is its negative."""
-        reached: Array = np.abs(directions @ self.generators).sum(axis=1)
-        return reached
+        return np.abs(directions @ self.generators).sum(axis=1)
 
     @property
     def half_widths(self) -> Float[Array, " n"]:
@@ -175,5 +174,4 @@ def _normals(generators: Float[Array, "n m"]) -> Float[Array, "rows n"]:
 def _points_up(generators: Float[Array, "2 m"]) -> Array:
     """Say which generators have an angle of 0 or more and less than pi."""
     x, y = generators
-    up: Array = (y > 0.0) | ((y == 0.0) & (x > 0.0))
-    return up
+    return (y > 0.0) | ((y == 0.0) & (x > 0.0))

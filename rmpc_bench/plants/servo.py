@@ -30,7 +30,6 @@ from rmpc_bench.models.servo import (
     LINEAR,
     MUST_BE_POSITIVE,
     NONLINEAR,
-    TOLERANCE,
     TORQUE_UNITS,
     coefficients,
     continuous,
@@ -126,10 +125,9 @@ class LinearDelta(NamedTuple):
 
 
 class ServoDelta(NamedTuple):
-    """Coefficients of the equations of motion of every run; see `coefficients`."""
+    """What differs from run to run."""
 
-    linear: Float[Array, "runs 9"]
-    friction: Float[Array, "runs 2 3"]
+    coefficients: Float[Array, "runs 3 9"]
     status: Statuses
     k_theta: Float[Array, " runs"]  # torsional rigidity of the shaft [N m/rad]
     rho: Float[Array, " runs"]  # gear ratio
@@ -157,15 +155,13 @@ class Servo(Plant):
         p = {name: np.where(good, values, self.nominal[name]) for name, values in parameters.items()}
         # Extreme parameters may overflow; such a run is out of range.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            linear, friction = coefficients(p)
-            slow = surely_slow_enough(linear, self.Ts)
+            found = coefficients(p)
+            slow = surely_slow_enough(found[:, 0], self.Ts)
         # Eigenvalues of the few runs that are close to the limit or beyond it.
         doubtful = np.flatnonzero(~slow)
         slow[doubtful] = slow_enough([{name: float(p[name][i]) for name in p} for i in doubtful], self.Ts)
-        usual = coefficients(self.nominal)
         return ServoDelta(
-            linear=np.where(slow[:, None], linear, usual[0]),
-            friction=np.where(slow[:, None, None], friction, usual[1]),
+            coefficients=np.where(slow[:, None, None], found, coefficients(self.nominal)),
             status=np.where(good & slow, Status.OK, Status.OUT_OF_RANGE).astype(np.int8),
             k_theta=np.where(slow, p["k_theta"], self.nominal["k_theta"]),
             rho=np.where(slow, p["rho"], self.nominal["rho"]),
@@ -177,7 +173,7 @@ class Servo(Plant):
         """Advance one sample with constant voltage, then add the process noise."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_step
 
-        x_next, status = servo_step(compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE), x, u, w)
+        x_next, status = servo_step(compiled_servo(delta.coefficients, self.Ts), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
 
     extra_signals = TORQUE_UNITS
@@ -201,8 +197,7 @@ class Servo(Plant):
         """Advance every period in equal parts, each as exactly as a whole period."""
         from rmpc_bench.models.servo_compiled import compiled_servo, servo_between
 
-        shorter = compiled_servo(delta.linear, delta.friction, self.Ts / parts, TOLERANCE)
-        return servo_between(shorter, x, u, parts)
+        return servo_between(compiled_servo(delta.coefficients, self.Ts / parts), x, u, parts)
 
     has_compiled_form = True
 
@@ -210,8 +205,7 @@ class Servo(Plant):
         """Return the compiled step with the coefficients of every run."""
         from rmpc_bench.models.servo_compiled import compiled_servo
 
-        step = compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE)
-        return CompiledPlant(step, (Term("x"),), delta.status)
+        return CompiledPlant(compiled_servo(delta.coefficients, self.Ts), (Term("x"),), delta.status)
 
     def output(
         self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], v: Float[Array, "runs 1"]

@@ -14,6 +14,7 @@ from plants.first_order import first_order, runge_kutta
 from plants.servo_loops import ReferencePlant, fig7
 from plants.servo_reference import FINE, held
 
+from rmpc_bench.models.servo import TOLERANCE
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.closed_loop import simulate
 
@@ -26,9 +27,8 @@ def taylor(rows, Ts, tolerance):
     """Return (x, u) -> x after a sample by the plant's kernel with a tolerance."""
     from rmpc_bench.models.servo_compiled import compiled_servo, servo_step
 
-    made = [servo.coefficients(p) for p in rows]
-    linear, friction = (np.stack(part) for part in zip(*made, strict=True))
-    plant, no_noise = compiled_servo(linear, friction, Ts, tolerance), np.zeros((len(rows), 4))
+    made = np.stack([servo.coefficients(p) for p in rows])
+    plant, no_noise = compiled_servo(made, Ts, tolerance), np.zeros((len(rows), 4))
     return lambda x, u: servo_step(plant, x, u, no_noise)[0]
 
 
@@ -37,7 +37,7 @@ SCHEMES = {
     "first order, 2 ms": (first_order, 2e-3),
     "first order, 1 ms": (first_order, 1e-3),
     "Taylor, tolerance 1e-9": (taylor, 1e-9),
-    f"Taylor, tolerance {servo.TOLERANCE:.0e} (the plant)": (taylor, servo.TOLERANCE),
+    f"Taylor, tolerance {TOLERANCE:.0e} (the plant)": (taylor, TOLERANCE),
 }
 
 

@@ -104,6 +104,4 @@ def test_coefficients_of_the_servomechanism_in_batch():
     assert np.flatnonzero(delta.status).tolist() == [4, 5, 6]
     for row in range(30):
         p = plant.nominal if delta.status[row] else {name: float(values[row]) for name, values in parameters.items()}
-        linear, friction = servo.coefficients(p)
-        np.testing.assert_array_equal(delta.linear[row], linear)
-        np.testing.assert_array_equal(delta.friction[row], friction)
+        np.testing.assert_array_equal(delta.coefficients[row], servo.coefficients(p))
