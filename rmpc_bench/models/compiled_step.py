@@ -21,16 +21,18 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     """Compile x(k+1) for the nominal parameters, with equal steps, or with error control where there are 0."""
     from rmpc_bench.numerics.compiled import numba
 
-    rhs = numba.njit(ode.rhs)
+    njit: Any = numba.njit
+    rhs = njit(ode.rhs)
     # A record of plain numbers, which compiled code can read.
     nominal = dict(ode.nominal) or {"nothing": 0.0}
     p = namedtuple("p", [*nominal])(**nominal)  # noqa: PYI024
-    slope = _timed(numba.njit, rhs) if ode.timed else _untimed(numba.njit, rhs)
-    advance = _map(slope) if ode.discrete else _equal(_rk4(numba.njit, slope)) if substeps else None
-    rules = (
-        numba.njit(unwrap(rule)) for rule in (integration.sizes, integration.relative_errors, integration.distances)
-    )
-    kernel = numba.njit(advance or _halving(_rk4(numba.njit, slope), *rules))
+    if ode.timed:
+        slope = njit(lambda t, x, u, p: np.asarray(rhs(t, x, u, p)))
+    else:
+        slope = njit(lambda t, x, u, p: np.asarray(rhs(x, u, p)))
+    rk4 = njit(_rk4(slope))
+    rules = (njit(unwrap(rule)) for rule in (integration.sizes, integration.relative_errors, integration.distances))
+    kernel = njit(_map(slope) if ode.discrete else _equal(rk4) if substeps else _halving(rk4, *rules))
     scale = np.array(ode.scale or [0.0] * ode.nx)
 
     def step(k: int, x: Array, u: Array, lead: Array, u_lead: Array) -> Array:
@@ -52,20 +54,6 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     return step
 
 
-def _untimed(njit: Any, rhs: Any) -> Any:
-    def slope(t, x, u, p):  # type: ignore[no-untyped-def]
-        return np.asarray(rhs(x, u, p))
-
-    return njit(slope)
-
-
-def _timed(njit: Any, rhs: Any) -> Any:
-    def slope(t, x, u, p):  # type: ignore[no-untyped-def]
-        return np.asarray(rhs(t, x, u, p))
-
-    return njit(slope)
-
-
 def _map(rhs: Any) -> Any:
     def advance(t, x, u, lead, u_lead, p, Ts, substeps, rtol, scale):  # type: ignore[no-untyped-def]
         found = np.empty_like(x)
@@ -76,7 +64,7 @@ def _map(rhs: Any) -> Any:
     return advance
 
 
-def _rk4(njit: Any, slope: Any) -> Any:
+def _rk4(slope: Any) -> Any:
     """One step; the slope is asked at times from `first` to `last` only."""
 
     def step(t, h, x, u, p, first, last):  # type: ignore[no-untyped-def]
@@ -87,7 +75,7 @@ def _rk4(njit: Any, slope: Any) -> Any:
         k4 = slope(min(max(t + h, first), last), x + h * k3, u, p)
         return x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
 
-    return njit(step)
+    return step
 
 
 def _equal(step: Any) -> Any:

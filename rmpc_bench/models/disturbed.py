@@ -8,7 +8,7 @@ Kinds   linear            the augmented matrices (models/disturbance.py)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,21 +35,18 @@ from rmpc_bench.types import Array, Model, OperatingPoint
 
 
 class Augmented:
-    """What models with disturbances have in common; a subclass gives `undisturbed` and `entry`."""
+    """What models with disturbances have in common."""
 
     undisturbed: Any  # model of x
     entry: Entry  # how d enters it
     label: str  # places, drift and rank in words
 
-    @property
-    def n_disturbances(self) -> int:
-        """Number of disturbances."""
-        return self.entry.nd
+    def __init__(self, undisturbed: Any, entry: Entry, label: str = "") -> None:
+        vars(self).update(undisturbed=undisturbed, entry=entry, label=label)
 
-    @property
-    def D0(self) -> Float[Array, "nd nd"]:
-        """Covariance of d(0)."""
-        return self.entry.D0
+    n_disturbances = property(lambda self: self.entry.nd)
+    D0 = property(lambda self: self.entry.D0)
+    remarks = property(lambda self: self.undisturbed.remarks)
 
     @property
     def extra_signals(self) -> Mapping[str, Float[Array, "nz n"]]:
@@ -63,9 +60,10 @@ class Augmented:
         return None if point is None else OperatingPoint(self.entry.padded(point.x), point.u, point.y)
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Those of the model of x."""
-        return self.undisturbed.remarks
+    def deviation(self) -> Model:
+        """The model of x - x_op, u - u_op and y - y_op, with the same d."""
+        within = self.undisturbed.deviation
+        return self if within is self.undisturbed else disturbed(within, self.entry, self.label)  # type: ignore[return-value]
 
     def facts(self) -> list[tuple[str, str]]:
         """Those of the model of x, and the disturbances."""
@@ -80,79 +78,30 @@ class DisturbedLinear(Augmented, LinearModel):
     """A linear model of [x; d], the same at all k."""
 
     def __init__(self, undisturbed: LinearModel, entry: Entry, label: str = "") -> None:
-        made = augmented(undisturbed, entry)
-        own = {"undisturbed": undisturbed, "entry": entry, "label": label}
-        same = {name: getattr(made, name) for name in ("A", "B", "C", "Q_w", "R_v", "S_wv", "f0", "d0", "D")}
-        for name, value in {**own, **same}.items():
-            object.__setattr__(self, name, value)
-
-    disturbance_inputs: Mapping[str, Array] = {}
-
-    @property
-    def deviation(self) -> Model:
-        """The model of x - x_op, u - u_op and y - y_op, with the same d."""
-        within = self.undisturbed.deviation
-        return self if within is self.undisturbed else DisturbedLinear(within, self.entry, self.label)
+        super().__init__(undisturbed, entry, label)
+        vars(self).update(vars(augmented(undisturbed, entry)))
 
 
 class AugmentedWhenAsked(Augmented):
     """A model with disturbances whose sizes and covariances are not stored."""
 
-    @property
-    def nx(self) -> int:
-        """Number of states and disturbances."""
-        return int(self.undisturbed.nx) + self.entry.nd
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return int(self.undisturbed.nu)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return int(self.undisturbed.ny)
-
-    @property
-    def Q_w(self) -> Float[Array, "n n"]:
-        """Covariance of the process noise and of the drift."""
-        return block_diagonal(self.undisturbed.Q_w, self.entry.drift)
-
-    @property
-    def R_v(self) -> Float[Array, "ny ny"]:
-        """Covariance of the measurement noise."""
-        return self.undisturbed.R_v
+    nx = property(lambda self: self.undisturbed.nx + self.entry.nd)
+    nu = property(lambda self: self.undisturbed.nu)
+    ny = property(lambda self: self.undisturbed.ny)
+    Q_w = property(lambda self: block_diagonal(self.undisturbed.Q_w, self.entry.drift))
+    R_v = property(lambda self: self.undisturbed.R_v)
 
 
-@dataclass(frozen=True, eq=False)
 class DisturbedModel(AugmentedWhenAsked, Model):
     """A model of [x; d] that may vary with k."""
 
-    undisturbed: Model
-    entry: Entry
-    label: str = ""
-    _made: dict[int, tuple[LinearModel, LinearModel]] = field(default_factory=dict, init=False, repr=False)
-    """Cache of the linear models by k: that of x and that of [x; d]."""
+    varies = property(lambda self: self.undisturbed.varies)
+    has_sets = property(lambda self: self.undisturbed.has_sets)
 
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix depends on k."""
-        return self.undisturbed.varies
-
-    @property
-    def has_sets(self) -> bool:
-        """Whether the noises have bounded parts."""
-        return self.undisturbed.has_sets
-
-    @property
-    def deviation(self) -> Model:
-        """The model of x - x_op, u - u_op and y - y_op, with the same d."""
-        within = self.undisturbed.deviation
-        if within is self.undisturbed:
-            return self
-        if isinstance(within, LinearModel):
-            return DisturbedLinear(within, self.entry, self.label)
-        return DisturbedModel(within, self.entry, self.label)
+    @cached_property
+    def _made(self) -> dict[int, tuple[LinearModel, LinearModel]]:
+        """Cache of the linear models by k: that of x and that of [x; d]."""
+        return {}
 
     def at(self, k: int) -> LinearModel:
         """Return the linear model at k."""
@@ -179,12 +128,7 @@ class DisturbedModel(AugmentedWhenAsked, Model):
 class DisturbedNonlinear(DisturbedModel):
     """A model of [x; d] with functions f and h, for estimators and controllers of a user."""
 
-    undisturbed: NonlinearModel
-
-    @property
-    def Ts(self) -> float:
-        """Sampling time [s]."""
-        return float(self.undisturbed.Ts)
+    Ts = property(lambda self: self.undisturbed.Ts)
 
     @property
     def limits(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
@@ -237,13 +181,8 @@ class DisturbedNonlinear(DisturbedModel):
 class DisturbedStates(AugmentedWhenAsked, StateDependentModel):
     """A state-dependent model of [x; d]."""
 
-    def __init__(self, undisturbed: StateDependentModel, entry: Entry, label: str = "") -> None:
-        self.undisturbed, self.entry, self.label = undisturbed, entry, label
-
-    @property
-    def has_offsets(self) -> bool:
-        """Whether the model has constant parts and an output matrix that depend on the state."""
-        return bool(self.undisturbed.has_offsets)
+    has_offsets = property(lambda self: self.undisturbed.has_offsets)
+    R_v_varies = property(lambda self: self.undisturbed.R_v_varies)
 
     @property
     def largest(self) -> Float[Array, " n"]:
@@ -256,14 +195,9 @@ class DisturbedStates(AugmentedWhenAsked, StateDependentModel):
         """Output matrix."""
         return np.hstack([self.undisturbed.C, self.entry.C_d])
 
-    @property
-    def R_v_varies(self) -> bool:
-        """Whether the measurement noise depends on k."""
-        return bool(self.undisturbed.R_v_varies)
-
     def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
         """Covariance of the measurement noise at k."""
-        return self.undisturbed.R_v_at(k)  # type: ignore[no-any-return]
+        return self.undisturbed.R_v_at(k)
 
     def at_state(self, x: Float[Array, "runs n"]) -> Pair:
         """Sample the model with its matrices frozen at the state of every run."""
@@ -311,20 +245,15 @@ class DisturbedUncertain(Augmented, UncertainModel):
     """An uncertain linear model of [x; d]: the drift is a further process noise, and d has no uncertainty."""
 
     def __init__(self, undisturbed: UncertainModel, entry: Entry, label: str = "") -> None:
-        nd = entry.nd
-        own = {
-            "undisturbed": undisturbed,
-            "entry": entry,
-            "label": label,
-            "system": augmented_system(undisturbed.system, entry),
-            "W": block_diagonal(undisturbed.W, entry.drift),
-            "V": undisturbed.V,
-            "S": np.vstack([undisturbed.S, np.zeros((nd, len(undisturbed.V)))]),
-            "wbar": entry.padded(undisturbed.wbar),
-            "vbar": undisturbed.vbar,
-        }
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
+        super().__init__(undisturbed, entry, label)
+        vars(self).update(
+            system=augmented_system(undisturbed.system, entry),
+            W=block_diagonal(undisturbed.W, entry.drift),
+            V=undisturbed.V,
+            S=np.vstack([undisturbed.S, np.zeros((entry.nd, len(undisturbed.V)))]),
+            wbar=entry.padded(undisturbed.wbar),
+            vbar=undisturbed.vbar,
+        )
 
 
 def augmented_system(system: UncertainSystem, entry: Entry) -> UncertainSystem:

@@ -77,13 +77,13 @@ class LinearModel(Model):
         extra_signals: Mapping[str, Array] | None = None,
         disturbance_inputs: Mapping[str, Array] | None = None,
     ) -> None:
-        for name, matrix in _system({"A": A, "B": B, "C": C}).items():
-            object.__setattr__(self, name, matrix)
+        found = vars(self)
+        found.update(_system({"A": A, "B": B, "C": C}))
         nx, ny = len(self.A), len(self.C)
         for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
             array = _array(name, cov)
             try:
-                object.__setattr__(self, name, as_covariance(array, n))
+                found[name] = as_covariance(array, n)
             except ValueError as error:
                 raise DesignError(f"{name}: {error}") from None
         of_u = ("D", D, (ny, self.B.shape[1]))
@@ -92,11 +92,10 @@ class LinearModel(Model):
             if array.shape != shape:
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
-            object.__setattr__(self, name, array)
+            found[name] = array
         if not is_possible(self.S_wv, self.Q_w, self.R_v):
             raise DesignError("S_wv: [Q_w S_wv; S_wv' R_v] is not positive semidefinite", "S_wv")
-        object.__setattr__(self, "extra_signals", dict(extra_signals or {}))
-        object.__setattr__(self, "disturbance_inputs", dict(disturbance_inputs or {}))
+        found.update(extra_signals=dict(extra_signals or {}), disturbance_inputs=dict(disturbance_inputs or {}))
 
     def at(self, k: int) -> LinearModel:
         """Return the model at k, which is the same at every k."""
@@ -169,8 +168,7 @@ class HeldModel(LinearModel):
         f0, Q_w = held @ (now.f0 + now.B @ rest), 0.5 * (Q_w + Q_w.T)
         super().__init__(A, held @ B, now.C, Q_w, now.R_v, f0=f0, d0=now.d0, D=D, extra_signals=model.extra_signals)
         own = {"of": model, "every": every, "held": held, "operating_point": point, "inputs": inputs}
-        for name, value in {**own, "n_disturbances": model.n_disturbances}.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(own, n_disturbances=model.n_disturbances)
 
     of: Model
     every: int

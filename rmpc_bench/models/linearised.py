@@ -118,9 +118,7 @@ class LinearisedModel(LinearModel):
         drift = np.zeros(len(point.x)) if drift is None else drift
         f0 = point.x + drift - A @ point.x - B @ point.u
         super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=point.y - C @ point.x - (0.0 if D is None else D @ point.u), D=D)
-        own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks, "y_period": y_period}
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(operating_point=point, drift=drift, _known=known, remarks=remarks, y_period=y_period)
 
     operating_point: OperatingPoint
     drift: Float[Array, " nx"]

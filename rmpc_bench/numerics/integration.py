@@ -362,7 +362,7 @@ class _User:
         if not np.isfinite(x).all():
             # Functions of one number, such as math.sin, raise an exception there.
             return np.full(len(x), np.nan)
-        return self._guarded(self._slope, t, x)  # type: ignore[no-any-return]
+        return self._guarded(self._slope, t, x)
 
     def event(self, event: Event | None) -> Callable[[float, Array], float]:
         """Return an event as `solve_ivp` takes it; it never happens where there is None."""
