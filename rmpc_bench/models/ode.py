@@ -6,6 +6,7 @@ Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -68,20 +69,35 @@ def design(
     DesignError
         If a function, a name or an operating point is not what it must be.
     """
-    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {}, discrete, time_unit)
+    x_names, x_units = _named(states, plant.ode, "states", "x")
+    u_names, u_units = _named(inputs, plant.ode, "inputs", "u")
+    refuse_shared(x_names, u_names)
+    y_names, y_units = (x_names, x_units) if output is None else _named(outputs, plant.ode, "outputs", "y")
+    known = plant.ode or Ode(ode, output, (), (), ())
+    ranges = dict(zip(known.states, known.scale, strict=False))
+    equation = Ode(
+        ode,
+        output,
+        x_names,
+        u_names,
+        y_names,
+        nominal={**known.nominal, **(parameters or {})},
+        units={**known.units, **y_units, **u_units, **x_units},
+        bounds={name: known.bounds[name] for name in (*x_names, *u_names) if name in known.bounds},
+        timed=is_timed(ode),
+        substeps=known.substeps if known.discrete == discrete else 0,
+        scale=tuple(ranges.get(name, 0.0) for name in x_names),
+        discrete=discrete,
+        time_unit=time_unit,
+        fed=is_fed(output),
+    )
     if (equation.nu, equation.ny) != (plant.nu, plant.ny):
         raise DesignError(
             f"inputs and outputs of the model: {equation.nu} and {equation.ny}; those of the plant: {plant.nu} and "
             f"{plant.ny}; give inputs, outputs and `output`",
             "ode",
         )
-    own = {} if plant.ode is None else plant.ode.angles
-    if angles is not None:
-        own = angles if isinstance(angles, dict) else dict.fromkeys(angles, 2.0 * np.pi)
-        for name in own:
-            if name not in (*equation.states, *equation.outputs):
-                known = dict.fromkeys((*equation.states, *equation.outputs))
-                raise DesignError(unknown(name, known, "state or output of this model"), "angles")
+    own = _angles(angles, known, dict.fromkeys((*x_names, *y_names)))
     dynamics = OdeDynamics(replace(equation, angles=own))
     if at == "trajectory":
         return relinearised(dynamics, Ts, noise, substeps)
@@ -90,43 +106,20 @@ def design(
     return nonlinear_model(dynamics, Ts, noise, substeps=substeps, numba=numba)
 
 
-def _equation(
-    plant: Ode | None,
-    ode: UserFunction,
-    output: UserFunction,
-    states: Names | None,
-    inputs: Names | None,
-    outputs: Names | None,
-    parameters: dict[str, float],
-    discrete: bool,
-    time_unit: str,
-) -> Ode:
-    """Return the equation, with the names of the plant where none are given."""
-    x_names, x_units = _named(states, None if plant is None else plant.states, "states", "x")
-    u_names, u_units = _named(inputs, None if plant is None else plant.inputs, "inputs", "u")
-    refuse_shared(x_names, u_names)
-    if output is None:
-        y_names, y_units = x_names, x_units
-    else:
-        y_names, y_units = _named(outputs, None if plant is None else plant.outputs, "outputs", "y")
-    nominal = {**({} if plant is None else plant.nominal), **parameters}
-    units = {**({} if plant is None else plant.units), **y_units, **u_units, **x_units}
-    known = {} if plant is None else plant.bounds
-    bounds = {name: known[name] for name in (*x_names, *u_names) if name in known}
-    substeps = 0 if plant is None or plant.discrete != discrete else plant.substeps
-    ranges = {} if plant is None else dict(zip(plant.states, plant.scale, strict=False))
-    scale = tuple(ranges.get(name, 0.0) for name in x_names)
-    every = x_names, u_names, y_names, nominal, units, bounds, is_timed(ode)
-    return Ode(
-        ode, output, *every, substeps=substeps, scale=scale, discrete=discrete, time_unit=time_unit, fed=is_fed(output)
-    )
+def _angles(given: list[str] | dict[str, float] | None, plant: Ode, names: Mapping[str, None]) -> Mapping[str, float]:
+    """Return the periods of the states and outputs that are angles, those of the plant unless some are given."""
+    if given is None:
+        return plant.angles
+    for name in given:
+        if name not in names:
+            raise DesignError(unknown(name, names, "state or output of this model"), "angles")
+    return given if isinstance(given, dict) else dict.fromkeys(given, 2.0 * np.pi)
 
 
-def _named(
-    given: Names | None, of_plant: tuple[str, ...] | None, key: str, letter: str
-) -> tuple[tuple[str, ...], dict[str, str]]:
+def _named(given: Names | None, plant: Ode | None, key: str, letter: str) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return names with their units; those of the plant, whose units are known, unless some are given."""
     if given is not None:
         return names_of(given, key, letter)
-    if of_plant is None:
+    if plant is None:
         raise DesignError("name them, or give their number: the plant is no ODE plant", key)
-    return of_plant, {}
+    return getattr(plant, key), {}
