@@ -26,7 +26,7 @@ from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.divergence import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, driven, innovation, mv
 from rmpc_bench.numerics.mixed_step import MixedStep, Rule
-from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
+from rmpc_bench.numerics.riccati import error_radius, filter_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, CompiledFilter, DesignError, Estimate, Estimator, GainSchedule, Model, Status
 
@@ -259,8 +259,7 @@ def riccati_schedule(
         try:
             inflation = inflate(k, roots[-1]) if inflate is not None else Inflation(roots[-1], 0.0)
             counts = k > 0 or use_y0
-            take = filter_step if counts else unmeasured_step
-            step = take(now.A, now.C, now.Q_w, now.R_v, inflation.root, growth)
+            step = filter_step(now.A, now.C, now.Q_w, now.R_v, inflation.root, growth, measured=counts)
         except np.linalg.LinAlgError:
             refuse_overflow(covariance_of(np.array(roots)))
             raise singular_innovation(k) from None

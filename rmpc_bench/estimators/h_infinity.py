@@ -40,7 +40,7 @@ from rmpc_bench.estimators.gain_schedule import (
 )
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_matrix, nearly_equal
-from rmpc_bench.numerics.riccati import FilterStep, filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
@@ -105,8 +105,7 @@ class Recursion:
         return Gains(period.L, period.K, period.root_next, None)
 
     def _period(self, now: LinearModel | Outputs, root: Array, theta: float, *, measured: bool) -> Period:
-        take = filter_step if measured else unmeasured_step
-        kalman = take(now.A, now.C, now.Q_w, now.R_v, root)
+        kalman = filter_step(now.A, now.C, now.Q_w, now.R_v, root, measured=measured)
         chosen = root if self.form == "predictor" else kalman.root
         largest = float(np.linalg.norm(self.weight.dot(chosen), 2) ** 2)
         margin = 1.0 - theta * largest
@@ -114,7 +113,7 @@ class Recursion:
             return Period(kalman.L, kalman.K, margin, largest, root)
         inflated = inflated_by_weight(chosen, self.weight, theta)
         if self.form == "predictor":
-            step: FilterStep = take(now.A, now.C, now.Q_w, now.R_v, inflated)
+            step = filter_step(now.A, now.C, now.Q_w, now.R_v, inflated, measured=measured)
             return Period(np.zeros_like(step.L), step.K, margin, largest, step.root_next)
         return Period(kalman.L, kalman.K, margin, largest, predicted_root(now.A, now.Q_w, inflated))
 

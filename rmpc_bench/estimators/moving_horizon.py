@@ -39,7 +39,7 @@ from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
-from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
+from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import covariance_of, without_missing
 from rmpc_bench.numerics.window_posterior import WindowBounds, WindowFit, WindowProgram, range_of_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
@@ -206,9 +206,8 @@ class MovingHorizon(Estimator):
             x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
             there = measured[-1]
             counts = k > 0 or self.use_y0
-            step = (filter_step if counts else unmeasured_step)(
-                A, np.where(there[:, None], C, 0.0), Q_w, without_missing(R_v, there), state.roots[i, -1]
-            )
+            seen, noise = np.where(there[:, None], C, 0.0), without_missing(R_v, there)
+            step = filter_step(A, seen, Q_w, noise, state.roots[i, -1], measured=counts)
             P[i], root_next[i] = step.P, step.root_next
         return WindowFit(x, solved, status), P, root_next
 

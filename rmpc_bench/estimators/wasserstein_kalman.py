@@ -45,7 +45,7 @@ from rmpc_bench.estimators.gain_schedule import (
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import stochastic_sets
 from rmpc_bench.numerics.linalg import nearly_equal
-from rmpc_bench.numerics.riccati import filter_step, predicted_root, unmeasured_step
+from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.numerics.wasserstein import joint_factor, least_favourable
 from rmpc_bench.types import Array, Model, NonNegative, Positive
@@ -155,8 +155,7 @@ class SaddlePoints:
         """Return gain and covariances at k; raise a LinAlgError if the covariance of the innovation is singular."""
         now = self.models[k]
         if not measured or self.radius == 0.0:
-            take = filter_step if measured else unmeasured_step
-            nominal = take(now.A, now.C, now.Q_w, now.R_v, root)
+            nominal = filter_step(now.A, now.C, now.Q_w, now.R_v, root, measured=measured)
             S = covariance_of(now.C.dot(root)) + now.R_v
             return WassersteinStep(nominal.L, nominal.root, covariance_of(root), S, 0.0)
         if self._L is None:

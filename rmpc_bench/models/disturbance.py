@@ -195,16 +195,7 @@ def padded_signals(signals: Mapping[str, Array], nd: int) -> dict[str, Float[Arr
 def rank_and_size(
     A: Float[Array, "nx nx"], B_d: Float[Array, "nx nd"], C: Float[Array, "ny nx"], C_d: Float[Array, "ny nd"]
 ) -> tuple[int, int]:
-    """Return the rank of [A - I, B_d; C, C_d] and the rank nx + nd that it must have.
-
-    Examples
-    --------
-    >>> integrator = np.eye(1), np.ones((1, 1)), np.ones((1, 1))
-    >>> rank_and_size(integrator[0], integrator[1], integrator[2], np.zeros((1, 1)))  # at the input
-    (2, 2)
-    >>> rank_and_size(integrator[0], np.zeros((1, 1)), integrator[2], np.ones((1, 1)))  # at the output
-    (1, 2)
-    """
+    """Return the rank of [A - I, B_d; C, C_d] and the rank nx + nd that it must have."""
     matrix = np.block([[A - np.eye(len(A)), B_d], [C, C_d]])
     # Neither the rank nor its computation should depend on the units of the states, the outputs and d.
     for _ in range(SWEEPS):

@@ -236,13 +236,7 @@ def blamed(key: str) -> Iterator[None]:
 
 
 def ignores_time(function: Any) -> bool:
-    """Whether a function of Python does not read its first argument; False where its code is not known.
-
-    Examples
-    --------
-    >>> ignores_time(lambda t, x: 2 * x), ignores_time(lambda t, x: t * x)
-    (True, False)
-    """
+    """Whether a function of Python does not read its first argument; False where its code is not known."""
     code = getattr(function, "__code__", None)
     if code is None or not code.co_argcount or {"locals", "vars", "eval", "exec"} & {*code.co_names}:
         return False
@@ -252,13 +246,7 @@ def ignores_time(function: Any) -> bool:
 
 
 def usable_names(labels: Iterable[str]) -> Names:
-    """Return names of signals as a configuration may write them; their number where they are only counted.
-
-    Examples
-    --------
-    >>> usable_names(["P_x[0]", "level"]), usable_names(["x[0]", "x[1]"]), usable_names(["u"])
-    (['P_x_0', 'level'], 2, 1)
-    """
+    """Return names of signals as a configuration may write them; their number where they are only counted."""
     given = list(labels)
     names = [re.sub(r"\W+", "_", label).strip("_") for label in given]
     counted = all(re.fullmatch(r"[xuy](\[\d+\])?", label) for label in given)

@@ -25,18 +25,11 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class NoiseSets:
-    """The sets that a design assumes for the noises.
+    """The sets that a design assumes for the noises."""
 
-    Parameters
-    ----------
-    model : design model; M = 0 if it has no sets
-    level : probability of the ellipsoid that represents the stochastic noise; None omits that noise
-    bounded : whether to include the bounded noise
-    """
-
-    model: Model
-    level: float | None = None
-    bounded: bool = True
+    model: Model  # M = 0 if it has no sets
+    level: float | None = None  # probability of the ellipsoid of the stochastic noise; None omits that noise
+    bounded: bool = True  # whether to include the bounded noise
 
     def process(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the process noise at k."""

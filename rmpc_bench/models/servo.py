@@ -89,13 +89,7 @@ def continuous(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 4 4"], Float[A
 
 
 def torques(p: Mapping[str, float]) -> dict[str, Float[Array, "1 4"]]:
-    """Rows of the torque of the shaft, on the load side and on the motor side [N m].
-
-    Examples
-    --------
-    >>> {name: row.round(6).tolist() for name, row in torques(TABLE_1).items()}
-    {'shaft_torque': [[-1280.2, 0.0, 64.01, 0.0]], 'motor_torque': [[-64.01, 0.0, 3.2005, 0.0]]}
-    """
+    """Rows of the torque of the shaft, on the load side and on the motor side [N m]."""
     row = np.array([[-p["k_theta"], 0.0, p["k_theta"] / p["rho"], 0.0]])
     return {LOAD_TORQUE: row, MOTOR_TORQUE: row / p["rho"]}
 
@@ -103,14 +97,7 @@ def torques(p: Mapping[str, float]) -> dict[str, Float[Array, "1 4"]]:
 def shaft_torque(
     name: str, k_theta: Float[Array, " runs"], rho: Float[Array, " runs"], x: Float[Array, "runs samples n"]
 ) -> Float[Array, "runs samples"]:
-    """Return a torque of the shaft [N m] with the parameters of every run.
-
-    Examples
-    --------
-    >>> x, two = np.array([[[0.1, 0.0, 4.0, 0.0]]]), np.array([20.0])
-    >>> [shaft_torque(name, np.array([1000.0]), two, x).item() for name in (LOAD_TORQUE, MOTOR_TORQUE)]
-    [100.0, 5.0]
-    """
+    """Return a torque of the shaft [N m] with the parameters of every run."""
     k_theta, rho = k_theta[:, None], rho[:, None]
     torque: Array = k_theta * (x[:, :, 2] / rho - x[:, :, 0])
     return torque if name == LOAD_TORQUE else torque / rho

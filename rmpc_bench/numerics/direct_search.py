@@ -54,11 +54,7 @@ def golden_section(objective: Callable[[float], float], a: float, b: float, c: f
 
 
 def halton(n: int, dimensions: int, start: int = 0) -> Iterator[Place]:
-    """Yield points of the Halton sequence without its first point, the origin, from number `start` on.
-
-    >>> [*halton(3, 1)]
-    [(0.5,), (0.25,), (0.75,)]
-    """
+    """Yield points of the Halton sequence without its first point, the origin, from number `start` on."""
     for index in range(start + 1, start + n + 1):
         yield tuple(_radical_inverse(index, base) for base in _PRIMES[:dimensions])
 

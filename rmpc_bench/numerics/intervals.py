@@ -38,11 +38,6 @@ def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False
     """Return bounds of n coordinates, infinite without pairs; with `distinct` no lower bound equals the upper one.
 
     Pairs without any number are refused if a bound is `required`.
-
-    Examples
-    --------
-    >>> interval_of((0.0, None), 2, "w")
-    Interval(low=array([0., 0.]), high=array([inf, inf]))
     """
     if pairs is None:
         return Interval(np.full(n, -np.inf), np.full(n, np.inf))

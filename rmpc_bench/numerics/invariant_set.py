@@ -43,14 +43,6 @@ def largest_invariant(
 
     A has its eigenvalues inside the unit circle, b_t = bounds(t) does not increase with t and is at least b_inf > 0.
     A ValueError says that a bound is not positive, or the set not found within `MOST_STEPS` steps.
-
-    Examples
-    --------
-    x+ = 0.5 x inside |x| <= 1 is invariant as it stands:
-
-    >>> H, b = np.array([[1.0], [-1.0]]), np.ones(2)
-    >>> largest_invariant(np.array([[0.5]]), H, lambda t: b, b).H.tolist()
-    [[1.0], [-1.0]]
     """
     if not (b_inf > 0.0).all():
         raise ValueError("the point 0 must be inside all limits")

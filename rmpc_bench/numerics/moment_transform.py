@@ -166,14 +166,7 @@ def _points(
 
 
 def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n"], Bool[Array, " runs"]]:
-    """Return S with S S' = P for every run, and whether P is indefinite, so that only its positive part has the root.
-
-    Examples
-    --------
-    >>> root, indefinite = covariance_root(np.array([[[4.0, 0.0], [0.0, 1.0]], [[4.0, 0.0], [0.0, -1.0]]]))
-    >>> root.tolist(), indefinite.tolist()
-    ([[[2.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 0.0]]], [False, True])
-    """
+    """Return S with S S' = P for every run, and whether P is indefinite: S is then the root of its positive part."""
     n, indefinite = P.shape[1], np.zeros(len(P), dtype=bool)
     finite: Array = np.asarray(np.isfinite(P).all(axis=(1, 2)))
     sound = P if finite.all() else np.where(finite[:, None, None], P, np.eye(n))

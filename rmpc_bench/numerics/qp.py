@@ -175,35 +175,13 @@ class QpSolution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class QuadraticProgram:
-    """Problems that have H, the rows and the weights of their slacks in common.
+    """Problems that have H, the rows and the weights of their slacks in common."""
 
-    Parameters
-    ----------
-    H : (n, n) positive definite matrix
-    A : (rows, n) matrix of the rows
-    soft : (rows,) which rows are soft; none if not given
-    linear : (rows,) weights of the slacks, not negative; not used in hard rows
-    quadratic : (rows,) weights of the squares of the slacks, positive; not used in hard rows
-    iteration_limit : largest number of iterations
-
-    Examples
-    --------
-    The point of the line x_1 + x_2 = 1 that is closest to 0, and the same with a soft row of weight 0.1:
-
-    >>> H, A = np.eye(2), np.ones((1, 2))
-    >>> QuadraticProgram(H, A).solve(np.zeros(2), [1.0], [1.0]).x.round(6).tolist()
-    [0.5, 0.5]
-    >>> soft = QuadraticProgram(H, A, np.array([True]), np.array([0.1]), np.array([1e-3]))
-    >>> answer = soft.solve(np.zeros(2), [1.0], [1.0])
-    >>> answer.status.name, answer.x.round(4).tolist()
-    ('SOFTENED', [0.1008, 0.1008])
-    """
-
-    H: Float[Array, "n n"]
+    H: Float[Array, "n n"]  # positive definite
     A: Float[Array, "rows n"]
-    soft: Bool[Array, " rows"] | None = None
-    linear: Float[Array, " rows"] | None = None
-    quadratic: Float[Array, " rows"] | None = None
+    soft: Bool[Array, " rows"] | None = None  # which rows are soft; none if not given
+    linear: Float[Array, " rows"] | None = None  # weights of the slacks, not negative; not used in hard rows
+    quadratic: Float[Array, " rows"] | None = None  # those of their squares, positive; not used in hard rows
     iteration_limit: int = MOST_ITERATIONS
 
     def solve(self, f: Any, low: Any, high: Any) -> QpSolution:

@@ -37,29 +37,21 @@ def filter_step(
     R_v: Float[Array, "ny ny"],
     root: Float[Array, "nx r"],
     growth: float = 1.0,
+    *,
+    measured: bool = True,
 ) -> FilterStep:
     """Correct and propagate a root of the covariance of the prediction error: P_next = growth A P A' + Q_w.
 
     A LinAlgError says that C P C' + R_v is singular.
     """
+    if not measured:
+        nothing = np.zeros((len(A), len(C)))
+        return FilterStep(nothing, nothing, root, predicted_root(A, Q_w, root, growth))
     found = corrected(C, root_of(R_v), root)
     if not found.regular:
         raise np.linalg.LinAlgError("Singular matrix")
     L = found.gain
     return FilterStep(L, A.dot(L), found.root, predicted_root(A, Q_w, found.root, growth))
-
-
-def unmeasured_step(
-    A: Float[Array, "nx nx"],
-    C: Float[Array, "ny nx"],
-    Q_w: Float[Array, "nx nx"],
-    R_v: Float[Array, "ny ny"],
-    root: Float[Array, "nx r"],
-    growth: float = 1.0,
-) -> FilterStep:
-    """Propagate a covariance without a measurement."""
-    nothing = np.zeros((len(A), len(C)))
-    return FilterStep(nothing, nothing, root, predicted_root(A, Q_w, root, growth))
 
 
 def predicted_root(

@@ -41,12 +41,6 @@ def find_zero(function: Function, x: Float[Array, " n"], low: Float[Array, " n"]
     """Find a zero of a function inside bounds.
 
     The function may be NaN outside of its domain, but not at the first point, which is inside the bounds.
-
-    Examples
-    --------
-    >>> zero = find_zero(lambda x: x * x - 2.0, np.array([1.0]), np.array([0.0]), np.array([np.inf]))
-    >>> zero.converged, round(float(zero.x[0]), 12)
-    (True, 1.414213562373)
     """
     x, f, polished = x.copy(), np.array(function(x.copy()), dtype=float), 0
     for count in range(ITERATIONS):

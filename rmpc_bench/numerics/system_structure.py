@@ -84,13 +84,7 @@ RANK = 1e-9
 
 
 def observable_states(A: Float[Array, "n n"], C: Float[Array, "ny n"]) -> int:
-    """Return the rank of [C; C A; C A^2; ..], the number of observable states.
-
-    Examples
-    --------
-    >>> observable_states(np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0, 1.0]]))
-    1
-    """
+    """Return the rank of [C; C A; C A^2; ..], the number of observable states."""
     scale = float(np.abs(A).max(initial=0.0)) or 1.0
     rows = [C]
     for _ in range(len(A) - 1):

@@ -29,23 +29,9 @@ of the set."""
 
 @dataclass(frozen=True, eq=False)
 class Zonotope:
-    """The set {G e : -1 <= e <= 1}.
+    """The set {G e : -1 <= e <= 1}."""
 
-    Parameters
-    ----------
-    generators : (n, m) matrix G, a generator per column
-
-    Examples
-    --------
-    A square and its image under a shear:
-
-    >>> square = box([1.0, 1.0])
-    >>> sheared = square.mapped(np.array([[1.0, 1.0], [0.0, 1.0]]))
-    >>> sheared.half_widths.tolist(), sheared.area, (square + sheared).area
-    ([2.0, 1.0], 4.0, 20.0)
-    """
-
-    generators: Float[Array, "n m"]
+    generators: Float[Array, "n m"]  # G, a generator per column
 
     def mapped(self, M: Float[Array, "p n"]) -> Zonotope:
         """Return the image M Z."""
@@ -134,13 +120,6 @@ def robust_invariant(
     """Return a robust invariant set of x+ = A x + w, with w in a box.
 
     Terms are added until alpha is at most `largest_alpha` < 1; a ValueError says that `most_terms` are not enough.
-
-    Examples
-    --------
-    The minimal set of x+ = x / 2 + w, |w| <= 1, is |x| <= 2; with three terms it is (1 + 1/2 + 1/4) / (1 - 1/8):
-
-    >>> robust_invariant(np.array([[0.5]]), np.array([1.0]), 0.2).set.half_widths.tolist()
-    [2.0]
     """
     power = np.eye(len(A))
     for terms in range(1, most_terms + 1):

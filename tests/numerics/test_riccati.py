@@ -11,7 +11,6 @@ from rmpc_bench.numerics.riccati import (
     error_radius,
     filter_step,
     predictor_step,
-    unmeasured_step,
 )
 from rmpc_bench.numerics.square_root import conditional, covariance_of
 
@@ -133,7 +132,7 @@ def test_an_unmeasured_step_is_a_step_without_information(rng):
     """Oracle: a measurement of nothing, C = 0, by the usual step."""
     A, Q_w, V = rng.standard_normal((3, 3)), random_psd(rng, 3), random_psd(rng, 3)
     C = np.zeros((2, 3))
-    ours, theirs = (step(A, C, Q_w, np.eye(2), psd_sqrt(V)) for step in (unmeasured_step, filter_step))
+    ours, theirs = (filter_step(A, C, Q_w, np.eye(2), psd_sqrt(V), measured=each) for each in (False, True))
     np.testing.assert_array_equal(ours.K, theirs.K)
     for name in ("P", "P_next"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), **ROUND)

@@ -8,7 +8,7 @@ import sympy
 from conftest import ROUND, SOLVER, within_stat
 
 from rmpc_bench.numerics.stability import hinf_norm, hinf_peak, mean_square_radius, spectral_radius
-from rmpc_bench.numerics.system_structure import zeros
+from rmpc_bench.numerics.system_structure import controllable_states, observable_states, zeros
 
 A = np.array([[0.0, -0.5], [1.0, 1.0]])  # souto2011, section 5, and xie1994
 H, G = np.array([[0.0], [10.0]]), np.array([[0.1, 0.03]])
@@ -279,3 +279,10 @@ def test_zeros_where_nothing_comes_through():
     np.testing.assert_allclose(zeros(A, np.zeros((3, 2)), C), [1.0], **ROUND)
     assert len(zeros(A, np.eye(3), C)) == 0
     np.testing.assert_allclose(ordered(zeros(A, np.zeros((3, 1)), np.zeros((1, 3)))), [0.5, 1.0, 2.0], **ROUND)
+
+
+def test_states_that_an_output_sees():
+    """A double integrator is observable by its position and not by its velocity; its input reaches both."""
+    A, position, velocity = np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(1, 2), np.eye(1, 2, 1)
+    assert (observable_states(A, position), observable_states(A, velocity)) == (2, 1)
+    assert controllable_states(A, velocity.T) == 2
