@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
 from rmpc_bench.noise.parameters import Share
-from rmpc_bench.noise.points import Ball, Box, Corners, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
+from rmpc_bench.noise.points import Ball, Box, Corners, Points, ProjectedCube, RejectedCube, SkewedCube
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
@@ -44,32 +44,24 @@ class BoundedNoise(CenteredNoise):
     factor: Float[Array, "n n"]
     points: Points
 
+    n_children = property(lambda self: self.points.n_children)
+
     @property
-    def n_children(self) -> int:
-        """Number of children of the generator that the points use."""
-        return self.points.n_children
+    def mean(self) -> Float[Array, " n"] | None:
+        """Mean of the noise; None where it is not known."""
+        known = self.points.moments(len(self.center))
+        return None if known is None else self.center + self.factor @ known.mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"] | None:
+        """Covariance of the noise; None where it is not known."""
+        known = self.points.moments(len(self.center))
+        return None if known is None else symmetrise(self.factor @ known.cov @ self.factor.T)
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
         u = np.ascontiguousarray(self.points.draw(rng, n_samples, len(self.center)))
         return np.einsum("ij,kj->ki", self.factor, u)
-
-
-@dataclass(frozen=True, eq=False)
-class KnownBoundedNoise(BoundedNoise):
-    """Bounded noise whose moments are known."""
-
-    points: KnownPoints
-
-    @property
-    def mean(self) -> Float[Array, " n"]:
-        """Mean of the noise."""
-        return self.center + self.factor @ self.points.moments(len(self.center)).mean
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the noise."""
-        return symmetrise(self.factor @ self.points.moments(len(self.center)).cov @ self.factor.T)
 
 
 def uniform(
@@ -80,7 +72,7 @@ def uniform(
     center: float | list[float] = 0.0,
     mix: Matrix | Array | None = None,
     bursts: list[Burst] | RandomBursts | None = None,
-) -> KnownBoundedNoise | BurstyNoise:
+) -> BoundedNoise | BurstyNoise:
     """Noise center + mix diag(radius) u, where the coordinates of u are independent and uniform in [-1, 1].
 
     Without `mix` the noise is uniform between center - radius and center + radius.
@@ -104,7 +96,7 @@ def uniform(
     factor = np.diag(as_vector(radius, n, "radius"))
     if mix is not None:
         factor = as_matrix(mix, n, "mix") @ factor
-    return with_bursts(KnownBoundedNoise(as_vector(center, n, "center"), factor, Box()), bursts, Ts)
+    return with_bursts(BoundedNoise(as_vector(center, n, "center"), factor, Box()), bursts, Ts)
 
 
 def corners(
@@ -114,7 +106,7 @@ def corners(
     radius: NonNegative | list[NonNegative],
     center: float | list[float] = 0.0,
     bursts: list[Burst] | RandomBursts | None = None,
-) -> KnownBoundedNoise | BurstyNoise:
+) -> BoundedNoise | BurstyNoise:
     """Noise at a corner of a box, center - radius or center + radius in every coordinate, all equally likely.
 
     It tests a law that is designed for all noises in a box.
@@ -133,7 +125,7 @@ def corners(
         If a size does not fit, or a burst does not fit into its window.
     """
     factor = np.diag(as_vector(radius, n, "radius"))
-    return with_bursts(KnownBoundedNoise(as_vector(center, n, "center"), factor, Corners()), bursts, Ts)
+    return with_bursts(BoundedNoise(as_vector(center, n, "center"), factor, Corners()), bursts, Ts)
 
 
 def ellipsoid(
@@ -178,8 +170,6 @@ def ellipsoid(
     """
     M = as_covariance(shape, n, "shape")
     factor, middle, points = scale * _root(M, root), as_vector(center, n, "center"), _points(n, law, outside, skew)
-    if isinstance(points, KnownPoints):
-        return with_bursts(KnownBoundedNoise(middle, factor, points), bursts, Ts)
     return with_bursts(BoundedNoise(middle, factor, points), bursts, Ts)
 
 

@@ -120,8 +120,8 @@ class CenteredNoise(Noise, ABC):
 
     @attribute
     def center(self) -> Float[Array, " n"]:
-        """Value from which bursts enlarge the deviation."""
-        raise NotImplementedError("center")
+        """Value from which bursts enlarge the deviation; the mean by default."""
+        return self.mean  # type: ignore[return-value]
 
     @attribute
     def n_children(self) -> int:
@@ -197,10 +197,7 @@ def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:
 
 
 def with_bursts(steady: Steady, bursts: list[Burst] | RandomBursts | None, Ts: float) -> Steady | BurstyNoise:
-    """Return a noise with bursts as configured [s]; without any it is the noise itself, with its moments.
-
-    Raises as `placed`.
-    """
+    """Return a noise with bursts as configured [s]; without any it is the noise itself, with its moments."""
     return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
 
 

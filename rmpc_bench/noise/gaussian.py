@@ -18,29 +18,26 @@ EQUATION = r"w \sim \mathcal{N}(\bar w, s^2 \Sigma)"
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian(CenteredNoise):
-    """Normal noise mean + root z with z ~ N(0, I)."""
+class FromNormal(CenteredNoise):
+    """Noise that is made from root z with z ~ N(0, I)."""
 
     mean: Float[Array, " n"]
     root: Float[Array, "n n"]
 
-    @property
-    def center(self) -> Float[Array, " n"]:
-        """The mean."""
-        return self.mean
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the noise."""
-        return self.root @ self.root.T
-
-    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Noise of one run without its mean."""
+    def normal(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Draw root z of one run."""
         return self.shaped(rng.standard_normal((n_samples, len(self.mean))))
 
     def shaped(self, z: Float[Array, "samples n"]) -> Float[Array, "samples n"]:
         """Return root z; the sums of a sample do not depend on the number of samples."""
         return np.einsum("ij,kj->ki", self.root, z)
+
+
+class Gaussian(FromNormal):
+    """Normal noise mean + root z."""
+
+    cov = property(lambda self: self.root @ self.root.T)
+    deviation = FromNormal.normal
 
 
 def gaussian(

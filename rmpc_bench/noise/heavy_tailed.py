@@ -25,6 +25,7 @@ from annotated_types import Ge
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, child_of, with_bursts
+from rmpc_bench.noise.gaussian import FromNormal
 from rmpc_bench.noise.parameters import Share, spread_root
 from rmpc_bench.numerics.linalg import as_vector, symmetrise
 from rmpc_bench.numerics.sample_times import Burst
@@ -65,19 +66,12 @@ class StudentT(CenteredNoise):
 
 
 @dataclass(frozen=True, eq=False)
-class ContaminatedNormal(CenteredNoise):
+class ContaminatedNormal(FromNormal):
     """Normal noise whose deviation from the mean is multiplied by a factor at random samples."""
 
-    mean: Float[Array, " n"]
-    root: Float[Array, "n n"]
     probability: float
     factor: float
     n_children = 1
-
-    @property
-    def center(self) -> Float[Array, " n"]:
-        """The mean."""
-        return self.mean
 
     @property
     def cov(self) -> Float[Array, "n n"]:
@@ -87,9 +81,9 @@ class ContaminatedNormal(CenteredNoise):
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its mean."""
-        z = rng.standard_normal((n_samples, len(self.mean)))
+        normal = self.normal(rng, n_samples)
         gain = np.where(child_of(rng, 0).random(n_samples) < self.probability, self.factor, 1.0)
-        return gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
+        return gain[:, None] * normal
 
 
 def student_t(

@@ -30,17 +30,13 @@ class Points(ABC):
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Draw points; a longer draw begins with the points of a shorter one."""
 
-
-class KnownPoints(Points):
-    """Points with moments in closed form."""
-
-    @abstractmethod
-    def moments(self, n: int) -> PointMoments:
-        """Mean and covariance of a point."""
+    def moments(self, n: int) -> PointMoments | None:
+        """Mean and covariance of a point; None where there is no closed form."""
+        return None
 
 
 @dataclass(frozen=True)
-class Box(KnownPoints):
+class Box(Points):
     """Uniform in [-1, 1]^n."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
@@ -53,7 +49,7 @@ class Box(KnownPoints):
 
 
 @dataclass(frozen=True)
-class Corners(KnownPoints):
+class Corners(Points):
     """Corners of [-1, 1]^n, all equally likely."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
@@ -66,7 +62,7 @@ class Corners(KnownPoints):
 
 
 @dataclass(frozen=True)
-class Ball(KnownPoints):
+class Ball(Points):
     """Uniform in the unit ball."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
@@ -80,7 +76,7 @@ class Ball(KnownPoints):
 
 
 @dataclass(frozen=True)
-class SkewedCube(KnownPoints):
+class SkewedCube(Points):
     """Every coordinate uniform on (0, 1) with probability `skew`, else on (-1, 0)."""
 
     skew: float
@@ -112,7 +108,7 @@ class ProjectedCube(Points):
 
 
 @dataclass(frozen=True)
-class RejectedCube(KnownPoints):
+class RejectedCube(Points):
     """The skewed cube, drawn again until the point is inside the unit ball: uniform there, except for the signs."""
 
     cube: SkewedCube
