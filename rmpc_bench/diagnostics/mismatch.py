@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.diagnostics.run_warnings import Build
 from rmpc_bench.diagnostics.stability import LinearPair, constant_model, design_radius, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, LinearPlant, Method
-
-Build = Callable[..., Any]
-"""``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
 
 MAX_PLANTS = 20
 ROUNDING = 1e-12
@@ -121,7 +119,9 @@ def model_mismatch(
     known = {} if known is None else known
     plants, found = _plants(experiment), {}
     for method in experiment.methods:
-        each = _method_model(method, methods[method.name], experiment, build)
+        data = methods[method.name]
+        made = _redesigned(build, data, experiment, experiment.n_steps, estimator=False) or (None, None, None)
+        each = _MethodModel(method, data, linear_pair(method.estimator, method.controller), *made[:2])
         found[method.name] = MethodMismatch(
             _configured_c(each.data),
             _noise_scale(experiment.scenario, each.model),
@@ -131,12 +131,6 @@ def model_mismatch(
         )
     Ts, confounded = experiment.plant.Ts, _confounded(methods, baseline)
     return Mismatch(plant, len(plants), experiment.n_steps, Ts, found, confounded, experiment.time_unit)
-
-
-def _method_model(method: Method, data: Mapping[str, Any], experiment: Experiment, build: Build) -> _MethodModel:
-    made = _redesigned(build, data, experiment, experiment.n_steps, estimator=False)
-    pair = linear_pair(method.estimator, method.controller)
-    return _MethodModel(method, data, pair, *(made[:2] if made else (None, None)))
 
 
 def _redesigned(

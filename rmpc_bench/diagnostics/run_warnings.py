@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from rmpc_bench.types import Array, DesignError, Estimate, Method, Plant, PlantI
 
 Build = Callable[..., Any]
 """``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
+
+MakeModel = Callable[[], Any]
+"""Builds the design model of a method; returns None where it cannot be built."""
 
 STABLE = 1.0 + 1e-9
 """Spectral radius up to which a system counts as stable: that of an integrator is 1 up to rounding."""
@@ -41,12 +45,16 @@ def run_warnings(experiment: Experiment, methods: Mapping[str, Mapping[str, Any]
     """
     checks = {"plant": _uncontrolled, "estimator": _not_quadratically_stable, "controller.limits": _saturated}
     known, found = dict[str, str | None](), dict[tuple[str, str], list[str]]()
+    provided = {"Ts": experiment.plant.Ts, "n_steps": experiment.n_steps, "plant": experiment.plant}
     for method in experiment.methods:
-        model = _DesignModel(experiment, methods[method.name], build)
+        data = methods[method.name]
+        model = partial(build, "models", data.get("model"), **provided, x_hat=data.get("x_hat", 0.0))
         for part, check in checks.items():
             # Methods with equal data share one answer.
-            is_open = isinstance(method.controller, Rest | OpenLoop)
-            key = f"{part} {is_open if part == 'plant' else model.key(part.split('.')[0])}"
+            equal: Any = isinstance(method.controller, Rest | OpenLoop)
+            if part != "plant":
+                equal = json.dumps([data.get("model"), data.get(part.split(".")[0])], sort_keys=True)
+            key = f"{part} {equal}"
             if key not in known:
                 with np.errstate(all="ignore"):
                     known[key] = check(experiment, method, model)
@@ -67,24 +75,7 @@ def _place(part: str, names: list[str], n_methods: int) -> str:
     return f"methods.{names[0]}.{part}{rest}"
 
 
-class _DesignModel:
-    """Design model of a method, built at its first use."""
-
-    def __init__(self, experiment: Experiment, data: Mapping[str, Any], build: Build) -> None:
-        self.experiment, self.data, self.build = experiment, data, build
-
-    def key(self, name: str) -> str:
-        """Return text that is equal for methods with the same model and component."""
-        return json.dumps([self.data.get("model"), self.data.get(name)], sort_keys=True)
-
-    def get(self) -> Any:
-        """Return the design model, None where it cannot be built."""
-        plant, n_steps = self.experiment.plant, self.experiment.n_steps
-        x_hat, sizes = self.data.get("x_hat", 0.0), {"Ts": plant.Ts, "n_steps": n_steps}
-        return self.build("models", self.data.get("model"), **sizes, plant=plant, x_hat=x_hat)
-
-
-def _uncontrolled(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+def _uncontrolled(experiment: Experiment, method: Method, model: MakeModel) -> str | None:
     """Describe an unstable plant without a controller."""
     A = _state_matrix(experiment)
     if A is None or not isinstance(method.controller, Rest | OpenLoop):
@@ -108,12 +99,12 @@ def _state_matrix(experiment: Experiment) -> Array | None:
     return None if linear is None else linear.A
 
 
-def _not_quadratically_stable(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+def _not_quadratically_stable(experiment: Experiment, method: Method, model: MakeModel) -> str | None:
     """Describe a robust estimator whose design model is not quadratically stable for its uncertainty."""
     from rmpc_bench.numerics.stability import INSIDE, hinf_norm, spectral_radius
 
     scale = method.estimator.uncertainty_scale
-    system = getattr(model.get(), "system", None) if scale is not None else None
+    system = getattr(model(), "system", None) if scale is not None else None
     if system is None or system.varies:
         return None
     m = system.at(0)
@@ -131,10 +122,10 @@ def _not_quadratically_stable(experiment: Experiment, method: Method, model: _De
     return f"{says} (H-infinity norm of G_x (zI - A)^-1 H_A {norm:.4g}, must be below 1): {means}, {way_out}"
 
 
-def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+def _saturated(experiment: Experiment, method: Method, model: MakeModel) -> str | None:
     """Describe a reference for which the design model, without noise, has its input on a limit all the time."""
     limits = method.controller.input_limits
-    linear = model.get() if limits is not None else None
+    linear = model() if limits is not None else None
     if limits is None or linear is None:
         return None
     of_plant, n_steps = PlantInfo.of(experiment.plant).limits.u, experiment.n_steps
