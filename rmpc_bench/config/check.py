@@ -31,7 +31,7 @@ from rmpc_bench.config_file.tree import Map, join, locate, locate_key, split
 from rmpc_bench.models.dynamics import OdeDynamics, neglected
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import Density, DesignNoise
-from rmpc_bench.noise.heavy_tailed import StudentT
+from rmpc_bench.noise.gaussian import StudentT
 from rmpc_bench.noise.measurement import Delayed, Missing
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.moments import exact_laws

@@ -17,9 +17,8 @@ from rmpc_bench.config_file.keys import validate
 from rmpc_bench.config_file.tree import OPTIONS, Map, Mark, locate, problem_at
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
-from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.noise.heavy_tailed import outliers, student_t
-from rmpc_bench.noise.parameters import Share
+from rmpc_bench.noise.bursts import Share
+from rmpc_bench.noise.gaussian import gaussian, outliers, student_t
 from rmpc_bench.types import Array, Noise, NonNegative, Problem
 from rmpc_bench.types.tuning import TunedParameter, ValueRow
 

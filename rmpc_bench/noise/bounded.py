@@ -18,8 +18,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.parameters import Share
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, Share, with_bursts
 from rmpc_bench.noise.points import Ball, Box, Corners, Points, ProjectedCube, RejectedCube, SkewedCube
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
 from rmpc_bench.numerics.sample_times import Burst

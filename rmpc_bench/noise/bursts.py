@@ -15,9 +15,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.distributions import Uniform
@@ -25,6 +26,8 @@ from rmpc_bench.numerics.sample_times import Burst, Span, samples_of, spans_of
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
 from rmpc_bench.types.basics import attribute
 
+Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
+"""A probability."""
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""
 

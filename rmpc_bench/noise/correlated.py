@@ -21,8 +21,7 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, RandomBursts, with_bursts
-from rmpc_bench.noise.gaussian import FromNormal
-from rmpc_bench.noise.parameters import spread_root
+from rmpc_bench.noise.gaussian import FromNormal, spread_root
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive

@@ -31,7 +31,7 @@ from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
 from pydantic import BeforeValidator
 
-from rmpc_bench.noise.parameters import Share
+from rmpc_bench.noise.bursts import Share
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError, Noise, Positive
 from rmpc_bench.types.signals import indices_of

@@ -5,8 +5,7 @@ import pytest
 from conftest import ROUND, within_stat
 from scipy import stats
 
-from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.noise.half_normal import half_normal
+from rmpc_bench.noise.gaussian import gaussian, half_normal
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 

@@ -6,8 +6,7 @@ from conftest import ROUND, within_stat
 from scipy import stats
 
 from rmpc_bench.noise.bursts import RandomBursts
-from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.noise.heavy_tailed import outliers, student_t
+from rmpc_bench.noise.gaussian import gaussian, outliers, student_t
 from rmpc_bench.numerics.sample_times import Burst
 from rmpc_bench.types import DesignError
 
