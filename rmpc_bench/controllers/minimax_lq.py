@@ -42,9 +42,8 @@ from rmpc_bench.numerics.lq_game import (
     solve_from,
     tables,
 )
-from rmpc_bench.numerics.lq_windows import Stages, window_law
+from rmpc_bench.numerics.lq_windows import Stages, window_law, worst_cost
 from rmpc_bench.numerics.stage_multipliers import solve_stages
-from rmpc_bench.numerics.worst_noise import worst_cost
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Horizon, Matrix, Model
 
 EQUATION = r"\min_u \max_{e, w^b} \mathrm{E} \sum_{t=k}^{k+N-1} x_{t+1}^\top Q_x x_{t+1} + u_t^\top R_u u_t"

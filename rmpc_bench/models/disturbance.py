@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_vector
-from rmpc_bench.numerics.system_structure import RANK
+from rmpc_bench.numerics.stability import RANK
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, does_not_fit, row_by_row
 from rmpc_bench.types.errors import unknown
 

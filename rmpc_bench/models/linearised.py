@@ -26,7 +26,7 @@ from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.operating_point import At, Found, find_point, text
 from rmpc_bench.models.state_dependent import Affine, Pair, StateDependentModel
 from rmpc_bench.numerics.jacobian import DIFFERS, sizes_of_coordinates
-from rmpc_bench.numerics.system_structure import controllable_states, observable_states
+from rmpc_bench.numerics.stability import controllable_states, observable_states
 from rmpc_bench.types import Array, DesignError, Model, OperatingPoint, Plant, UserFunction
 
 EQUATION = r"""\dot x = f(x_{op}, u_{op}) + A_c (x - x_{op}) + B_c (u - u_{op}), \quad

@@ -11,8 +11,7 @@ Parameters ``p`` of a run: a, b [m], m_p [kg], I_p [kg m^2], m_s [kg], I_arm [kg
 for a plant the shortest and the longest arm [m].  A row of ``arms`` (4, 7) contains the rows J and S of the velocities
 of one arm (theta' = J v, l' = S v, v the velocity of the platform) and its length l.
 
-An arm of length zero gives NaN.  Imported at the first step only; one file, because numba's cache does not detect a
-change of a function in another file.
+An arm of length zero gives NaN.
 """
 
 from __future__ import annotations

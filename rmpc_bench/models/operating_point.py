@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.dynamics import Dynamics
-from rmpc_bench.numerics.steady_state import Zero, find_zero
+from rmpc_bench.numerics.jacobian import Zero, find_zero
 from rmpc_bench.types import Array, DesignError, NamedSignals, OperatingPoint
 from rmpc_bench.types.errors import unknown
 

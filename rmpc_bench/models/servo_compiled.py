@@ -1,7 +1,4 @@
-"""The servomechanism as a compiled plant: its kernel with the coefficients of the runs.
-
-The module is imported at the first step only, as it loads numba.
-"""
+"""The servomechanism as a compiled plant: its kernel with the coefficients of the runs; it loads numba."""
 
 from __future__ import annotations
 

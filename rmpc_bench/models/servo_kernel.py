@@ -25,8 +25,7 @@ Arrays
         row 12     1 for a body that has just started to slip, else 0
     ``p`` (3, 9) contains `servo.coefficients`: linear ones, friction of load, of motor; torques by inertias.
 
-The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined: a call takes
-as much time as the work.  All are in one file: numba's cache does not detect a change of a function in another file.
+Functions of the inner loop are inlined: a call takes as much time as the work.
 """
 
 from __future__ import annotations

@@ -21,8 +21,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.matrix_sizes import NOUNS, expanded, sizes_of
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.numerics.stability import INSIDE, hinf_peak, mean_square_radius, spectral_radius
-from rmpc_bench.numerics.system_structure import zeros
+from rmpc_bench.numerics.stability import INSIDE, hinf_peak, mean_square_radius, spectral_radius, zeros
 from rmpc_bench.types import Array, DesignError, SystemMatrix
 from rmpc_bench.types.basics import Keyword, takes
 

@@ -12,9 +12,9 @@ Limit   `half-normal`  The distance from the center is the absolute value of `ga
                        in a coordinate is a constant.
         `student-t`  dof -> infinity is `gaussian`.
         `outliers`  p = 0 or factor = 1 is `gaussian`.
-Streams z is that of `gaussian` with the same stream.
-        `student-t`  c comes from a child of the generator.
-        `outliers`  Outliers come from a child of the generator, and those of a smaller p are among those of a larger.
+Streams `student-t`  z is that of `gaussian` with the same stream; c comes from a child of the generator.
+        `outliers`  z is that of `gaussian` with the same stream.  Outliers come from a child of the generator, and
+                    those of a smaller p are among those of a larger.
 Source  `half-normal`  Rao, Rawlings, Lee, Automatica 37 (2001), where it is the process noise of a moving-horizon
                        estimator.
         `student-t`  Lange, Little and Taylor, JASA 84 (1989).

@@ -1,9 +1,6 @@
 """Compiled loops over windows of bounded noises; bounded_window.py defines the quantities.
 
 Axis 0 is the run.  A window has places for the largest number of points; those before ``first`` are not used.
-
-Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
-function in another file.
 """
 
 from __future__ import annotations

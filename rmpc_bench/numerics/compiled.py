@@ -1,5 +1,8 @@
 """Compilation of kernels by numba, with a cache of the compiled code where a directory for it is writable.
 
+A file of kernels is imported at the first step only, as numba takes long to load.  Kernels that call one another are in
+one file, because the cache does not detect a change of a function in another file.
+
 numba tries NUMBA_CACHE_DIR, then the directory of the module, then the cache directory of the user.  If none of them is
 writable, as in a read-only installation with a read-only home, the kernels are compiled in every process.
 

@@ -16,9 +16,6 @@ code); the scalar form has the same one at all stages.
 Compilation
     The caller combines the entry points, because a kernel that calls another one compiles it again.  Matrices are
     copied and added by loops: assignments of whole arrays bring the code of their error messages.
-
-Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
-function in another file.
 """
 
 from __future__ import annotations

@@ -25,7 +25,6 @@ Plants
     out) writes x(k+1) into ``out`` and returns a status; ``own`` is that of the run, see `types.records.StepFunction`.
 
 The simulation step by step (`simulation.closed_loop.simulate`) is the oracle: all numbers are equal, bit for bit.
-Imported at the first step only, as it loads numba.
 """
 
 from __future__ import annotations

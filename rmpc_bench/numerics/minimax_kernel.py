@@ -18,9 +18,6 @@ Steps   If a point with mu = 0 would give a step of length zero, and the slack o
         cycles.
 End     All quantities are recomputed from the last basis and the data.  Every feasible mu gives a lower bound of the
         optimum and every x an upper bound; their difference bounds the error of the result.
-
-Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
-function in another file.
 """
 
 from __future__ import annotations

@@ -13,9 +13,6 @@ Phases
 F is the root of the predicted covariance, q the whitened innovation, H the whitened output matrix, T = H F, and z the
 whitened deviation: x - x_pred = F z.  No weight is inverted, so that it may be 0.  G = T T' is not formed where there
 are several outputs: beside variances of 1e14 it has lost the noise.  A missing output has q = 0 and zeros in H.
-
-Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
-function in another file.
 """
 
 from __future__ import annotations

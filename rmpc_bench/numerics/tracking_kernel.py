@@ -3,9 +3,6 @@
 Backwards over the horizon, the minimal cost to go is |S x - s|^2 plus a constant.  Every stage adds the rows
 Q_yw (C x - w), which Householder reflections reduce to a triangle, and then eliminates the input.  No matrix is
 squared.  `path_kernel` keeps the rows [R, G, g] of R u(j) = g - G x(j) of every stage and computes all inputs forwards.
-
-Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
-function in another file.
 """
 
 from __future__ import annotations

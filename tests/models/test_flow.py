@@ -12,9 +12,8 @@ from rmpc_bench.models import servo as servo_linear
 from rmpc_bench.models.flow import flow_of
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
-from rmpc_bench.models.servo import ServoNoise
-from rmpc_bench.models.servo_nonlinear import CURRENT_VARIANCE
-from rmpc_bench.models.servo_nonlinear import design as servo_model
+from rmpc_bench.models.servo import CURRENT_VARIANCE, ServoNoise
+from rmpc_bench.models.servo import design_nonlinear as servo_model
 from rmpc_bench.plants.linear import design as linear_plant
 from rmpc_bench.plants.ode import design as ode
 from rmpc_bench.plants.ode_stepping import Solver

@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 
 from rmpc_bench.models.linearised import design
 from rmpc_bench.models.noise_sets import DesignNoise
-from rmpc_bench.models.ode import design as ode_model
+from rmpc_bench.models.nonlinear import design_ode as ode_model
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.numerics.linalg import discretise
 from rmpc_bench.plants.linear import design as linear_plant

@@ -18,7 +18,7 @@ from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import design as linearise
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
-from rmpc_bench.models.ode import design as ode_model
+from rmpc_bench.models.nonlinear import design_ode as ode_model
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.plants.linear import design as linear_plant
 from rmpc_bench.plants.ode import design as ode_plant

@@ -7,8 +7,15 @@ import pytest
 import sympy
 from conftest import ROUND, SOLVER, within_stat
 
-from rmpc_bench.numerics.stability import hinf_norm, hinf_peak, mean_square_radius, spectral_radius
-from rmpc_bench.numerics.system_structure import controllable_states, observable_states, zeros
+from rmpc_bench.numerics.stability import (
+    controllable_states,
+    hinf_norm,
+    hinf_peak,
+    mean_square_radius,
+    observable_states,
+    spectral_radius,
+    zeros,
+)
 
 A = np.array([[0.0, -0.5], [1.0, 1.0]])  # souto2011, section 5, and xie1994
 H, G = np.array([[0.0], [10.0]]), np.array([[0.1, 0.03]])

@@ -3,7 +3,7 @@
 import numpy as np
 from plants import tanks
 
-from rmpc_bench.numerics.steady_state import find_zero
+from rmpc_bench.numerics.jacobian import find_zero
 from rmpc_bench.types import Parameters
 
 P = Parameters(tanks.PARAMETERS)

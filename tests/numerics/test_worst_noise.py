@@ -8,8 +8,7 @@ from conftest import ROUND
 from controllers import minimax_oracles as oracles
 
 from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.numerics.lq_windows import Stages
-from rmpc_bench.numerics.worst_noise import worst_cost
+from rmpc_bench.numerics.lq_windows import Stages, worst_cost
 
 
 def cost(stages, U, x, noise):

@@ -14,10 +14,9 @@ RUNS, FEW, STEPS, TS = 50, 4, 200, 0.1
 
 def model():
     """Return the design model with friction."""
-    from rmpc_bench.models.servo import ServoNoise
-    from rmpc_bench.models.servo_nonlinear import design
+    from rmpc_bench.models.servo import ServoNoise, design_nonlinear
 
-    made = design(TS, noise=ServoNoise(process=1.0, measurement=1.0))
+    made = design_nonlinear(TS, noise=ServoNoise(process=1.0, measurement=1.0))
     made.warm_up()
     return made
 

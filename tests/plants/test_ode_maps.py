@@ -11,7 +11,7 @@ from rmpc_bench.models.linearised import design as linearise
 from rmpc_bench.models.linearised import relinearised
 from rmpc_bench.models.noise_sets import DesignNoise
 from rmpc_bench.models.nonlinear import design as nonlinear
-from rmpc_bench.models.ode import design as ode_model
+from rmpc_bench.models.nonlinear import design_ode as ode_model
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.numerics.integration import rk4, sample_times
 from rmpc_bench.plants.ode import design
