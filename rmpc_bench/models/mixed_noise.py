@@ -77,36 +77,13 @@ class MixedModel(Model):
     """Cache of evaluated matrices by name and k; a constant one is stored at k = 0."""
 
     has_sets = True
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.matrices["A"].shape[0]
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.matrices["B"].shape[1]
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.matrices["C"].shape[0]
-
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix of the linear model depends on k."""
-        return any(self.matrices[name].varies for name in LINEAR_PART)
-
-    @property
-    def w_law(self) -> tuple[Float[Array, " nx"], Float[Array, "nx nx"]]:
-        """Mean and covariance of the stochastic process noise at k = 0."""
-        return self.w_mean, self.at(0).Q_w
-
-    @property
-    def v_law(self) -> tuple[Float[Array, " ny"], Float[Array, "ny ny"]]:
-        """Mean and covariance of the stochastic measurement noise at k = 0."""
-        return self.v_mean, self.at(0).R_v
+    nx = property(lambda self: self.matrices["A"].shape[0])
+    nu = property(lambda self: self.matrices["B"].shape[1])
+    ny = property(lambda self: self.matrices["C"].shape[0])
+    varies = property(lambda self: any(self.matrices[name].varies for name in LINEAR_PART))
+    feedthrough = property(lambda self: self.matrices["D"].varies or bool(self.at(0).D.any()))
+    w_law = property(lambda self: (self.w_mean, self.at(0).Q_w))
+    v_law = property(lambda self: (self.v_mean, self.at(0).R_v))
 
     def at(self, k: int) -> LinearModel:
         """Return the model at k >= 0 with the stochastic noises only."""
@@ -115,8 +92,6 @@ class MixedModel(Model):
             A, B, C, P_w, P_v, D = (self._at(name, k) for name in LINEAR_PART)
             self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean, D=D)
         return self._made["", k]
-
-    feedthrough = property(lambda self: self.matrices["D"].varies or bool(self.at(0).D.any()))
 
     def M_w(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the bounded process noise at k >= 0."""

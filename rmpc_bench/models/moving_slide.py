@@ -20,7 +20,7 @@ Fails   Does not fail.  The matrices at an invalid state (an arm of length zero,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -112,24 +112,14 @@ class MovingSlideModel(StateDependentModel):
     R_v: Float[Array, "3 3"]
     euler: bool = False  # whether the matrices are sampled by Euler's method
     bursts: tuple[Span, ...] = ()  # samples at which the measurement noise is larger than R_v
-    nx: int = field(default=6, init=False)
-    nu: int = field(default=4, init=False)
-    ny: int = field(default=3, init=False)
-    largest: float = field(default=LARGEST, init=False)
 
-    @property
-    def C(self) -> Float[Array, "3 6"]:
-        """Output matrix: the pose is measured."""
-        return np.eye(3, 6)
+    nx, nu, ny, largest = 6, 4, 3, LARGEST
+    C = property(lambda self: np.eye(3, 6))
+    R_v_varies = property(lambda self: bool(self.bursts))
 
     def R_v_at(self, k: int, /) -> Float[Array, "3 3"]:
         """Covariance of the measurement noise at k: R_v times the squared factor of the bursts."""
         return factor_at(self.bursts, k) ** 2 * self.R_v if self.bursts else self.R_v
-
-    @property
-    def R_v_varies(self) -> bool:
-        """Whether the noise has bursts."""
-        return bool(self.bursts)
 
     def at_state(self, x: Float[Array, "runs 6"]) -> Pair:
         """Sample the model with the matrices frozen at the state of every run."""

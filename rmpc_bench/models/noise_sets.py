@@ -58,11 +58,7 @@ class MatchedModel(Model):
     """A model whose covariances treat bounded noises as uniform on their ellipsoids."""
 
     model: Model
-
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix depends on k."""
-        return self.model.varies
+    varies = property(lambda self: self.model.varies)
 
     def at(self, k: int) -> LinearModel:
         """The model at k: Q_w + M_w / (nx + 2), R_v + M_v / (ny + 2)."""

@@ -44,22 +44,10 @@ class UncertainModel(OfSystem, Model):
     wbar: Float[Array, " nw"]
     vbar: Float[Array, " nv"]
 
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix depends on k."""
-        return self.system.varies
-
+    varies = property(lambda self: self.system.varies)
     feedthrough = property(lambda self: "D" in self.system.active)
-
-    @property
-    def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
-        """Mean and covariance of the process noise w."""
-        return self.wbar, self.W
-
-    @property
-    def v_law(self) -> tuple[Float[Array, " nv"], Float[Array, "nv nv"]]:
-        """Mean and covariance of the measurement noise v."""
-        return self.vbar, self.V
+    w_law = property(lambda self: (self.wbar, self.W))
+    v_law = property(lambda self: (self.vbar, self.V))
 
     @property
     def noise(self) -> tuple[Float[Array, " nn"], Float[Array, "nn nn"]]:

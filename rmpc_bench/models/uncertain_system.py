@@ -120,20 +120,9 @@ class OfSystem:
 
     system: UncertainSystem
 
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return self.system.size("nx")
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return self.system.size("nu")
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return self.system.size("ny")
+    nx = property(lambda self: self.system.size("nx"))
+    nu = property(lambda self: self.system.size("nu"))
+    ny = property(lambda self: self.system.size("ny"))
 
 
 takes_matrices = takes(
