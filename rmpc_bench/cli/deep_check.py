@@ -17,6 +17,7 @@ from rmpc_bench.config_file.tree import kind_of
 from rmpc_bench.diagnostics.mismatch import STEADY, GainConvergence, MethodMismatch, Mismatch, model_mismatch
 from rmpc_bench.execution.pilot import PilotError, measure, runs_of_shard
 from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types.texts import in_columns
 
 if TYPE_CHECKING:
     from rmpc_bench.types import Array
@@ -36,6 +37,7 @@ NOISE = {
     "none": "no noise, so s = 0",
     "unknown": "s is not known for this noise law",
 }
+INDENT = "    "  # of the rows of a table
 WIDTH = 110  # characters of a line on own components
 TITLE = "  own components, checked on the linear system of their design model (all checks: check --component)"
 RESERVE = 1.5  # ratio of the time limit of a shard to its estimated time, before a minute is added
@@ -81,7 +83,7 @@ def divergence_lines(found: Mismatch) -> list[str]:
     for name, each in found.methods.items():
         rows.append((name, "-" if each.c is None else f"{each.c:g}", *_parts(each, show_scale=common is None)))
     averaged = f"  (10) of zenere2018 averaged over k = 0..{found.n_steps - 1}, {counted}; {noise}"
-    return [DIVERGENCE, averaged, *_table(rows)]
+    return [DIVERGENCE, averaged, *in_columns(rows, indent=INDENT)]
 
 
 def _parts(each: MethodMismatch, *, show_scale: bool) -> tuple[str, str, str]:
@@ -103,7 +105,7 @@ def loop_lines(found: Mismatch) -> list[str]:
         model = "not available" if each.model_radius is None else f"{each.model_radius:.4g}"
         plants = _spread(each.plant_radii, digits=4) if len(each.plant_radii) else "not available"
         rows.append((name, model, plants, gain_text(each.gain, found.Ts * found.n_steps, found.time_unit)))
-    return [LOOPS, *_table(rows)]
+    return [LOOPS, *in_columns(rows, indent=INDENT)]
 
 
 def gain_text(gain: GainConvergence, end: float, unit: str = "s") -> str:
@@ -145,13 +147,6 @@ def _spread(values: Array, digits: int = 3) -> str:
     """Mean [smallest, largest]; a single value alone."""
     mean = f"{values.mean():.{digits}g}"
     return mean if len(values) == 1 else f"{mean} [{values.min():.{digits}g}, {values.max():.{digits}g}]"
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [2 + max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "    " + "".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
 
 
 def own_component_lines(config: ExperimentConfig) -> tuple[list[str], bool]:

@@ -84,9 +84,9 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
     lines += [f"plant {kind_of(resolved['plant'])}"]
     known = plant.facts()
     known += _noises(config) if known else []
-    lines += _aligned([row for label, text in known for row in _rows(label, text)])
+    lines += _aligned(known)
     for each in config.model_facts:
-        lines += ["", each.where, *_aligned([row for label, text in each.facts for row in _rows(label, text)])]
+        lines += ["", each.where, *_aligned(each.facts)]
     names = [method.name for method in config.experiment.methods]
     given = dump(plain({key: resolved[key] for key in ("noise", "initial")}))
     # A label that is the name itself says nothing.
@@ -108,15 +108,12 @@ def _noises(config: ExperimentConfig) -> list[tuple[str, str]]:
     return rows
 
 
-def _rows(label: str, text: str) -> list[tuple[str, str]]:
-    """Lines of a text, the first with its label."""
-    return [(label if number == 0 else "", row) for number, row in enumerate(text.split("\n"))]
+def _aligned(facts: Sequence[tuple[str, str]]) -> list[str]:
+    """Return lines of labels and texts, with the texts one below the other; a text may have several lines."""
+    from rmpc_bench.types.texts import in_columns
 
-
-def _aligned(rows: Sequence[tuple[str, str]]) -> list[str]:
-    """Return lines of labels and texts, with the texts one below the other."""
-    width = 2 + max((len(label) for label, _ in rows), default=0)
-    return [f"  {label:{width}}{text}".rstrip() for label, text in rows]
+    rows = [(label if k == 0 else "", line) for label, text in facts for k, line in enumerate(text.split("\n"))]
+    return in_columns(rows, indent="  ")
 
 
 def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:

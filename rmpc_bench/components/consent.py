@@ -7,14 +7,14 @@ The user who names a configuration agrees to the files in its directory and belo
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any
 
 from rmpc_bench import notices
-from rmpc_bench.components.designs import DesignFunction, loaded_design
+from rmpc_bench.components.designs import loaded_design
 from rmpc_bench.components.loading import import_file, load
 from rmpc_bench.components.reference import CodeError, CodeReference, DataReference, split_reference
 from rmpc_bench.components.source import read_source
@@ -73,24 +73,16 @@ class CodeAccess:
         path = self.base(written_in) / text
         return CodeReference(path.resolve(), "", f"{self._relative(path, text)}:")
 
-    def load(self, reference: CodeReference) -> Any:
-        """Return the object that a reference names, after naming its file on stderr."""
-        return self._once("", reference, lambda: load(reference))
-
-    def design(self, group: str, reference: CodeReference) -> DesignFunction:
-        """Return the design function that a reference names, after naming its file on stderr; otherwise a CodeError."""
-        design: DesignFunction = self._once(group, reference, lambda: loaded_design(group, reference))
-        return design
-
-    def _once(self, group: str, reference: CodeReference, make: Callable[[], Any]) -> Any:
-        """Load something, or raise its error; the points of a sweep ask for the same thing many times."""
+    def load(self, reference: CodeReference, group: str = "") -> Any:
+        """Return what a reference names, or its design function in a group; its file is named on stderr first."""
+        # Kept, an error as well: the points of a sweep ask for the same thing many times.
         key = group, reference
         if key not in self._loaded:
             try:
                 self.check(reference)
                 name_files([reference])
                 import_file(reference)
-                self._loaded[key] = make()
+                self._loaded[key] = loaded_design(group, reference) if group else load(reference)
             except CodeError as error:
                 self._loaded[key] = error
         found = self._loaded[key]
@@ -150,21 +142,17 @@ def name_files(references: Iterable[CodeReference]) -> None:
     """Write a line on stderr with the files whose code runs next; a file that was named unchanged is left out."""
     new = {}
     for reference in references:
-        short = _short_hash(reference.path)
+        try:
+            short = read_source(reference.path).short
+        except OSError:
+            # Reported when the file is loaded.
+            short = "unreadable"
         if (reference.path, short) not in _named and reference.path not in new:
             new[reference.path] = f"{reference.file} (sha {short})"
             _named.add((reference.path, short))
             accepted.add(reference.path)
     if new:
         notices.say(f"code  {' '.join(new.values())}")
-
-
-def _short_hash(path: Path) -> str:
-    """First digits of the hash of a file and all that it imports; `loading` reports a file that cannot be read."""
-    try:
-        return read_source(path).short
-    except OSError:
-        return "unreadable"
 
 
 def _missing(text: str, path: Path, pattern: str) -> str:

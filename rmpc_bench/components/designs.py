@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
 from functools import cache, partial
-from typing import Any, overload
+from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.loading import load
 from rmpc_bench.components.reference import CodeError, CodeReference, split_reference
 from rmpc_bench.components.single_run import design_function, is_single_run, single_run
-from rmpc_bench.components.user_class import METHODS
+from rmpc_bench.components.user_class import METHODS, methods_of
 from rmpc_bench.components.user_runs import drawing_from
 from rmpc_bench.installed import BrokenPackageError
 from rmpc_bench.types.contract import BASES, undefined_methods
@@ -42,12 +42,8 @@ def group_of(found: Any) -> str | None:
         if base is not None:
             return base
     if is_single_run(found) and isinstance(found, type):
-        return next((group for group, each in METHODS.items() if any(_has(found, names) for names in each)), None)
+        return next((group for group in METHODS if methods_of(group, found)), None)
     return _group_of_function(found) if inspect.isfunction(found) else None
-
-
-def _has(kind: type, names: tuple[str, ...]) -> bool:
-    return all(callable(getattr(kind, name, None)) for name in names)
 
 
 def _group_of_function(function: Callable[..., Any]) -> str | None:
@@ -105,13 +101,7 @@ def register(group: str, name: str, design: Any) -> None:
 
 
 def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
-    """Name the files of figures, without ending: the kind, or the name in a user's file, with a number if repeated.
-
-    Examples
-    --------
-    >>> figure_names(["boxplot", "rows", "boxplot", "own.py:Picture"])
-    ('boxplot', 'rows', 'boxplot-2', 'Picture')
-    """
+    """Name the files of figures, without ending: the kind, or the name in a user's file, with a number if repeated."""
     counts: Counter[str] = Counter()
     names = []
     for kind in kinds:
@@ -138,16 +128,6 @@ ATTRIBUTES = (
     "states",
 )
 """Attributes of a single-run class that mean something to the bench."""
-
-
-@overload
-def class_around(base: type, function: Callable[..., Any], *, needs: tuple[str, ...] = (), **declared: Any) -> type: ...
-
-
-@overload
-def class_around(
-    base: type, function: None, *, needs: tuple[str, ...] = (), **declared: Any
-) -> Callable[..., type]: ...
 
 
 def class_around(

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import builtins
+import ast
 import faulthandler
-import importlib
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec, SourceFileLoader
-from importlib.util import spec_from_file_location
+from importlib.util import find_spec, spec_from_file_location
 from itertools import count
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -35,8 +34,8 @@ _numbers = count(1)
 class Package:
     """A directory whose files are modules of a private package, so that equal names in two directories do not mix.
 
-    A file imports the files beside it by their plain names, as a script does, or with a leading dot.  Its import
-    statement looks into the directory first; that of other modules is not changed.
+    A file imports the files beside it by their plain names, as a script does, or with a leading dot.  Plain names
+    become those of private modules when the file is compiled, so that nothing changes for other modules.
 
     A text is read once.  A worker process receives the texts, so that an edit during an experiment reaches no worker.
     No compiled files are written: their time stamps cannot tell two edits in one second.
@@ -124,11 +123,7 @@ class _Finder(MetaPathFinder):
             return None
         if "." not in fullname:
             return _directory_spec(fullname, package.directory)
-        for directory in path or ():
-            found = _spec(package, fullname, Path(directory))
-            if found is not None:
-                return found
-        return None
+        return next(filter(None, (_spec(package, fullname, Path(each)) for each in path or ())), None)
 
 
 def _spec(package: Package, fullname: str, directory: Path) -> ModuleSpec | None:
@@ -167,7 +162,7 @@ def _text(file: Path) -> bytes | None:
 
 
 class _Loader(SourceFileLoader):
-    """Loads a file from the text that its package keeps, with an import statement that finds the files beside it."""
+    """Loads a file from the text that its package keeps; its imports of files beside it name private modules."""
 
     def __init__(self, fullname: str, path: str, package: Package) -> None:
         super().__init__(fullname, path)
@@ -181,69 +176,40 @@ class _Loader(SourceFileLoader):
 
     def get_code(self, fullname: str) -> CodeType:
         """Compile the text."""
-        code: CodeType = compile(self.get_data(self.path), self.path, "exec", dont_inherit=True)
+        tree = ast.parse(self.get_data(self.path), self.path)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                node.names = [each for alias in node.names for each in self._aliases(alias)]
+            elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+                node.module = self._prefix(node.module) + node.module
+        code: CodeType = compile(tree, self.path, "exec", dont_inherit=True)
         return code
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the module."""
-        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": _Import(self._package.name, module)}
         replaced.pop(self.path, None)
         with untouched(self.path):
             super().exec_module(module)
 
+    def _aliases(self, alias: ast.alias) -> list[ast.alias]:
+        """Return what imports a file beside this one; ``import a.b`` imports b and binds a."""
+        prefix, first = self._prefix(alias.name), alias.name.partition(".")[0]
+        if not prefix:
+            return [alias]
+        names = [alias.name] if alias.asname else dict.fromkeys((alias.name, first))
+        return [ast.copy_location(ast.alias(prefix + name, alias.asname or first), alias) for name in names]
 
-class _Import:
-    """The import statement of a module of a private package."""
-
-    def __init__(self, package: str, module: ModuleType) -> None:
-        self.package, self.module = package, module
-        self._elsewhere = set[str]()
-        """First parts of names that no file of the directory has.  A function may import at every sample."""
-
-    def __call__(
-        self,
-        name: str,
-        globals: Mapping[str, Any] | None = None,
-        locals: Mapping[str, Any] | None = None,
-        fromlist: Sequence[str] | None = (),
-        level: int = 0,
-    ) -> ModuleType:
-        """Import a file of the directory, or else what is installed."""
+    def _prefix(self, name: str) -> str:
+        """Private package, with a point, in which the first part of a name lies; empty for what is installed."""
         first = name.partition(".")[0]
-        private = self._beside(name, files_only=True) if level == 0 and first not in self._elsewhere else None
-        if private is not None:
-            return self._imported(private, name, fromlist)
-        try:
-            found = builtins.__import__(name, globals, locals, fromlist or (), level)
-            if level == 0:
-                self._elsewhere.add(first)
-            return found
-        except ModuleNotFoundError as error:
-            # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
-            directory = self._beside(name) if level == 0 and error.name == first else None
-            if directory is None:
-                raise
-        return self._imported(directory, name, fromlist)
-
-    def _beside(self, name: str, *, files_only: bool = False) -> str | None:
-        """Private package in which the first part of a name lies; None where there is no such file."""
-        first = name.partition(".")[0]
-        own = self.module.__name__ if self.module.__spec__ and self.module.__spec__.submodule_search_locations else ""
-        for parent in dict.fromkeys((self.package, own or self.module.__name__.rpartition(".")[0])):
+        own = self.name if self.is_package(self.name) else self.name.rpartition(".")[0]
+        for parent in dict.fromkeys((self._package.name, own)):
             # A file with the name of the library that it imports means the library.
-            if f"{parent}.{first}" == self.module.__name__:
-                continue
-            found = importlib.util.find_spec(f"{parent}.{first}")
-            if found is not None and not (files_only and found.loader is None):
-                return parent
-        return None
-
-    def _imported(self, parent: str, name: str, fromlist: Sequence[str] | None) -> ModuleType:
-        full = f"{parent}.{name}"
-        if fromlist:
-            return builtins.__import__(full, None, None, fromlist, 0)
-        importlib.import_module(full)
-        return sys.modules[f"{parent}.{name.partition('.')[0]}"]
+            found = find_spec(f"{parent}.{first}") if f"{parent}.{first}" != self.name else None
+            # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
+            if found is not None and (found.loader is not None or find_spec(first) is None):
+                return f"{parent}."
+        return ""
 
 
 def load(reference: CodeReference) -> Any:
@@ -303,15 +269,10 @@ def user_code(path: Path | None = None) -> Iterator[None]:
         except (Exception, KeyboardInterrupt, SystemExit) as error:
             if isinstance(error, KeyboardInterrupt) and arrived:
                 raise
-            raise _code_error(error, path) from error
-
-
-def _code_error(error: BaseException, path: Path | None) -> CodeError:
-    """Return an exception of a user's code as a message."""
-    # The file is right where a library is missing: its line is then in the message, and the configuration has the
-    # place.
-    found = CodeError(described(error), place_of(error, path))
-    return CodeError(found.line) if missing_extra(error) else found
+            found = CodeError(described(error), place_of(error, path))
+            # The file is right where a library is missing: its line is then in the message, and the configuration has
+            # the place.
+            raise (CodeError(found.line) if missing_extra(error) else found) from error
 
 
 def described(error: BaseException) -> str:

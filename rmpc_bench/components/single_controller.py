@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import CRASHED, Failed, Reports, UserRuns, at, finite_rows, numbers
+from rmpc_bench.components.user_runs import Failed, Reports, UserRuns, finite_rows, numbers
 from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
 from rmpc_bench.types.metric import Direction, MetricLayout
 
@@ -74,10 +74,9 @@ class SingleRunController(SingleDesign, Controller):
             ]
         state.objects.call("control", k, given, answer.keep, settle=answer.settle)
         if not np.isfinite(answer.u).all():
-            for row in np.flatnonzero(~finite_rows(answer.u)):
-                answer.u[row] = state.u[row]
-                failure = Failed(int(row), CRASHED, f"control returned u with NaN or inf{at(k)}", "")
-                state.objects.fail(failure, k, given, answer.settle)
+            wrong = ~finite_rows(answer.u)
+            answer.u[wrong] = state.u[wrong]
+            state.objects.refuse(wrong, "control returned u with NaN or inf", k, given, answer.settle)
         state.u = answer.u
         u = answer.u.copy() if self.point is None else answer.u + self.point.u
         return state, Command(u, state.objects.failed.copy(), answer.info)

@@ -13,13 +13,11 @@ from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass
 from rmpc_bench.components.user_runs import (
     BEFORE,
-    CRASHED,
     JOINED,
     Failed,
     Reports,
     UserRuns,
     asymmetric_rows,
-    at,
     finite_rows,
     numbers,
 )
@@ -215,7 +213,5 @@ class _Answer:
             self._fail(reported & asymmetric_rows(self.P), f"{method} returned P that is not symmetric", seen)
 
     def _fail(self, wrong: Array, message: str, seen: Mapping[str, Any]) -> None:
-        for row in np.flatnonzero(wrong):
-            self.x_hat[row], self.P[row] = self.state.x_hat[row], self.state.P[row]
-            failure = Failed(int(row), CRASHED, f"{message}{at(self.k)}", "")
-            self.state.objects.fail(failure, self.k, seen, self.settle)
+        self.x_hat[wrong], self.P[wrong] = self.state.x_hat[wrong], self.state.P[wrong]
+        self.state.objects.refuse(wrong, message, self.k, seen, self.settle)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass, user_class
-from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at, finite_rows, numbers
+from rmpc_bench.components.user_runs import UserRuns, finite_rows, numbers
 from rmpc_bench.types import Array, Motion, OutOfRange, Plant, RunInfo, Signals
 from rmpc_bench.types.ode import Parameters
 
@@ -98,11 +98,10 @@ class SingleRunPlant(SingleDesign, Plant):
         self, what: str, values: Array, instead: Array, k: int, objects: UserRuns, signals: Mapping[str, Any]
     ) -> None:
         """Fail the runs with numbers that are not finite."""
-        if np.isfinite(values).all():
-            return
-        for row in np.flatnonzero(~finite_rows(values)):
-            values[row] = instead[row]
-            objects.fail(Failed(int(row), CRASHED, f"{what} with NaN or inf{at(k)}", ""), k, signals)
+        if not np.isfinite(values).all():
+            wrong = ~finite_rows(values)
+            values[wrong] = instead[wrong]
+            objects.refuse(wrong, f"{what} with NaN or inf", k, signals)
 
 
 def _started(delta: RunPlants) -> UserRuns:

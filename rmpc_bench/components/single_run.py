@@ -28,6 +28,7 @@ from rmpc_bench.components.user_class import (
     METHODS,
     UserClass,
     a_component,
+    methods_of,
     metric_design,
     user_class,
 )
@@ -93,7 +94,7 @@ def _not_marked(group: str, component: type) -> str:
         other_base = BASES[other].__name__
         article = "an" if other_base[0] in "AEIOU" else "a"
         return f"{component.__qualname__} is {article} {other_base}, no {noun}"
-    if any(all(hasattr(component, name) for name in each) for each in METHODS.get(group, ())):
+    if methods_of(group, component):
         return (
             f"{component.__qualname__} is not marked: write @single_run above the class if it is written for one run, "
             f"or derive it from rmpc_bench.{base} if axis 0 of its arrays is the run"

@@ -222,15 +222,20 @@ COMMON_KEYS: Mapping[str, str] = {
 Failing = Literal["stop", "hold"]
 
 
+def methods_of(group: str, cls: type) -> tuple[str, ...]:
+    """Return the methods with which a class is a component of a group; empty where it has not all of them."""
+    known = METHODS.get(group, ())
+    return next((names for names in known if all(callable(getattr(cls, name, None)) for name in names)), ())
+
+
 class UserClass:
     """What the bench knows of a single-run component; a DesignError for a missing method or an unknown argument."""
 
     def __init__(self, group: str, cls: type, component: Any) -> None:
         self.group, self.cls, self.name, self.component = group, cls, cls.__qualname__, component
-        complete = [each for each in METHODS[group] if all(callable(getattr(cls, name, None)) for name in each)]
-        if not complete:
+        self.methods = methods_of(group, cls)
+        if not self.methods:
             raise DesignError(self._incomplete(), "kind")
-        self.methods = complete[0]
         called = ("prepare", "start", *self.methods)
         self.arguments: dict[str, Arguments] = {
             name: arguments_of(cls, name) for name in called if callable(getattr(cls, name, None))

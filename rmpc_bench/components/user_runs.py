@@ -250,8 +250,8 @@ class UserRuns:
     ) -> list[Failed]:
         """Call the method of every given row with its arguments, add the durations, and return what has failed."""
         calls, failures = self.bound[method], list[Failed]()
-        if self.runs.journal.call is not None:
-            calls = [None if each is None else self._handed_over(each, k) for each in calls]
+        if (by := self.runs.journal.call) is not None:
+            calls = [each and (lambda *values, each=each: by(self.role, k, each, values)) for each in calls]
         watch, index = self.runs.watch, self.runs.index
         with self.runs.journal.user_code():
             for row, values in given:
@@ -287,12 +287,6 @@ class UserRuns:
             columns = [column if isinstance(column, repeat) else [column[row] for row in rows] for column in columns]
         return zip(rows, zip(*columns, strict=False) if names else repeat(()), strict=False)
 
-    def _handed_over(self, function: Callable[..., Any], k: int | None) -> Callable[..., Any]:
-        """Return a call that `Journal.call` makes."""
-        call = self.runs.journal.call
-        assert call is not None
-        return lambda *values: call(self.role, k, function, values)
-
     def _column(self, name: str, k: int | None, signals: Mapping[str, Any]) -> Any:
         """Return the values of an argument for every run, each its own copy."""
         if name in signals:
@@ -327,6 +321,18 @@ class UserRuns:
         values = {name: value for name, value in values.items() if value is not None}
         run = self.runs.index[row]
         journal.fail(RunFailure(run, failure.status, self.role, k, failure.message, failure.trace, values))
+
+    def refuse(
+        self,
+        wrong: Array,
+        message: str,
+        k: int,
+        signals: Mapping[str, Any],
+        settle: Callable[[Failed], bool] | None = None,
+    ) -> None:
+        """Fail the rows whose answers have wrong numbers."""
+        for row in np.flatnonzero(wrong):
+            self.fail(Failed(int(row), CRASHED, f"{message}{at(k)}", ""), k, signals, settle)
 
     def report(self) -> None:
         """Report the failures outside of an answer, after `init`, `start` or `output`."""

@@ -304,7 +304,7 @@ def _design(
         return None
     try:
         code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
-        design = registered_design(group, kind) if code is None else access.design(group, code)
+        design = registered_design(group, kind) if code is None else access.load(code, group)
         if not is_built_in(group, kind):
             with user_code(None if code is None else code.path):
                 keys_of(group, kind if code is None else code.text, design)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
+from rmpc_bench import registry
 from rmpc_bench.components.transport import Recipe, recipe_of
+from rmpc_bench.components.user_class import a_component
 from rmpc_bench.conformance.process import SECONDS, check_subject
 from rmpc_bench.conformance.results import Report
 from rmpc_bench.conformance.stages import CHECKS, ExperimentSystem
@@ -54,39 +56,24 @@ def check(
     return check_subject(subject_of(component, group, keys), system=system, seconds=seconds)
 
 
-def check_estimator(component: Any, **options: Any) -> Report:
-    """Check an estimator; see `check` for the options."""
-    return check(component, "estimators", **options)
+def _check_of(group: str) -> Callable[..., Report]:
+    """Return `check` for the components of a group."""
+
+    def checked(component: Any, **options: Any) -> Report:
+        return check(component, group, **options)
+
+    checked.__name__ = f"check_{registry.singular(group)}"
+    checked.__doc__ = f"Check {a_component(group)}; see `check` for the options."
+    return checked
 
 
-def check_controller(component: Any, **options: Any) -> Report:
-    """Check a controller; see `check` for the options."""
-    return check(component, "controllers", **options)
-
-
-def check_plant(component: Any, **options: Any) -> Report:
-    """Check a plant; see `check` for the options."""
-    return check(component, "plants", **options)
-
-
-def check_metric(component: Any, **options: Any) -> Report:
-    """Check a metric; see `check` for the options."""
-    return check(component, "metrics", **options)
-
-
-def check_noise(component: Any, **options: Any) -> Report:
-    """Check a noise law; see `check` for the options."""
-    return check(component, "noises", **options)
-
-
-def check_reference(component: Any, **options: Any) -> Report:
-    """Check a reference; see `check` for the options."""
-    return check(component, "references", **options)
-
-
-def check_figure(component: Any, **options: Any) -> Report:
-    """Check a figure; see `check` for the options."""
-    return check(component, "figures", **options)
+check_estimator = _check_of("estimators")
+check_controller = _check_of("controllers")
+check_plant = _check_of("plants")
+check_metric = _check_of("metrics")
+check_noise = _check_of("noises")
+check_reference = _check_of("references")
+check_figure = _check_of("figures")
 
 
 def parametrize_with_checks(components: Sequence[Any], group: str = "", **options: Any) -> Callable[..., Any]:
@@ -111,30 +98,24 @@ def parametrize_with_checks(components: Sequence[Any], group: str = "", **option
 
     parameters = []
     for number, component in enumerate(components):
-        kind = _group(component, group)
+        kind = group or _group(component)
         outcome = cache(lambda component=component, kind=kind: check(component, kind, **options))
         name = component.rpartition(":")[2] if isinstance(component, str) else getattr(component, "__name__", number)
-        parameters += [pytest.param(_Check(each.id, outcome), id=f"{name}-{each.id}") for each in CHECKS[kind]]
+        parameters += [
+            pytest.param(partial(_assert, outcome, each.id), id=f"{name}-{each.id}") for each in CHECKS[kind]
+        ]
     return pytest.mark.parametrize("check", parameters)
 
 
-class _Check:
-    """One check of one component, for pytest; `outcome` returns that of all checks."""
-
-    def __init__(self, id: str, outcome: Callable[[], Report]) -> None:
-        self.id, self.outcome = id, outcome
-
-    def __call__(self) -> None:
-        """Fail if the check has failed and is of the class `error`."""
-        result = self.outcome().result(self.id)
-        assert not result.counts, str(result)
+def _assert(outcome: Callable[[], Report], id: str) -> None:
+    """Fail if a check has failed and is of the class `error`; `outcome` returns that of all checks."""
+    result = outcome().result(id)
+    assert not result.counts, str(result)
 
 
-def _group(component: Any, group: str) -> str:
-    if group:
-        return group
+def _group(component: Any) -> str:
     subject = subject_of(component)
-    candidates = [subject.group] if subject.group else list(groups_of(subject.loaded()))
+    candidates = [subject.group] if subject.group else groups_of(subject.loaded())
     if len(candidates) > 1:
         raise DesignError(f"say what {subject.text} is: parametrize_with_checks([...], group='estimators')")
     return candidates[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -138,18 +138,13 @@ def _place(component: Any, name: str) -> tuple[CodeReference | None, str, str]:
     return CodeReference(path, name, f"{path.name}:{name}"), "", ""
 
 
-def groups_of(component: Any) -> Iterator[str]:
+def groups_of(component: Any) -> Sequence[str]:
     """Return the groups that a component may belong to, the likeliest one first."""
+    known: list[str] = []
     if inspect.isclass(component):
-        for group, base in BASES.items():
-            if issubclass(component, base):
-                yield group
-                return
-        for method, group in _METHODS:
-            if callable(getattr(component, method, None)):
-                yield group
-                return
-    yield from _GUESSES
+        known += [group for group, base in BASES.items() if issubclass(component, base)]
+        known += [group for method, group in _METHODS if callable(getattr(component, method, None))]
+    return known[:1] or _GUESSES
 
 
 _METHODS = (
@@ -169,7 +164,7 @@ def group_of(subject: Subject, provided: Callable[[str], Mapping[str, Any]]) -> 
     """Find the group of a component."""
     if subject.group:
         return subject.group
-    candidates = list(groups_of(subject.loaded()))
+    candidates = groups_of(subject.loaded())
     if len(candidates) == 1:
         return candidates[0]
     reasons = []
