@@ -12,19 +12,12 @@ from rmpc_bench.cli import exits
 from rmpc_bench.cli.shared_options import TypedPath
 
 
-class Roles(click.ParamType[dict[str, str]]):
-    """Columns by their roles, with commas between them."""
-
-    name = "roles"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, str]:
-        """Return role -> column; a comma in the name of a column is followed by no role."""
-        if isinstance(value, dict):
-            return value
-        parts = [part.partition("=") for part in re.split(r",(?=[a-z]+(?::[^=,]+)?=)", str(value))]
-        if wrong := next(("".join(part) for part in parts if not part[0] or not part[2]), ""):
-            self.fail(f"{wrong!r}: expected ROLE=COLUMN, such as method=Filter", param, ctx)
-        return {role.strip(): column.strip() for role, _, column in parts}
+def roles(value: str) -> dict[str, str]:
+    """Return role -> column; a comma in the name of a column is followed by no role."""
+    parts = [part.partition("=") for part in re.split(r",(?=[a-z]+(?::[^=,]+)?=)", value)]
+    if wrong := next(("".join(part) for part in parts if not part[0] or not part[2]), ""):
+        raise click.BadParameter(f"{wrong!r}: expected ROLE=COLUMN, such as method=Filter")
+    return {role.strip(): column.strip() for role, _, column in parts}
 
 
 @click.command("import")
@@ -35,7 +28,7 @@ class Roles(click.ParamType[dict[str, str]]):
 @click.option("--metric", "metrics", multiple=True, metavar="NAME", help="A metric; may be repeated.")
 @click.option(
     "--columns",
-    type=Roles(),
+    type=roles,
     metavar="ROLE=NAME,..",
     help="Columns of run, method, status, sweep:PATH, parameter:NAME, metric:NAME.  [default: those so named]",
 )

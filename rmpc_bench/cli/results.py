@@ -62,31 +62,22 @@ def merge(directory: Path, partial: bool) -> int:
     return exits.code_of(written, strict=False)
 
 
-class Names(click.ParamType[list[str]]):
-    """Names with commas between them."""
-
-    name = "names"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> list[str]:
-        """Return the names without blanks around them."""
-        return value if isinstance(value, list) else [name.strip() for name in str(value).split(",") if name.strip()]
+def names(value: str) -> list[str]:
+    """Split names with commas between them, without the blanks around them."""
+    return [name.strip() for name in value.split(",") if name.strip()]
 
 
 @click.command()
 @click.argument("directories", nargs=-1, required=True, type=DIRECTORY)
 @click.option("--to", type=TypedPath(file_okay=False), help="Directory to write to.  [default: DIR]")
 @click.option("--width", metavar="LENGTH", help="Width of all figures: 252pt, 88mm, 8.8cm, 3.5in (72.27 pt = 1 in).")
-@click.option(
-    "--metric", "metrics", type=Names(), metavar="M,..", help="Metrics of the tables; figures show the first."
-)
-@click.option("--order", type=Names(), metavar="A,B,..", help="Methods to show, in this order.")
-@click.option(
-    "--columns", type=Names(), metavar="C,..", help="Columns of the LaTeX tables, such as mean,change,counts."
-)
+@click.option("--metric", "metrics", type=names, metavar="M,..", help="Metrics of the tables; figures show the first.")
+@click.option("--order", type=names, metavar="A,B,..", help="Methods to show, in this order.")
+@click.option("--columns", type=names, metavar="C,..", help="Columns of the LaTeX tables, such as mean,change,counts.")
 @click.option("--style", metavar="STYLE", help="bench (screen) or paper (printed column).")
 @click.option("--font", metavar="FONT", help="dejavu, stix or times.")
 @click.option(
-    "--format", type=Names(), metavar="F,..", help=f"Formats of figures.  [default: {','.join(DEFAULT_FORMATS)}]"
+    "--format", type=names, metavar="F,..", help=f"Formats of figures.  [default: {','.join(DEFAULT_FORMATS)}]"
 )
 @click.option("--trials/--no-trials", default=None, help="Write trials.csv.  [default: up to 1,000,000 rows]")
 @exits.guarded

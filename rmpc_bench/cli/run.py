@@ -18,7 +18,7 @@ import click
 
 from rmpc_bench.child_process import held
 from rmpc_bench.cli import exits, shared_options
-from rmpc_bench.cli.run_request import Request, ShardOption, configured
+from rmpc_bench.cli.run_request import Request, configured, shard_of
 from rmpc_bench.cli.shared_options import TypedPath
 from rmpc_bench.cli.streams import screen_width
 from rmpc_bench.received.plain_files import noted
@@ -55,7 +55,7 @@ _RARELY = (400_000, 50, 10)  # thresholds of the garbage collection while a repo
 @click.option(
     "--shard",
     "chosen_shard",
-    type=ShardOption(),
+    type=shard_of,
     metavar="I/N|auto",
     help="Compute shard I of N; auto: those of the array job.",
 )
@@ -75,8 +75,12 @@ def run(**options: Any) -> int:
     """
     started = time.monotonic()
     gc.disable()  # it would visit all objects of imports, although these stay
-    if options.pop("if_installed") and _is_skipped(options["config"]):
-        return 0
+    if options.pop("if_installed"):
+        from rmpc_bench.config.plugins import skipped
+
+        if text := skipped(options["config"]):
+            click.echo(text, err=True)
+            return 0
     request = Request(**options)
     done = _done_before(request)
     if done is not None:
@@ -127,16 +131,6 @@ def load_scipy() -> None:
                 del names[name]  # NumPy loads the module itself when it is asked for
 
 
-def _is_skipped(config: Path) -> bool:
-    """Whether a configuration requires a library that is not installed; this is said."""
-    from rmpc_bench.config.plugins import skipped
-
-    text = skipped(config)
-    if text:
-        click.echo(text, err=True)
-    return bool(text)
-
-
 def _done_before(request: Request) -> Shown | None:
     """Return what the same command has shown where nothing has changed; it imports no NumPy."""
     from rmpc_bench.config_file.known_files import located
@@ -162,7 +156,6 @@ def _run_all(
     if shown is not None:
         return _show_again(request, shown, time.monotonic() - started)
     with held():
-        from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.run import filled
         from rmpc_bench.figures.style import without_docstrings_of_artists
         from rmpc_bench.publishing.publish import publish
@@ -175,7 +168,7 @@ def _run_all(
         directory,
         request.compute_options,
         only=request.only or None,
-        progress=choose(request.how_progress),
+        progress=request.display(),
         missing=request.missing,
     )
     computed = time.monotonic()
@@ -243,7 +236,6 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
     """
     with held():
         from rmpc_bench.execution import progress_file
-        from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.runner import compute
         from rmpc_bench.results.results import load_experiment
 
@@ -253,7 +245,7 @@ def _run_trials(request: Request, config: ExperimentConfig, directory: Path, sta
         directory,
         how=request.compute_options,
         only=request.only or None,
-        progress=choose(request.how_progress),
+        progress=request.display(),
         shard=request.shard,
         missing=request.missing,
     )
@@ -287,7 +279,6 @@ def _tuned_config(
     """
     if config.tuning is None:
         return config
-    from rmpc_bench.execution.progress import choose
     from rmpc_bench.execution.tuning.tune import tuned
 
     return tuned(
@@ -296,7 +287,7 @@ def _tuned_config(
         shard=request.shard,
         only=request.only or None,
         how=request.compute_options,
-        progress=choose(request.how_progress),
+        progress=request.display(),
         n_runs=n_runs,
     )
 

@@ -14,6 +14,7 @@ import click
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.execution.missing import ComputeOptions
+    from rmpc_bench.execution.progress import Progress
     from rmpc_bench.execution.shards import Shard
 
 
@@ -24,23 +25,16 @@ class ChosenShard(NamedTuple):
     automatic: bool = False  # whether it was given as `auto`: the position of a task in its array job
 
 
-class ShardOption(click.ParamType[ChosenShard]):
-    """A shard I/N, or `auto` in a task of an array job."""
+def shard_of(value: str) -> ChosenShard:
+    """Return the shard I/N; `auto` is the position of a task in its array job."""
+    from rmpc_bench.execution.shards import ArrayJobError, parse_shard, shard_of_array_job
 
-    name = "shard"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> ChosenShard:
-        """Return the shard; `auto` is the position of the task in its array."""
-        from rmpc_bench.execution.shards import ArrayJobError, parse_shard, shard_of_array_job
-
-        if isinstance(value, ChosenShard):
-            return value
-        try:
-            if value == "auto":
-                return ChosenShard(shard_of_array_job(os.environ), automatic=True)
-            return ChosenShard(parse_shard(str(value)))
-        except (ArrayJobError, ValueError) as error:
-            self.fail(str(error), param, ctx)
+    try:
+        if value == "auto":
+            return ChosenShard(shard_of_array_job(os.environ), automatic=True)
+        return ChosenShard(parse_shard(value))
+    except (ArrayJobError, ValueError) as error:
+        raise click.BadParameter(str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -72,24 +66,16 @@ class Request:
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
-        pairs = [
-            (
-                self.shard and self.missing,
-                "--shard computes one shard, and --missing all runs that are missing: give one of them",
-            ),
-            (
-                self.shard and self.strict,
-                "--strict needs all runs: give it with --missing when the shards are finished",
-            ),
-            (self.no_report and self.strict, "--strict compares findings, which --no-report leaves out"),
-            (
-                self.missing and self.fresh,
-                "--missing uses stored trials, and --fresh sets them aside: give one of them",
-            ),
-            (self.quiet and self.verbose, "give -q or -v"),
-            (self.scheduler and self.engine not in (None, "dask"), "--scheduler needs --engine dask"),
-        ]
-        wrong = [text for excluded, text in pairs if excluded]
+        shard, missing, strict = self.shard, self.missing, self.strict
+        excluded = {
+            "--shard computes one shard, and --missing all runs that are missing: give one of them": shard and missing,
+            "--strict needs all runs: give it with --missing when the shards are finished": shard and strict,
+            "--strict compares findings, which --no-report leaves out": self.no_report and strict,
+            "--missing uses stored trials, and --fresh sets them aside: give one of them": missing and self.fresh,
+            "give -q or -v": self.quiet and self.verbose,
+            "--scheduler needs --engine dask": self.scheduler and self.engine not in (None, "dask"),
+        }
+        wrong = [text for text, given in excluded.items() if given]
         if wrong:
             raise click.UsageError("\n".join(wrong))
 
@@ -99,25 +85,23 @@ class Request:
         return None if self.chosen_shard is None else self.chosen_shard.shard
 
     @property
-    def engine_name(self) -> Literal["joblib", "serial", "dask"] | None:
-        """The engine; a scheduler is that of a dask cluster."""
-        return "dask" if self.scheduler else self.engine
-
-    @property
     def compute_options(self) -> ComputeOptions:
         """How trials are computed."""
         from rmpc_bench.execution.missing import ComputeOptions
 
-        return ComputeOptions(self.jobs, self.engine_name, self.scheduler, self.accept_versions)
+        # A scheduler is that of a dask cluster.
+        engine = "dask" if self.scheduler else self.engine
+        return ComputeOptions(self.jobs, engine, self.scheduler, self.accept_versions)
 
     def place(self, directory: Path) -> Path:
         """Return where the trials are stored: the directory of the results, or of the shard in it."""
         return directory if self.shard is None else self.shard.directory(directory)
 
-    @property
-    def how_progress(self) -> str:
-        """How progress is shown."""
-        return "quiet" if self.quiet else self.progress
+    def display(self) -> Progress:
+        """Return what shows the progress."""
+        from rmpc_bench.execution.progress import choose
+
+        return choose("quiet" if self.quiet else self.progress)
 
     def note(self, text: str) -> None:
         """Show a note on stderr."""

@@ -26,24 +26,19 @@ class TypedPath(click.Path):
         return super().convert(value, param, ctx)
 
 
-class Workers(click.ParamType[int]):
-    """A number of worker processes, or `auto`."""
+def workers(value: str) -> int:
+    """Return a number of worker processes; `auto` are the cores of this process, in a batch job those of the job."""
+    if value == "auto":
+        from rmpc_bench.execution.shards import n_cores
 
-    name = "workers"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number; `auto` is the number of cores this process may use, in a batch job those of the job."""
-        if value == "auto":
-            from rmpc_bench.execution.shards import n_cores
-
-            return n_cores(os.environ)
-        try:
-            number = int(str(value))
-        except ValueError:
-            number = 0
-        if number < 1:
-            self.fail(f"{value!r} is neither a number of processes from 1 on nor 'auto'", param, ctx)
-        return number
+        return n_cores(os.environ)
+    try:
+        number = int(value)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise click.BadParameter(f"{value!r} is neither a number of processes from 1 on nor 'auto'")
+    return number
 
 
 def _import(context: click.Context, parameter: click.Parameter, names: tuple[str, ...]) -> None:
@@ -61,7 +56,7 @@ def _import(context: click.Context, parameter: click.Parameter, names: tuple[str
 
 
 jobs = click.option(
-    "-j", "--jobs", type=Workers(), help="Largest number of workers, or auto.  [default: execution.workers]"
+    "-j", "--jobs", type=workers, help="Largest number of workers, or auto.  [default: execution.workers]"
 )
 n_runs = click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the configuration.")
 add_method = click.option(
