@@ -159,6 +159,14 @@ def _disturbed(model: DisturbedNonlinear) -> tuple[Any, Any]:
 class _OwnObject:
     """A component with an object of do-mpc, which no other run may have."""
 
+    method = ""
+    """A method, besides `make_step`, that tells the object from others of do-mpc."""
+
+    @classmethod
+    def fits(cls, made: Any) -> bool:
+        """Whether a function has returned the object."""
+        return hasattr(made, "make_step") and hasattr(made, cls.method)
+
     @staticmethod
     def owned(made: Any) -> list[Any]:
         """Return the objects that no other run may have."""
@@ -171,12 +179,7 @@ class MpcController(_OwnObject):
     It knows `preview` samples of the reference, r(k) included; the last one is held over the horizon.
     """
 
-    returns = "an MPC of do-mpc"
-
-    @staticmethod
-    def fits(made: Any) -> bool:
-        """Whether a function has returned an MPC, which has weights of the moves of the input."""
-        return hasattr(made, "make_step") and hasattr(made, "set_rterm")
+    returns, method = "an MPC of do-mpc", "set_rterm"
 
     def __init__(self, made: Any, model: Any, Ts: float, preview: Count = 1, plant_info: Any = None) -> None:
         set_up(made, Ts)
@@ -231,13 +234,7 @@ class MpcController(_OwnObject):
 class MheEstimator(_OwnObject):
     """An MHE of do-mpc; its model has the measurements y with noise, and none or u without noise."""
 
-    returns = "an MHE of do-mpc"
-
-    @staticmethod
-    def fits(made: Any) -> bool:
-        """Whether a function has returned an MHE, which takes measurements by a function."""
-        return hasattr(made, "make_step") and hasattr(made, "set_y_fun")
-
+    returns, method = "an MHE of do-mpc", "set_y_fun"
     bridges_missing = True
 
     def __init__(self, made: Any, model: Any, Ts: float, plant_info: Any = None) -> None:

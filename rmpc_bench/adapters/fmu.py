@@ -48,7 +48,7 @@ class Unit:
         made = copy(loaded(self.path))
         made.instantiate()
         values = [start[name] for name in self.at_start]
-        set_values = made.setReal if self.version == 2 else made.setFloat64
+        set_values, _ = self.calls(made)
         if self.version == 2:
             made.setupExperiment(startTime=0.0)
             set_values(self.start_references, values)
@@ -58,6 +58,10 @@ class Unit:
             made.enterInitializationMode(startTime=0.0)
         made.exitInitializationMode()
         return made
+
+    def calls(self, made: Any) -> tuple[Any, Any]:
+        """Return what sets and what reads variables of an instance."""
+        return (made.setReal, made.getReal) if self.version == 2 else (made.setFloat64, made.getFloat64)
 
 
 @cache
@@ -149,9 +153,7 @@ class FmuRun:
         """Make the instance."""
         first = dict(zip(self.signals.states, x0.tolist(), strict=True))
         self.fmu = self.unit.instance({**first, **{name: p[name] for name in p}})
-        second = self.unit.version == 2
-        self.set = self.fmu.setReal if second else self.fmu.setFloat64
-        self.get = self.fmu.getReal if second else self.fmu.getFloat64
+        self.set, self.get = self.unit.calls(self.fmu)
         self.time = -self.Ts
         self._read()
 

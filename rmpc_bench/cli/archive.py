@@ -25,7 +25,6 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     """
     from rmpc_bench.extras import missing
     from rmpc_bench.packing.pack import pack as pack_results
-    from rmpc_bench.received.archive import ArchiveError
     from rmpc_bench.types.result_layout import COPIES
 
     if output is None:
@@ -38,9 +37,6 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
         if error.name is None or error.name.partition(".")[0] != "rocrate":
             raise
         click.echo(missing("pack"), err=True)
-        return exits.USAGE
-    except ArchiveError as error:
-        click.echo(str(error), err=True)
         return exits.USAGE
     for text in written.remarks:
         click.echo(text, err=True)
@@ -74,14 +70,9 @@ def verify(
         raise click.UsageError("--no-run computes nothing: leave out --runs and --claim")
     from rmpc_bench.execution.progress import choose
     from rmpc_bench.packing.verify import verify as verify_archive
-    from rmpc_bench.received.archive import ArchiveError
 
-    try:
-        found = verify_archive(
-            file, runs=runs, claim=claim, simulate=not no_run, allow_code=allow_code, jobs=jobs, progress=choose("auto")
-        )
-    except ArchiveError as error:
-        click.echo(str(error), err=True)
-        return exits.USAGE
+    found = verify_archive(
+        file, runs=runs, claim=claim, simulate=not no_run, allow_code=allow_code, jobs=jobs, progress=choose("auto")
+    )
     click.echo(str(found))
     return 0 if found.reproduced else exits.FINDING_DIFFERS

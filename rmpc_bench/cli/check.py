@@ -11,7 +11,7 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.cli.shared_options import TypedPath
-from rmpc_bench.cli.streams import screen_width
+from rmpc_bench.cli.streams import echo_folded
 from rmpc_bench.received.consent import NO_CODE
 
 if TYPE_CHECKING:
@@ -81,7 +81,6 @@ def _check_config(path: Path, allow_code: tuple[Path, ...], *, deep: bool, full:
     """Show what a configuration is; the exit code says whether a check of an own component fails."""
     from rmpc_bench.cli.config_text import full_lines, short_lines
     from rmpc_bench.config.load import load_config
-    from rmpc_bench.types.texts import folded
 
     config, failed = load_config(path, allow_code=allow_code), False
     measured = (deep or shards is not None) and "runs" in config.evaluate
@@ -97,7 +96,7 @@ def _check_config(path: Path, allow_code: tuple[Path, ...], *, deep: bool, full:
         lines += mismatch_lines(config)
         own, failed = own_component_lines(config)
         lines += own
-    click.echo("\n".join(folded(lines, screen_width())))
+    echo_folded(lines)
     return exits.FINDING_DIFFERS if failed else 0
 
 

@@ -13,7 +13,7 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, shared_options
 from rmpc_bench.cli.shared_options import TypedPath
-from rmpc_bench.cli.streams import screen_width
+from rmpc_bench.cli.streams import echo_folded
 from rmpc_bench.config_file.known_files import SUFFIX, files_of, known_configs, located, short_names
 from rmpc_bench.extras import need
 
@@ -68,9 +68,7 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
     config = load_config(_config(name), allow_code=allow_code)
     if plot is not None:
         _plot(name, config.experiment.plant.plots(), plot)
-    from rmpc_bench.types.texts import folded
-
-    click.echo("\n".join(folded([str(located(_config(name))), *_config_lines(config)], screen_width())))
+    echo_folded([str(located(_config(name))), *_config_lines(config)])
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
@@ -185,30 +183,20 @@ def _unknown(name: str) -> str:
     return registry.unknown(name, [*components, *configs], "component or configuration", "rmpc-bench list")
 
 
-def _split_name(name: str) -> tuple[str, str] | None:
-    """Return the group (or nothing) and the reference of an argument ``[GROUP/]PATH.py:NAME``; None for any other."""
-    from rmpc_bench.components.reference import split_reference
+def _named_component(name: str) -> tuple[str, CodeReference] | None:
+    """Return group and reference of an argument ``[GROUP/]PATH.py:NAME``, its file loaded; None for any other."""
+    from rmpc_bench.components.reference import CodeError, split_reference
 
     parts = split_reference(name)
     if parts is None:
         return None
-    group, slash, rest = name.partition("/")
-    group = _group(group)
-    if slash and group in registry.BUILT_IN and not Path(parts[0]).is_file():
-        return group, rest
-    return "", name
-
-
-def _named_component(name: str) -> tuple[str, CodeReference] | None:
-    """Return group and reference of an argument ``[GROUP/]PATH.py:NAME``, its file loaded; None for any other."""
-    parts = _split_name(name)
-    if parts is None:
-        return None
     from rmpc_bench.components.consent import CodeAccess
     from rmpc_bench.components.designs import group_of
-    from rmpc_bench.components.reference import CodeError
 
-    group, text = parts
+    group, _, text = name.partition("/")
+    group = _group(group)
+    if group not in registry.BUILT_IN or Path(parts[0]).is_file():
+        group, text = "", name
     # The user has named this file on the command line, and nothing else.
     access = CodeAccess(Path.cwd(), (Path(text.rpartition(":")[0]).resolve(),))
     try:
@@ -238,7 +226,6 @@ def _show_own(group: str, reference: CodeReference) -> None:
 
 def _show_design(group: str, kind: str, design: Any) -> None:
     from rmpc_bench.schema.manual import manual_of, shared_keys
-    from rmpc_bench.types.texts import folded
 
     manual = manual_of(group, kind, design)
     lines = [f"{group}/{kind}  {need(group, kind)}".rstrip()]
@@ -250,8 +237,7 @@ def _show_design(group: str, kind: str, design: Any) -> None:
     shared = shared_keys(group)
     lines += ["", f"Every {group.removesuffix('s')} also has the keys"] if shared else []
     lines += [f"    {key.name} : {key.meaning}" for key in shared]
-    width = screen_width()
-    click.echo("\n".join(folded("\n".join(lines).split("\n"), width)))
+    echo_folded("\n".join(lines).split("\n"))
     if manual.examples:
         # Code is not broken.
         click.echo(f"\nExamples\n\n{manual.examples}")

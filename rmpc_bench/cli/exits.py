@@ -79,12 +79,13 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     return wrapper
 
 
-def show(written: Publication, seconds: float | None = None, *, notes: bool = True) -> None:
-    """Print the summary of what was published on stdout, with the duration [s], and what is missing on stderr."""
+def show(written: Publication, seconds: float | None = None, *, notes: bool = True) -> int:
+    """Print the summary of what was published, with the duration [s], and notes on stderr; return the exit code."""
     if notes:
         for text in notes_of(written):
             click.echo(text, err=True)
     click.echo(written.summary(seconds, screen_width()))
+    return code_of(written, strict=False)
 
 
 def notes_of(written: Publication) -> list[str]:
@@ -119,20 +120,22 @@ def _explain(error: BaseException, verb: str) -> int:
     if isinstance(error, Terminated):
         return _say(f"terminated; {_LEFT.get(verb, _UNCHANGED)}", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
+    from rmpc_bench.components.loading import described, place_of
+    from rmpc_bench.received.archive import ArchiveError
     from rmpc_bench.received.plain_files import StoreError
     from rmpc_bench.received.store import MissingError, WriteError
     from rmpc_bench.types import ConfigError
     from rmpc_bench.types.errors import WorkerError
 
-    if isinstance(error, ConfigError | MissingError | WorkerError):
+    if isinstance(error, ArchiveError | ConfigError | MissingError | WorkerError):
         return _say(error, USAGE)
     if isinstance(error, StoreError):
         return _say(error, code_of_store(error))
     if isinstance(error, WriteError):
         return _say(f"results cannot be written: {error}; what was stored before is intact", CANNOT_WRITE)
-    own = _own_code(error)
-    if own:
-        return _say(own, USAGE)
+    if place := place_of(error):
+        # The error comes from code of the user.
+        return _say(f"{place.file}:{place.line}: {described(error)}", USAGE)
     if isinstance(error, IsADirectoryError):
         return _say(f"{error.filename2 or error.filename}: is a directory; move it away, a file has this name", USAGE)
     if isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
@@ -141,14 +144,6 @@ def _explain(error: BaseException, verb: str) -> int:
         return _say(f"results cannot be written: {error}; stored trials are intact", CANNOT_WRITE)
     traceback.print_exception(error)
     return _say("internal error; this is a bug, please report it with the lines above", INTERNAL)
-
-
-def _own_code(error: BaseException) -> str:
-    """Describe an error that comes from code of the user, with its line there; empty for any other."""
-    from rmpc_bench.components.loading import described, place_of
-
-    place = place_of(error)
-    return "" if place is None else f"{place.file}:{place.line}: {described(error)}"
 
 
 def _say(what: Any, code: int) -> int:

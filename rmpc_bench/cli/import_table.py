@@ -74,6 +74,4 @@ def import_(table: Path, directory: Path | None, dry_run: bool, **given: Any) ->
         click.echo("\n".join([*prepared.facts, f"nothing is written; without -n to {place}"]))
         return 0
     store_runs(prepared, place)
-    written = publish(read_results(place))
-    exits.show(written)
-    return exits.code_of(written, strict=False)
+    return exits.show(publish(read_results(place)))

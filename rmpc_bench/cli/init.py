@@ -156,16 +156,12 @@ def _refusals(group: str, kind: str) -> Iterator[str]:
     if len(kind) > LONGEST or not re.fullmatch(form, kind) or {kind, kind.title()} & {*keyword.kwlist, "null"}:
         about = f"at most {LONGEST} lower case letters, digits and {sign}, such as my{sign}filter"
         yield f"{kind!r} is not a name of a kind: {about}"
-    if not _is_clone():
+    if not (ROOT / "tests" / "conformance").is_dir():
         yield f"{ROOT} is not a clone of rmpc-bench; `rmpc-bench init NAME` writes components of your own anywhere"
     elif not Path.cwd().is_relative_to(ROOT):
         yield f"the current directory is not in {ROOT}, the clone that this program belongs to"
     elif (commit_of(ROOT) or {}).get("dirty") is True:
         yield f"{ROOT} has uncommitted changes; commit or stash them, so that `git diff` shows what is written"
-
-
-def _is_clone() -> bool:
-    return (ROOT / "tests" / "conformance").is_dir()
 
 
 def _words(kind: str) -> dict[str, str]:

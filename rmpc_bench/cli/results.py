@@ -11,7 +11,7 @@ import click
 
 from rmpc_bench.cli import exits
 from rmpc_bench.cli.shared_options import TypedPath
-from rmpc_bench.cli.streams import screen_width
+from rmpc_bench.cli.streams import echo_folded, screen_width
 from rmpc_bench.types.result_layout import DEFAULT_FORMATS
 
 if TYPE_CHECKING:
@@ -32,11 +32,12 @@ def status(directory: Path, as_json: bool) -> None:
     their standard errors.  It reads progress.json only, so it works on every machine that sees the directory.
     """
     from rmpc_bench.execution.status import read_status
-    from rmpc_bench.types.texts import folded
 
     found = read_status(directory)
-    text = "\n".join(folded(str(found).split("\n"), screen_width()))
-    click.echo(json.dumps(found.to_json(), indent=2) if as_json else text)
+    if as_json:
+        click.echo(json.dumps(found.to_json(), indent=2))
+    else:
+        echo_folded(str(found).split("\n"))
 
 
 @click.command()
@@ -57,9 +58,7 @@ def merge(directory: Path, partial: bool) -> int:
     click.echo(f"joined: {', '.join(shard.name for shard in merged.shards)}", err=True)
     if merged.missing:
         click.echo("\n".join(["incomplete:", *merged.missing]), err=True)
-    written = publish(read_results(directory))
-    exits.show(written)
-    return exits.code_of(written, strict=False)
+    return exits.show(publish(read_results(directory)))
 
 
 def names(value: str) -> list[str]:
@@ -100,8 +99,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     for directory, place in zip(stored, places, strict=True):
         with inside(to or directory):
             written = publish(choose(read_results(directory), **choices), to=place, index=index)
-        exits.show(written)
-        code = max(code, exits.code_of(written, strict=False))
+        code = max(code, exits.show(written))
         published[directory] = written
     if several and to is not None:
         from rmpc_bench.publishing.pages import write_site
@@ -173,7 +171,6 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
     from rmpc_bench.results.compare import compare_improvements, compare_results
     from rmpc_bench.results.results import read_results
     from rmpc_bench.types import DesignError
-    from rmpc_bench.types.texts import folded
 
     first, second = read_results(a), read_results(b)
     if method is None:
@@ -181,8 +178,7 @@ def compare(a: Path, b: Path, tol: float | None, values: bool, method: str | Non
         click.echo(found.text(screen_width(), values=values))
         return 0 if found.equal else exits.FINDING_DIFFERS
     try:
-        text = str(compare_improvements(first, second, method, metric=metric))
-        click.echo("\n".join(folded(plain(text).split("\n"), screen_width())))
+        echo_folded(plain(str(compare_improvements(first, second, method, metric=metric))).split("\n"))
     except DesignError as error:
         raise click.UsageError(str(error)) from None
     return 0

@@ -13,7 +13,10 @@ import io
 import os
 import shutil
 import sys
+from collections.abc import Sequence
 from typing import Any
+
+import click
 
 WIDTHS = (40, 80)  # fewest and most columns for which texts are laid out
 
@@ -22,6 +25,14 @@ def screen_width() -> int:
     """Return the columns of the terminal, at most 80; that of COLUMNS where it is given."""
     low, high = WIDTHS
     return min(high, max(low, shutil.get_terminal_size((high, 24)).columns))
+
+
+def echo_folded(lines: Sequence[str]) -> None:
+    """Print lines, broken where the terminal ends."""
+    # Only now: `types` imports NumPy.
+    from rmpc_bench.types.texts import folded
+
+    click.echo("\n".join(folded(lines, screen_width())))
 
 
 class OutputError(OSError):

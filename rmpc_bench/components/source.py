@@ -79,18 +79,9 @@ def _entries(node: ast.AST, name: str, entries: list[Any], with_docstrings: bool
     """Return the entries of a list that change something."""
     if isinstance(node, ast.JoinedStr):
         return _joined(entries)
-    if name == "body" and isinstance(node, _WITH_DOCSTRING) and not with_docstrings and _is_text(entries[:1]):
-        entries = entries[1:]
+    if name == "body" and isinstance(node, _WITH_DOCSTRING) and not with_docstrings:
+        entries = entries[ast.get_docstring(node, clean=False) is not None :]
     return [entry for entry in entries if not isinstance(entry, ast.Pass)]
-
-
-def _is_text(statements: list[ast.stmt]) -> bool:
-    return any(
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-        for statement in statements
-    )
 
 
 def _joined(parts: list[Any]) -> list[Any]:
