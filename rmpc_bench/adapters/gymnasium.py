@@ -11,10 +11,9 @@ Fails   Status `out-of-range`: the environment has terminated or truncated the e
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from operator import attrgetter
 from timeit import default_timer
 from traceback import extract_tb
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -22,11 +21,9 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from rmpc_bench.adapters import gymnasium_plant as access_to
 from rmpc_bench.adapters.gymnasium_env import env as env
-from rmpc_bench.adapters.gymnasium_plant import DiscreteInput, EnvironmentPlant
+from rmpc_bench.adapters.gymnasium_plant import Access, DiscreteInput, EnvironmentPlant, EnvironmentRun, actions_of
 from rmpc_bench.components.loading import is_source
-from rmpc_bench.components.single_plant import Access, EnvironmentRun
 from rmpc_bench.components.user_code import last_user_frame, one_line
 from rmpc_bench.extras import MissingLibraryError
 from rmpc_bench.models.ode_functions import Names, is_fed, names_of, refuse_shared
@@ -121,13 +118,13 @@ def random_numbers(first: Trial, other: Trial) -> str:
 
 def is_writable(access: Access, p: Parameters, inputs: Sequence[Array]) -> bool:
     """Whether a state that is written is read back, and the next step starts from it."""
-    if access.write is None or access.read is None:
+    if access.state is None or not access.writes:
         return False
     run = started(access, p)
     other = run.x + 1e-3 * (1.0 + np.abs(run.x))
     try:
         access.write(run.inner, other.copy())
-        read_back = access.state(run.inner, run.observation)
+        read_back = access.read(run.inner, run.observation)
         moved, unmoved = trial(access, p, inputs[:1], other), trial(access, p, inputs[:1])
     except (AttributeError, TypeError, ValueError):
         return False
@@ -177,21 +174,22 @@ class Keys(NamedTuple):
 
 def _designed(Ts: float, n_steps: int, keys: Keys) -> EnvironmentPlant:
     """Try an environment and return the plant."""
-    inner, access, actions = _accessed(keys)
+    inner, access = _accessed(keys)
     first = attempt("state", lambda: started(access, keys.p))
     if first.inner is inner:
         raise DesignError("returns the same environment every time: make a new one, since every run has its own", "env")
-    signals = _signals(keys, first.x, actions.low, actions.high)
-    if actions.values is not None:
-        signals = DiscreteInput(**vars(signals), values=actions.values)
+    assert access.action is not None
+    signals = _signals(keys, first.x, access.action.low, access.action.high)
+    if access.action.values is not None:
+        signals = DiscreteInput(**vars(signals), values=access.action.values)
     access, measured = _with_output(access, keys, signals, np.size(first.observation))
     if measured is None:
-        y = attempt("output", lambda: access.measure(first.x, keys.p, first.observation))  # type: ignore[misc]
+        y = attempt("output", lambda: access.measure(first.x, keys.p, first.observation))
         if np.size(y) != signals.ny:
             raise DesignError(f"returns {np.size(y)} numbers; outputs: {signals.ny}", "output")
-    access, tried = _tried(access, keys.p, actions)
+    access, tried = _tried(access, keys.p)
     if keys.start == "initial":
-        if access.write is None:
+        if not access.writes:
             text = "the state cannot be set: name an attribute as `state`, or a function as `set_state`"
             raise DesignError(text, "start")
         access = replace(access, starts_at_x0=True)
@@ -201,29 +199,26 @@ def _designed(Ts: float, n_steps: int, keys: Keys) -> EnvironmentPlant:
     return plant
 
 
-def _accessed(keys: Keys) -> tuple[Any, Access, access_to.Actions]:
-    """Make an environment; return it, how every other one is made, moved and read, and its actions."""
+def _accessed(keys: Keys) -> tuple[Any, Access]:
+    """Make an environment; return it, and how every other one is made, moved and read."""
     # An option may name an environment, too.
     for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):
         for reason in filter(None, map(reason_against_module, _texts(value))):
             raise DesignError(reason, key)
+    writes = isinstance(keys.state, str) or keys.set_state is not None
+    access = Access(keys.env, keys.options, keys.state, keys.set_state, keys.ends, writes)
     # The first import of the library: a missing one is reported with its extra.
-    inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
-    change = keys.set_parameters
-    keywords = () if change else access_to.keywords_of(inner, [*keys.p])
+    inner = attempt("env", lambda: access.make(Parameters({}))).unwrapped
+    change, taken = keys.set_parameters, inspect.signature(type(inner).__init__).parameters
+    keywords = [name for name in keys.p if name in taken and not change]
     if not change:
         _refuse_unknown(inner, [name for name in keys.p if name not in keywords])
     if keys.state is None and inner.observation_space.shape is None:
         kind = type(inner.observation_space).__name__
         raise DesignError(f"the observation is a {kind}; name an attribute or a function that is the state", "state")
     nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
-    actions = access_to.actions_of(inner.action_space, keys.action, nu)
-    make = partial(access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=change)
-    # The state is read and written by an attribute, or by functions of the user.
-    by_name = isinstance(keys.state, str)
-    read = attrgetter(keys.state) if by_name else keys.state
-    write = partial(access_to.assign, path=keys.state) if by_name and keys.set_state is None else keys.set_state
-    return inner, Access(make, actions.of_input, read, write, ends=keys.ends), actions
+    action = actions_of(inner.action_space, keys.action, nu)
+    return inner, replace(access, keywords=keywords, change=change, action=action)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -278,14 +273,14 @@ def _with_output(access: Access, keys: Keys, signals: Signals, n_seen: int) -> t
     if keys.output is None:
         return access, list(range(signals.nx))
     if callable(keys.output):
-        return replace(access, measure=partial(access_to.computed, output=keys.output)), None
+        return replace(access, output=keys.output), None
     entries = [_entry(each, signals, n_seen) for each in keys.output]
     if all(of_state for of_state, _ in entries):
         return access, [i for _, i in entries]
     if keys.start == "initial":
         text = "an observation of x(0) is not known with `start: initial`; give names of states, or a function"
         raise DesignError(text, "output")
-    return replace(access, measure=partial(access_to.observed, entries=entries), measures_observation=True), None
+    return replace(access, output=entries), None
 
 
 def _entry(name: str, signals: Signals, n_seen: int) -> tuple[bool, int]:
@@ -309,22 +304,21 @@ class _Tried(NamedTuple):
     useless: list[str]
 
 
-def _tried(access: Access, p: Parameters, actions: access_to.Actions) -> tuple[Access, _Tried]:
+def _tried(access: Access, p: Parameters) -> tuple[Access, _Tried]:
     """Step copies of the environment."""
-    few, many = (inputs_between(actions.low, actions.high, share) for share in (0.25, 0.75))
-    rounded = False
-    box = isinstance(access.action, partial) and access.action.func is access_to.as_it_is
+    action, rounded = access.action, False
+    assert action is not None
+    few, many = (inputs_between(action.low, action.high, share) for share in (0.25, 0.75))
     try:
         first = trial(access, p, few)
     except Exception:
-        if not box:
+        if not action.is_box:
             return access, attempt("action", lambda: trial(access, p, few))  # type: ignore[return-value]
-        single = partial(access_to.as_it_is, shape=access.action.keywords["shape"], dtype=np.float32)  # type: ignore[attr-defined]
-        access, rounded = replace(access, action=single), True
+        access, rounded = replace(access, action=replace(action, dtype=np.float32)), True
         first = attempt("env", lambda: trial(access, p, few))
     again, other = trial(access, p, few), trial(access, p, many)
     if not is_writable(access, p, few):
-        access = replace(access, write=None)
+        access = replace(access, writes=False)
     repeatable = is_repeatable(first, again)
     useless = without_effect(access, p, few, first) if repeatable else []
     return access, _Tried(first, repeatable, random_numbers(first, other), rounded, useless)
@@ -340,7 +334,7 @@ def _describe(plant: EnvironmentPlant, keys: Keys, first: EnvironmentRun, tried:
     plant.described = (
         ("environment", f"{name}, one per run and method"),
         ("actions, observation", f"{inner.action_space}, {inner.observation_space}"),
-        ("states", ", ".join(plant.signals.states) + ("" if plant.access.write else " (cannot be set)")),
+        ("states", ", ".join(plant.signals.states) + ("" if plant.access.writes else " (cannot be set)")),
         ("parameters", ", ".join(f"{each} = {keys.p[each]:g}" for each in keys.p) or "none"),
         ("random numbers", random.get(tried.random, "other ones after other actions")),
     )

@@ -2,62 +2,20 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from rmpc_bench.components.single_plant import Access, EnvironmentRun, ObjectPlant, RunPlants
+from rmpc_bench.components.single_plant import ObjectPlant, RunPlants
 from rmpc_bench.extras import library
-from rmpc_bench.types import Array, DesignError, Motion, Parameters, RunInfo, Signals
+from rmpc_bench.types import Array, DesignError, Motion, OutOfRange, Parameters, RunInfo, Signals
 
 NO_LIMIT = -1
 """Value of `max_episode_steps` with which Gymnasium adds no time limit."""
-
-
-# From the keys of a configuration to the functions that make, move and read an environment.
-#
-# All of them can be sent to a worker process.
-
-
-def made(env: Any, options: Mapping[str, Any], given: Mapping[str, float]) -> Any:
-    """Make an environment without time limit and without the checks of Gymnasium at every call."""
-    keywords = {**options, **given}
-    if not isinstance(env, str):
-        return env(**keywords)
-    found = library("gymnasium").make(env, max_episode_steps=NO_LIMIT, disable_env_checker=True, **keywords)
-    # A wrapper of the registration may change actions and observations; without one the calls go to the environment.
-    return found if found.spec.additional_wrappers else found.unwrapped
-
-
-def with_parameters(
-    p: Parameters, *, env: Any, options: Mapping[str, Any], keywords: Sequence[str], change: Callable[..., Any] | None
-) -> Any:
-    """Make the environment of a run; parameters that are no keywords are attributes, unless `change` sets them."""
-    found = made(env, options, {name: p[name] for name in keywords})
-    if change is not None:
-        change(found.unwrapped, p)
-    else:
-        for name in p:
-            if name not in keywords:
-                setattr(found.unwrapped, name, p[name])
-    return found
-
-
-def keywords_of(inner: Any, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the parameters that are keywords of the class of an environment."""
-    taken = inspect.signature(type(inner).__init__).parameters
-    return tuple(name for name in names if name in taken)
-
-
-def as_it_is(u: Float[Array, " nu"], *, shape: tuple[int, ...], dtype: Any) -> Array:
-    """Return an input as an action of a box."""
-    return u if dtype is float and u.shape == shape else u.reshape(shape).astype(dtype, copy=False)
 
 
 def nearest(u: Float[Array, "runs 1"], values: Float[Array, " actions"]) -> Int[Array, " runs"]:
@@ -66,34 +24,46 @@ def nearest(u: Float[Array, "runs 1"], values: Float[Array, " actions"]) -> Int[
     return found
 
 
-def discrete(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: int) -> int:
-    """Return the discrete action whose value is nearest to the input."""
-    if np.isnan(u[0]):
-        raise ValueError("the input is not a number")
-    return first + int(nearest(u[None], values)[0])
+@dataclass(frozen=True, eq=False)
+class Actions:
+    """How inputs become actions: by a function of the user, as entries of a box, or as the nearest discrete action."""
 
-
-class Actions(NamedTuple):
-    """How inputs become actions."""
-
-    of_input: Callable[..., Any]
     low: Float[Array, " nu"]
     high: Float[Array, " nu"]
-    values: Float[Array, " actions"] | None = None  # inputs of the discrete actions; None for other actions
+    function: Callable[[Array], Any] | None = None
+    shape: tuple[int, ...] = ()  # of a box
+    dtype: Any = float  # of a box
+    values: Float[Array, " actions"] | None = None  # inputs of the discrete actions
+    first: int = 0  # number of the first discrete action
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the input is the action."""
+        return self.function is None and self.values is None
+
+    def __call__(self, u: Float[Array, " nu"]) -> Any:
+        """Return the action of an input."""
+        if self.function is not None:
+            return self.function(u)
+        if self.values is None:
+            same = self.dtype is float and u.shape == self.shape
+            return u if same else u.reshape(self.shape).astype(self.dtype, copy=False)
+        if np.isnan(u[0]):
+            raise ValueError("the input is not a number")
+        return self.first + int(nearest(u[None], self.values)[0])
 
 
 def actions_of(space: Any, action: Any, nu: int | None) -> Actions:
-    """Return the function from u to an action, the limits of u and the values of discrete actions."""
+    """Return how inputs become the actions of a space, as the key `action` says."""
     spaces = library("gymnasium", "spaces")
     if callable(action):
         if nu is None:
             raise DesignError("name the inputs, or give their number: `action` is a function", "inputs")
-        return Actions(action, np.full(nu, -np.inf), np.full(nu, np.inf))
+        return Actions(np.full(nu, -np.inf), np.full(nu, np.inf), action)
     if isinstance(space, spaces.Box):
         if action is not None:
             raise DesignError("the actions are a box: u is the action; leave the key out", "action")
-        as_action = partial(as_it_is, shape=space.shape, dtype=float)
-        return Actions(as_action, space.low.astype(float).ravel(), space.high.astype(float).ravel())
+        return Actions(space.low.astype(float).ravel(), space.high.astype(float).ravel(), shape=space.shape)
     if not isinstance(space, spaces.Discrete):
         text = f"the actions are a {type(space).__name__}; give a function of a file that maps u to an action"
         raise DesignError(text, "action")
@@ -104,26 +74,101 @@ def actions_of(space: Any, action: Any, nu: int | None) -> Actions:
     if len(action) != n:
         raise DesignError(f"has {len(action)} values; the environment has {n} actions", "action")
     values = np.array(action, dtype=float)
-    of_input = partial(discrete, values=values, first=int(space.start))
-    return Actions(of_input, values.min()[None], values.max()[None], values)
+    return Actions(values.min()[None], values.max()[None], values=values, first=int(space.start))
 
 
-def assign(inner: Any, x: Array, *, path: str) -> None:
-    """Assign a state to an attribute, with dots inside an inner object."""
-    owner, _, name = path.rpartition(".")
-    target = attrgetter(owner)(inner) if owner else inner
-    setattr(target, name, x.reshape(np.shape(getattr(target, name))))
+@dataclass(frozen=True, eq=False)
+class Access:
+    """How the environments of a plant are made, moved and read; it can be sent to a worker process."""
+
+    env: Any  # ID, or what makes an environment
+    options: Mapping[str, Any]  # keywords of its class
+    state: Any  # attribute, with dots inside an inner object, or function that is the state; None: the observation
+    set_state: Callable[[Any, Array], None] | None  # sets the state where that is no attribute
+    ends: bool  # whether a run ends where the environment ends an episode
+    writes: bool  # whether the state can be set
+    keywords: Sequence[str] = ()  # parameters that are keywords of its class; the others are attributes
+    change: Callable[..., Any] | None = None  # sets the parameters, in place of attributes
+    action: Actions | None = None  # from an input u to an action
+    # output(x, p), or an index per output with whether it is one of the state or of the observation; None where the
+    # outputs are states
+    output: Any = None
+    starts_at_x0: bool = False  # whether x(0) is that of the configuration; otherwise it is the one of `reset`
+
+    def make(self, p: Parameters) -> Any:
+        """Make an environment without time limit and without the checks of Gymnasium at every call."""
+        keywords = {**self.options, **{name: p[name] for name in self.keywords}}
+        if isinstance(self.env, str):
+            make = library("gymnasium").make
+            found = make(self.env, max_episode_steps=NO_LIMIT, disable_env_checker=True, **keywords)
+            # A wrapper of the registration may change actions and observations; without one the calls go to the
+            # environment.
+            found = found if found.spec.additional_wrappers else found.unwrapped
+        else:
+            found = self.env(**keywords)
+        if self.change is not None:
+            self.change(found.unwrapped, p)
+            return found
+        for name in p:
+            if name not in self.keywords:
+                setattr(found.unwrapped, name, p[name])
+        return found
+
+    def read(self, inner: Any, observation: Any) -> Float[Array, " nx"]:
+        """Return a copy of the state in double precision."""
+        read = attrgetter(self.state) if isinstance(self.state, str) else self.state
+        state: Array = np.array(observation if read is None else read(inner), dtype=float)
+        return state if state.ndim == 1 else state.ravel()
+
+    def write(self, inner: Any, x: Array) -> None:
+        """Set the state of an environment."""
+        if self.set_state is not None:
+            self.set_state(inner, x)
+            return
+        owner, _, name = self.state.rpartition(".")
+        target = attrgetter(owner)(inner) if owner else inner
+        setattr(target, name, x.reshape(np.shape(getattr(target, name))))
+
+    def measure(self, x: Array, p: Parameters, observation: Any) -> Any:
+        """Return an output that is more than entries of the state."""
+        if callable(self.output):
+            return self.output(x, p)
+        seen = np.asarray(observation, dtype=float).ravel()
+        return np.array([x[i] if of_state else seen[i] for of_state, i in self.output])
 
 
-def observed(x: Array, p: Parameters, observation: Any, *, entries: Sequence[tuple[bool, int]]) -> Array:
-    """Return entries; each is an index with whether it is one of the state or of the observation."""
-    seen = np.asarray(observation, dtype=float).ravel()
-    return np.array([x[i] if of_state else seen[i] for of_state, i in entries])
+class EnvironmentRun:
+    """The environment of one run and method."""
 
+    def __init__(self, access: Access) -> None:
+        self.access = access
 
-def computed(x: Array, p: Parameters, observation: Any, *, output: Callable[..., Any]) -> Any:
-    """Return what the user's function output(x, p) returns."""
-    return output(x, p)
+    def start(self, p: Parameters, x0: Float[Array, " nx"], rng: np.random.Generator) -> None:
+        """Make the environment; the seed of its random numbers is the first number of this run's generator."""
+        access = self.access
+        self.env = access.make(p)
+        self.inner = self.env.unwrapped
+        self.observation, _ = self.env.reset(seed=int(rng.integers(2**31)))
+        if access.starts_at_x0:
+            access.write(self.inner, x0)
+        self.x = access.read(self.inner, self.observation)
+
+    def step(self, u: Float[Array, " nu"], w: Float[Array, " nw"]) -> Float[Array, " nx"]:
+        """Apply an action and add the process noise to the state."""
+        access = self.access
+        assert access.action is not None
+        self.observation, _, terminated, truncated, _ = self.env.step(access.action(u))
+        if (terminated or truncated) and access.ends:
+            raise OutOfRange(f"the environment has {'terminated' if terminated else 'truncated'} the episode")
+        x = access.read(self.inner, self.observation)
+        if w.size:
+            x += w
+            access.write(self.inner, x.copy())
+        return x
+
+    def output(self, x: Float[Array, " nx"], p: Parameters) -> Any:
+        """Return the output without measurement noise; called where it is more than entries of the state."""
+        return self.access.measure(x, p, self.observation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +200,7 @@ class EnvironmentPlant(ObjectPlant):
         n_steps: int,
     ) -> None:
         # A disturbed state and an observation of the undisturbed one would contradict each other.
-        disturbed = access.write is not None and access.read is not None and not access.measures_observation
+        disturbed = access.writes and (access.output is None or callable(access.output))
         given = {"access": access, "Ts": Ts, "n_steps": n_steps}
         nw = signals.nx if disturbed else 0
         super().__init__(EnvironmentRun, given, signals, nominal, nw=nw, has_own_start=not access.starts_at_x0)

@@ -1,9 +1,8 @@
-"""Plants written for one run: an object or an environment per run and method, which may keep a memory."""
+"""Plants written for one run: an object per run and method, which may keep a memory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass, user_class
 from rmpc_bench.components.user_runs import UserRuns, finite_rows, numbers
-from rmpc_bench.types import Array, Motion, OutOfRange, Plant, RunInfo, Signals
+from rmpc_bench.types import Array, Motion, Plant, RunInfo, Signals
 from rmpc_bench.types.ode import Parameters
 
 
@@ -108,65 +107,6 @@ def _started(delta: RunPlants) -> UserRuns:
     if delta.objects is None:
         raise RuntimeError("call start before the first step of a plant written for one run")
     return delta.objects
-
-
-@dataclass(frozen=True)
-class Access:
-    """How the environments of a plant are made, moved and read."""
-
-    make: Callable[[Parameters], Any]  # returns a new environment for the parameters of a run
-    action: Callable[[Array], Any]  # from an input u to an action of the environment
-    # from the innermost environment to its state; None where the state is the observation
-    read: Callable[[Any], Any] | None
-    # sets the state of the innermost environment; None where it cannot be set
-    write: Callable[[Any, Array], None] | None
-    # from the state, the parameters and the observation to the output; None where outputs are states
-    measure: Callable[[Array, Parameters, Array], Any] | None = None
-    measures_observation: bool = False  # whether an output is an entry of the observation
-    starts_at_x0: bool = False  # whether x(0) is that of the configuration; otherwise it is the one of `reset`
-    ends: bool = True  # whether a run ends where the environment ends an episode
-
-    def state(self, inner: Any, observation: Any) -> Float[Array, " nx"]:
-        """Return a copy of the state in double precision."""
-        state: Array = np.array(observation if self.read is None else self.read(inner), dtype=float)
-        return state if state.ndim == 1 else state.ravel()
-
-
-class EnvironmentRun:
-    """The environment of one run and method."""
-
-    def __init__(self, access: Access) -> None:
-        self.access = access
-
-    def start(self, p: Parameters, x0: Float[Array, " nx"], rng: np.random.Generator) -> None:
-        """Make the environment; the seed of its random numbers is the first number of this run's generator."""
-        access = self.access
-        self.env = access.make(p)
-        self.inner = self.env.unwrapped
-        observation, _ = self.env.reset(seed=int(rng.integers(2**31)))
-        if access.starts_at_x0:
-            assert access.write is not None
-            access.write(self.inner, x0)
-        self.observation = observation
-        self.x = access.state(self.inner, observation)
-
-    def step(self, u: Float[Array, " nu"], w: Float[Array, " nw"]) -> Float[Array, " nx"]:
-        """Apply an action and add the process noise to the state."""
-        access = self.access
-        self.observation, _, terminated, truncated, _ = self.env.step(access.action(u))
-        if (terminated or truncated) and access.ends:
-            raise OutOfRange(f"the environment has {'terminated' if terminated else 'truncated'} the episode")
-        x = access.state(self.inner, self.observation)
-        if w.size:
-            assert access.write is not None
-            x += w
-            access.write(self.inner, x.copy())
-        return x
-
-    def output(self, x: Float[Array, " nx"], p: Parameters) -> Any:
-        """Return the output without measurement noise; called where it is more than entries of the state."""
-        assert self.access.measure is not None
-        return self.access.measure(x, p, self.observation)
 
 
 class ObjectPlant(SingleRunPlant):
