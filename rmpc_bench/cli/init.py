@@ -105,7 +105,8 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
     }
     for word, value in words.items():
         texts = {file: text.replace(word, value) for file, text in texts.items()}
-    return texts if plant == "ode" else texts | recorded_runs(name)
+    runs = range(N_RUNS if plant == "data" else 0)
+    return texts | {f"{name}_data/run-{run}.csv": _recorded_run(run) for run in runs}
 
 
 def _add(component: str) -> int:
@@ -204,12 +205,7 @@ def _template(name: str) -> str:
 N_RUNS, N_SAMPLES = 8, 101
 
 
-def recorded_runs(name: str) -> dict[str, str]:
-    """Return the files of the runs and their texts."""
-    return {f"{name}_data/run-{run}.csv": _run(run) for run in range(N_RUNS)}
-
-
-def _run(run: int) -> str:
+def _recorded_run(run: int) -> str:
     # Slow to import, and only needed here.
     import numpy as np
 

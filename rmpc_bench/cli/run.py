@@ -25,7 +25,6 @@ from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-    from rmpc_bench.publishing.pages import Publication
     from rmpc_bench.publishing.published import Shown
     from rmpc_bench.results.record import StoredStop
 
@@ -179,7 +178,9 @@ def _run_all(
         written = publish(results)
     exits.show(written, time.monotonic() - started, notes=not request.quiet)
     if request.verbose:
-        _say_details((loaded - started, computed - loaded, time.monotonic() - computed), written)
+        seconds = loaded - started, computed - loaded, time.monotonic() - computed
+        click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*seconds), err=True)
+        click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
     codes = [exits.code_of(written, strict=strict) for strict in (False, True)]
     width, uncompared = screen_width(), bool(results.experiment.claims) and not results.is_final
     lines = written.summary(None, width).split("\n")
@@ -188,12 +189,6 @@ def _run_all(
     if not results.other_code:
         keep_state(config, directory, options, written.paths, shown, command)
     return codes[request.strict]
-
-
-def _say_details(seconds: tuple[float, float, float], written: Publication) -> None:
-    """Say how long loading, computing and reporting took, and which files are written."""
-    click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*seconds), err=True)
-    click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
 
 
 def _show_again(request: Request, shown: Shown, seconds: float) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,7 +13,7 @@ from rmpc_bench.components.single_design import SingleDesign, run_info
 from rmpc_bench.components.user_class import UserClass
 from rmpc_bench.components.user_runs import Failed, Reports, UserRuns, finite_rows, numbers
 from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, InvalidReturnValue, Metric, Record, RunInfo
-from rmpc_bench.types.metric import Direction, MetricLayout
+from rmpc_bench.types.metric import MetricLayout
 
 
 class RunInputs:
@@ -120,6 +120,11 @@ class _Answer:
         return True
 
 
+def _declared(name: str, default: Any, kind: Callable[[Any], Any]) -> Any:
+    """Return a property that the user's class declares."""
+    return property(lambda metric: kind(metric.user.constant(name, default)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class SingleRunMetric(Metric):
     """The metric of a class of the user: one object, and one call of `evaluate`, per run."""
@@ -129,26 +134,14 @@ class SingleRunMetric(Metric):
 
     role: ClassVar[str] = "metric"
 
-    @property
-    def better(self) -> Direction:
-        """As the user's class declares."""
-        direction: Direction = self.user.constant("better", "lower")
-        return direction
-
-    @property
-    def may_not_occur(self) -> bool:  # type: ignore[override]
-        """As the user's class declares."""
-        return bool(self.user.constant("may_not_occur", False))
+    better = _declared("better", "lower", str)
+    may_not_occur = _declared("may_not_occur", False, bool)
+    needs_info = _declared("needs_info", (), tuple)
 
     @property
     def needs_P(self) -> bool:
         """Whether `evaluate` asks for P."""
         return "P" in self.user.arguments["evaluate"].names
-
-    @property
-    def needs_info(self) -> tuple[str, ...]:
-        """As the user's class declares."""
-        return tuple(self.user.constant("needs_info", ()))
 
     def unit(self, layout: MetricLayout) -> str:
         """As the user's class declares."""

@@ -12,9 +12,10 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 from rmpc_bench.child_process import start
 from rmpc_bench.conformance.information import SAME_SEED, received
@@ -139,41 +140,36 @@ def main(seconds: float) -> None:
     """In the other process: run the checks and write every result to stdout as soon as there is one."""
     faulthandler.enable()
     with received() as (job, out), single_thread():
-        _Checking(out, seconds).all(job)
 
+        def say(word: str, value: Any) -> None:
+            """Write a message; a check that takes too long leaves the place where it is on stderr."""
+            if word == "begin":
+                faulthandler.dump_traceback_later(0.9 * seconds)
+            pickle.dump((word, value), out)
+            out.flush()
 
-class _Checking:
-    """Runs all checks of a component, and writes messages to a stream."""
-
-    def __init__(self, out: BinaryIO, seconds: float) -> None:
-        self.out, self.seconds, self.sequence = out, seconds, CheckSequence()
-
-    def say(self, word: str, value: Any) -> None:
-        """Write a message; a check that takes too long leaves the place where it is on stderr."""
-        if word == "begin":
-            faulthandler.dump_traceback_later(0.9 * self.seconds)
-        pickle.dump((word, value), self.out)
-        self.out.flush()
-
-    def all(self, job: bytes) -> None:
-        """Run the checks of every stage."""
-        self.say("begin", MADE.id)
+        say("begin", MADE.id)
         try:
-            subject, system, left_out = unpacked(job)
-            system = system or LinearSystem.shipped()
-            group = group_of(subject, lambda each: provided(each, system, system.n_steps))
-            self.say("group", group)
-            for stage in stages(Setting(subject, group, system, self.seconds)):
-                if stage.component is not None:
-                    declared = getattr(stage.component, "expected_failures", {})
-                    self.say("expected", {str(name): str(reason) for name, reason in dict(declared).items()})
-                for check in stage.checks:
-                    if check.id not in left_out:
-                        self.say("begin", check.id)
-                        self.say("result", self.sequence.run(check, stage.component, stage.example))
-                outcomes = [outcome for _, outcome in getattr(stage.example, "known", {}).values()]
-                if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
-                    self.say("warned", "; ".join(texts))
+            _check_all(job, seconds, say)
         except (Exception, SystemExit) as error:  # a component under test may raise anything
-            self.say("result", MADE.result("failed", raised(error)))
-        self.say("end", None)
+            say("result", MADE.result("failed", raised(error)))
+        say("end", None)
+
+
+def _check_all(job: bytes, seconds: float, say: Callable[[str, Any], None]) -> None:
+    """Run the checks of every stage."""
+    subject, system, left_out = unpacked(job)
+    system, sequence = system or LinearSystem.shipped(), CheckSequence()
+    group = group_of(subject, lambda each: provided(each, system, system.n_steps))
+    say("group", group)
+    for stage in stages(Setting(subject, group, system, seconds)):
+        if stage.component is not None:
+            declared = getattr(stage.component, "expected_failures", {})
+            say("expected", {str(name): str(reason) for name, reason in dict(declared).items()})
+        for check in stage.checks:
+            if check.id not in left_out:
+                say("begin", check.id)
+                say("result", sequence.run(check, stage.component, stage.example))
+        outcomes = [outcome for _, outcome in getattr(stage.example, "known", {}).values()]
+        if texts := dict.fromkeys(text for each in outcomes for text in each.journal.warnings):
+            say("warned", "; ".join(texts))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Callable
 
 EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"  # name of an experiment or a paper, which is that of a directory
 METRIC = re.compile(r"[A-Za-z_]\w{0,99}")  # name of a metric, which is that of a table
@@ -70,13 +71,10 @@ def wrong_label(text: object) -> str:
     return f"has more than {LONGEST_LABEL} characters" if long else wrong_text(text)
 
 
-def wrong_experiment(text: object) -> str:
-    """Say what is wrong with the name of an experiment or a paper; empty where nothing is."""
-    if isinstance(text, str) and re.fullmatch(EXPERIMENT[1:-1], text):
-        return ""
-    return "must be a name of at most 100 letters, digits, _, - and points"
+def text_of_form(pattern: str, otherwise: str) -> Callable[[object], str]:
+    """Return a function that says `otherwise` of what is no text of a pattern, and nothing of any other."""
+    return lambda value: "" if isinstance(value, str) and re.fullmatch(pattern, value) else otherwise
 
 
-def wrong_metric(text: object) -> str:
-    """Say what is wrong with the name of a metric; empty where nothing is."""
-    return "" if isinstance(text, str) and METRIC.fullmatch(text) else "must be a name of up to 100 letters, digits, _"
+wrong_experiment = text_of_form(EXPERIMENT[1:-1], "must be a name of at most 100 letters, digits, _, - and points")
+wrong_metric = text_of_form(METRIC.pattern, "must be a name of up to 100 letters, digits, _")

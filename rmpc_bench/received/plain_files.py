@@ -21,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.received.names import HIDDEN, wrong_formula, wrong_line, wrong_text
+from rmpc_bench.received.names import HIDDEN, text_of_form, wrong_formula, wrong_line, wrong_text
 
 
 def wrong_time(text: object) -> str:
@@ -69,12 +69,6 @@ def wrong_command(value: Any) -> str:
     return "" if good and not options else "must be `rmpc-bench run` with a file and options that change an experiment"
 
 
-def wrong_commit(value: Any) -> str:
-    """Say what is wrong with the name of a commit of git; empty where nothing is."""
-    good = isinstance(value, str) and re.fullmatch("[0-9a-f]{40}|[0-9a-f]{64}|unknown", value)
-    return "" if good else "must have 40 hexadecimal digits, or be 'unknown'"
-
-
 def wrong_size(value: Any) -> str:
     """Say what is wrong with a number that is not negative; empty where nothing is."""
     return "" if type(value) in (int, float) and 0 <= value < 1e308 else "must be a number that is not negative"
@@ -83,13 +77,11 @@ def wrong_size(value: Any) -> str:
 def wrong_span(value: Any) -> str:
     """Say what is wrong with a range of runs; empty where nothing is."""
     good = isinstance(value, list) and len(value) == 2 and all(type(each) is int for each in value)
-    return (
-        ""
-        if good and 0 <= value[0] <= value[1] < 2**53
-        else "must be two whole numbers, the first run and the last one"
-    )
+    good = good and 0 <= value[0] <= value[1] < 2**53
+    return "" if good else "must be two whole numbers, the first run and the last one"
 
 
+wrong_commit = text_of_form("[0-9a-f]{40}|[0-9a-f]{64}|unknown", "must have 40 hexadecimal digits, or be 'unknown'")
 MAX_BYTES = 10_000_000  # largest size of a file of a configuration or of an experiment's record [bytes]
 MAX_DEPTH = 60  # levels of lists and objects of a JSON text
 COUNT = range(2**53)  # numbers of runs, steps and calls
