@@ -56,9 +56,6 @@ def difference(model: NonlinearModel, name: str, made: Callable[..., Array], arg
     return ""
 
 
-# CasADi functions called as the functions of a user are: with numbers of a run, rows of a block, or symbols.
-
-
 class CasadiFunction:
     """A `casadi.Function` of dense columns t, x, u and p, called with the arguments `shown`; p is one column.
 

@@ -27,9 +27,6 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
 """Integrator -> its options where a configuration gives none."""
 
 
-# CasADi functions, and equations in the form of `casadi.integrator`, as functions of t, x, u and p.
-
-
 def named_object(found: Any) -> Any:
     """Return a `casadi.Function`, or the parts of an equation; a function of Python returns one of them."""
     Function = library("casadi").Function

@@ -43,9 +43,6 @@ EQUATION = r"""\dot x = f(t, x, u_k, p), \quad y_k = h(x_k, p); \quad
 KEY = "control"
 
 
-# Systems of python-control as matrices, or as the functions of a differential equation or of a map.
-
-
 def nonlinear(given: Any, parameters: Mapping[str, float], Ts: float) -> Equation | None:
     """Return a nonlinear system, or what a function returns, as functions; None for anything else."""
     ct = library("control")
@@ -107,9 +104,6 @@ class _Function:
     def __name__(self) -> str:
         # A system without a name of its own is counted in the order in which systems are made.
         return self.name if self.system.name.startswith("sys[") else f"{self.system.name}.{self.name}"
-
-
-# Nominal plants of the bench as systems of python-control.
 
 
 def system(config: Any) -> Any:

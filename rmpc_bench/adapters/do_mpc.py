@@ -153,9 +153,6 @@ def _disturbed(model: DisturbedNonlinear) -> tuple[Any, Any]:
     return moved, lambda z: output(z[:nx]) + C_d @ z[nx:]
 
 
-# do-mpc: its MPC, with the reference as a time-varying parameter.
-
-
 class _OwnObject:
     """A component with an object of do-mpc, which no other run may have."""
 

@@ -25,9 +25,6 @@ REAL = ("Real", "Float64")
 """Types of variables that have numbers in double precision, of version 2 and 3."""
 
 
-# Co-simulation units (FMU) of version 2 and 3: the variables of a file, and instances of it.
-
-
 @dataclass(frozen=True)
 class Unit:
     """A file and the numbers by which it calls its variables; it can be sent to a worker process.
@@ -138,9 +135,6 @@ def _variable(known: Mapping[str, Any], name: str, key: str, causality: Sequence
     if found.causality not in causality:
         raise DesignError(f"{name} is a variable of causality {found.causality} (not {' or '.join(causality)})", key)
     return found
-
-
-# A plant of co-simulation units, one per run and method.
 
 
 class FmuRun:
