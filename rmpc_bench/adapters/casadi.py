@@ -136,13 +136,7 @@ class BlockCall:
 
 
 def reason(error: BaseException) -> str:
-    """Return the message of an error of CasADi without the places in its own source.
-
-    Examples
-    --------
-    >>> reason(RuntimeError(".../casadi/core/options.cpp:255: Unknown option: reltoll"))
-    'Unknown option: reltoll'
-    """
+    """Return the message of an error of CasADi without the places in its own source."""
     lines = re.split(r"\S+\.[ch]pp:\d+: ", str(error))[-1].strip().splitlines()
     return next((line.strip() for line in lines if not line.endswith("failed:")), "")
 

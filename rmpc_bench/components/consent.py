@@ -64,14 +64,12 @@ class CodeAccess:
         parts = split_reference(text)
         if parts is None:
             raise CodeError(f"must name something in a Python file, PATH.py:NAME (got {text!r})")
-        file, name = parts
-        path = self.base(written_in) / file
-        return CodeReference(path.resolve(), name, f"{self._relative(path, file)}:{name}")
+        return self.file(parts[0], written_in, parts[1])
 
-    def file(self, text: str, written_in: str) -> CodeReference:
-        """Return a reference to a whole file; it need not exist."""
+    def file(self, text: str, written_in: str, name: str = "") -> CodeReference:
+        """Return a reference to a whole file, or to a name in it; it need not exist."""
         path = self.base(written_in) / text
-        return CodeReference(path.resolve(), "", f"{self._relative(path, text)}:")
+        return CodeReference(path.resolve(), name, f"{self._relative(path, text)}:{name}")
 
     def load(self, reference: CodeReference, group: str = "") -> Any:
         """Return what a reference names, or its design function in a group; its file is named on stderr first."""

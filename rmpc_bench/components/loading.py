@@ -215,13 +215,12 @@ class _Loader(SourceFileLoader):
 def load(reference: CodeReference) -> Any:
     """Return the object that a reference names; its file is imported where that has not been done."""
     found: Any = module_of(reference.path)
-    for number, name in enumerate(reference.name.split(".")):
+    names = reference.name.split(".")
+    for number, name in enumerate(names):
         with user_code(reference.path):
             missing = not hasattr(found, name)
         if missing:
-            owner = (
-                reference.file if number == 0 else f"{reference.file}:{'.'.join(reference.name.split('.')[:number])}"
-            )
+            owner = f"{reference.file}:{'.'.join(names[:number])}".rstrip(":")
             raise CodeError(unknown(reference.name, _names(found), f"name in {owner}"))
         found = getattr(found, name)
     return found

@@ -66,47 +66,48 @@ class SingleRunPlant(SingleDesign, Plant):
         w: Float[Array, "runs nw"],
     ) -> Motion:
         """Call `step` of every run that has not failed."""
-        objects = _started(delta)
-        new, shape = x.copy(), (self.nx,)
-
-        def keep(row: int, answer: Any) -> None:
-            new[row] = numbers(answer, "state", shape, "the plant")
-
-        signals = {"x": x, "u": u, "w": w, "p": list(delta.p)}
-        objects.call("step", k, signals, keep)
-        self._refuse("step returned x", new, x, k, objects, signals)
+        objects, signals = _started(delta), {"x": x, "u": u, "w": w, "p": list(delta.p)}
+        new = _answers(objects, "step", k, signals, x, "state", "x")
         return Motion(new, objects.failed.copy())
 
     def output(
         self, k: int, delta: RunPlants, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
     ) -> Float[Array, "runs ny"]:
         """Call `output` of every run that has not failed; a failure is reported to the simulation."""
-        objects = _started(delta)
-        y, shape = np.zeros((len(x), self.ny)), (self.ny,)
-
-        def keep(row: int, answer: Any) -> None:
-            y[row] = numbers(answer, "output", shape, "the plant")
-
-        signals = {"x": x, "v": v, "p": list(delta.p)}
-        objects.call("output", k, signals, keep, phase="output")
-        self._refuse("output returned y", y, np.zeros_like(y), k, objects, signals)
+        objects, signals = _started(delta), {"x": x, "v": v, "p": list(delta.p)}
+        y = _answers(objects, "output", k, signals, np.zeros((len(x), self.ny)), "output", "y", phase="output")
         objects.report()
         return y if self._asks_v else y + v
-
-    def _refuse(
-        self, what: str, values: Array, instead: Array, k: int, objects: UserRuns, signals: Mapping[str, Any]
-    ) -> None:
-        """Fail the runs with numbers that are not finite."""
-        if not np.isfinite(values).all():
-            wrong = ~finite_rows(values)
-            values[wrong] = instead[wrong]
-            objects.refuse(wrong, f"{what} with NaN or inf", k, signals)
 
 
 def _started(delta: RunPlants) -> UserRuns:
     if delta.objects is None:
         raise RuntimeError("call start before the first step of a plant written for one run")
     return delta.objects
+
+
+def _answers(
+    objects: UserRuns,
+    method: str,
+    k: int,
+    signals: Mapping[str, Any],
+    before: Array,
+    noun: str,
+    symbol: str,
+    **options: Any,
+) -> Array:
+    """Call a method of every run and return its numbers; a run that fails keeps those before."""
+    values, shape = before.copy(), before.shape[1:]
+
+    def keep(row: int, answer: Any) -> None:
+        values[row] = numbers(answer, noun, shape, "the plant")
+
+    objects.call(method, k, signals, keep, **options)
+    if not np.isfinite(values).all():
+        wrong = ~finite_rows(values)
+        values[wrong] = before[wrong]
+        objects.refuse(wrong, f"{method} returned {symbol} with NaN or inf", k, signals)
+    return values
 
 
 class ObjectPlant(SingleRunPlant):

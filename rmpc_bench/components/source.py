@@ -247,9 +247,7 @@ class Source:
 
 def read_source(path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Source:
     """Return the identity of a Python file; nothing is imported.  An OSError says that a file cannot be read."""
-    search = _Search(path.resolve(), read)
-    search.follow()
-    return search.source()
+    return _Search(path.resolve(), read).source()
 
 
 def folder_of(sha: str) -> str:
@@ -303,19 +301,16 @@ class _Search:
     readings: set[Problem] = field(default_factory=set)
 
     def source(self) -> Source:
-        """Return what was found."""
-        first = self.files.pop(self.top)
-        others = sorted(self.files.values(), key=lambda file: (file.place, file.digest))
-        problems, warnings, readings = (tuple(sorted(each)) for each in (self.problems, self.warnings, self.readings))
-        return Source(self.top, (first, *others), tuple(sorted(self.modules)), problems, warnings, readings)
-
-    def follow(self) -> None:
         """Read the file and all that it imports."""
         waiting = [_Found(self.top, self.top.parent, True)]
         while waiting:
             found = waiting.pop()
             if found.path not in self.files:
                 waiting += self._files_of(found)
+        first = self.files.pop(self.top)
+        others = sorted(self.files.values(), key=lambda file: (file.place, file.digest))
+        problems, warnings, readings = (tuple(sorted(each)) for each in (self.problems, self.warnings, self.readings))
+        return Source(self.top, (first, *others), tuple(sorted(self.modules)), problems, warnings, readings)
 
     def _files_of(self, found: _Found) -> list[_Found]:
         """Read a file and return those that it imports."""

@@ -132,7 +132,8 @@ class OwnComponent(NamedTuple):
 
 def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:
     """Check the estimators and controllers that are not built in; equal ones once."""
-    recipes = list(_recipes(experiment))
+    designs = [(method.name, each) for method in experiment.methods for each in (method.estimator, method.controller)]
+    recipes = [(name, recipe) for name, design in designs if (recipe := recipe_of(design)) is not None]
     # Of the first one that has a model, for those that have none.
     shared = next((recipe.provided["model"] for _, recipe in recipes if "model" in recipe.provided), None)
     seen: set[tuple[Any, ...]] = set()
@@ -142,15 +143,6 @@ def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:
         if key not in seen:
             seen.add(key)
             yield _checked(method, recipe, experiment, shared)
-
-
-def _recipes(experiment: Experiment) -> Iterator[tuple[str, Recipe]]:
-    """Yield the names of methods with their components that are not built in."""
-    for method in experiment.methods:
-        for design in (method.estimator, method.controller):
-            recipe = recipe_of(design)
-            if recipe is not None:
-                yield method.name, recipe
 
 
 def _checked(method: str, recipe: Recipe, experiment: Experiment, shared: Any) -> OwnComponent:

@@ -103,13 +103,7 @@ def _outcome(check: Check, component: Any, example: Any) -> CheckResult:
 
 
 def raised(error: BaseException) -> str:
-    """Describe an exception of a component, with the last line of the user's code.
-
-    Examples
-    --------
-    >>> raised(ValueError("negative level"))
-    'raised ValueError: negative level'
-    """
+    """Describe an exception of a component, with the last line of the user's code."""
     if isinstance(error, DesignError | CodeError):
         place = getattr(error, "place", None)
         return f"{error}" if place is None else f"{Path(place.file).name}:{place.line}: {error}"

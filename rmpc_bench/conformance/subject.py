@@ -123,19 +123,13 @@ def subject_of(
         raise DesignError(f"an object of type {type(component).__name__} is no class and no design function")
     if "<" in name or component.__module__ == "__main__":
         return Subject(name.rpartition(">.")[2], group, None, "", "", keys, value=component)
-    return Subject(name, group, *_place(component, name), keys)
-
-
-def _place(component: Any, name: str) -> tuple[CodeReference | None, str, str]:
-    """Return the file of a class or function, or its module where that can be imported by its name."""
-    module = sys.modules.get(component.__module__)
-    package = component.__module__.partition(".")[0]
-    file = getattr(module, "__file__", None)
-    installed = package == "rmpc_bench" or file is None or "site-packages" in Path(file).parts
-    if installed:
-        return None, component.__module__, name
+    file = getattr(sys.modules.get(component.__module__), "__file__", None)
+    is_own = component.__module__.partition(".")[0] == "rmpc_bench"
+    if is_own or file is None or "site-packages" in Path(file).parts:
+        # Another process can import the module by its name.
+        return Subject(name, group, None, component.__module__, name, keys)
     path = Path(str(file)).resolve()
-    return CodeReference(path, name, f"{path.name}:{name}"), "", ""
+    return Subject(name, group, CodeReference(path, name, f"{path.name}:{name}"), "", "", keys)
 
 
 def groups_of(component: Any) -> Sequence[str]:
