@@ -64,8 +64,7 @@ MAY_IMPORT = {
     "received": {"types", "replaced_file", "extras"},  # the extra that reads Parquet
     # The stored bytes: blocks and moments are those of the simulation.
     "store": {"components", "simulation", "types", "received"},
-    "registry": {"notices", "types", "installed", "short_texts"},
-    "short_texts": set(),
+    "registry": {"notices", "types", "installed"},
     "installed": set(),
     "extras": set(),
     # A system of another library is integrated as an own equation is, and made from the designs of the bench.

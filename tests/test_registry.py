@@ -14,7 +14,6 @@ from rmpc_bench.config_file.keys import PROVIDED, model_of
 from rmpc_bench.extras import missing_for
 from rmpc_bench.installed import InstalledComponent
 from rmpc_bench.models.servo import ServoNoise
-from rmpc_bench.short_texts import SHORT
 from rmpc_bench.types import ConfigError
 
 PENDULUM = """
@@ -73,7 +72,7 @@ def test_every_component_has_a_short_text(group, name):
     """At most 55 characters without a full stop; no other component of its group has the same."""
     text = registry.short(group, name)
     assert 0 < len(text) <= 55 and text == text.strip() and not text.endswith(".") and text.isascii()
-    assert [*SHORT[group].values()].count(text) == 1
+    assert [each for _, each in registry.KINDS[group].values()].count(text) == 1
 
 
 @pytest.mark.parametrize(("group", "name"), [part for part in PARTS if part[0] in registry.NONLINEAR])

@@ -84,7 +84,7 @@ def _index() -> str:
 def _group(group: str) -> str:
     """The kinds of a group in a line each, and what several of them have in common."""
     kinds = sorted(registry.BUILT_IN[group])
-    rows = [(f"[{kind}](../{place(group, kind)})", text(registry.SHORT[group][kind])) for kind in kinds]
+    rows = [(f"[{kind}](../{place(group, kind)})", text(registry.short(group, kind))) for kind in kinds]
     every, several = key_table(shared_keys(group)), _shared_rows(group)
     keys = [f"Every {registry.singular(group)} has these keys:", every] if shared_keys(group) else []
     keys += [f"Several {group} have these keys:", _table(several)] if several else []
