@@ -24,9 +24,7 @@ from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_ou
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.tracking import TrackingLaw, track
-from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw, Status
-
-OK = np.int8(Status.OK)
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw
 
 
 class GpcState(NamedTuple):
@@ -142,7 +140,7 @@ class Gpc(Controller):
     def _try(self, k: int) -> None:
         ny = len(self.Q_yw)
         x_hat = np.zeros((1, self._nx))
-        nothing = Estimate(x_hat, None, None, np.full(1, OK), {"w_mean": x_hat})
+        nothing = Estimate(x_hat, info={"w_mean": x_hat})
         self.control(k, self.init(1), np.zeros((1, ny)), nothing, np.zeros((self.preview, ny)))
 
     @cached_property
@@ -171,8 +169,7 @@ class Gpc(Controller):
     def _physical(self, command: Command, info: dict[str, Array]) -> Command:
         """Return a command whose inputs are deviations from the operating point as one of the inputs themselves."""
         u = command.u if self.model.operating_point is None else command.u + self.model.u_op
-        status = command.status if np.ndim(command.status) else np.full(len(u), OK)
-        return Command(u, status, {**info, **command.info}, command.step_status)
+        return command._replace(u=u, info={**info, **command.info})
 
     def _first(
         self,

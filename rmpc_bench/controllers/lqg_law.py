@@ -10,9 +10,7 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.limits import AntiWindup, Bounds, common_limits
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint, Status
-
-OK = np.int8(Status.OK)
+from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LawState, LinearLaw, OperatingPoint
 
 
 class LqgState(NamedTuple):
@@ -71,13 +69,12 @@ class Lqg(Controller):
         if self.K_d is not None:
             v = v - mv(self.K_d, estimate.info["w_mean"])
         if self.K_q.shape[1] == 0:
-            u = np.clip(v, *self.bounds)
-            return state, Command(u, np.full(len(u), OK), {})
+            return state, Command(np.clip(v, *self.bounds))
         q = self.sums(state)
         v = v - mv(self.K_q, q)
         u = np.clip(v, *self.bounds)
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
-        return LqgState(q, self._errors(outputs, r[0]), v, u), Command(u, np.full(len(u), OK), {})
+        return LqgState(q, self._errors(outputs, r[0]), v, u), Command(u)
 
     def control_ahead(
         self, k: int, state: LqgState, y: Array, estimate: Estimate, r: Array, ahead: Ahead

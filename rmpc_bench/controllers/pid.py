@@ -41,13 +41,11 @@ from rmpc_bench.types import (
     NonNegative,
     OperatingPoint,
     Positive,
-    Status,
 )
 from rmpc_bench.types.angles import wrapped
 from rmpc_bench.types.errors import unknown
 
 EQUATION = r"u = u_{op} + K_p (b r - y) + \frac{K_i}{s} (r - y) + \frac{K_d s}{1 + T_f s} (c r - y)"
-OK = np.int8(Status.OK)
 Gains: TypeAlias = Float[Array, " nu"]
 
 
@@ -147,7 +145,7 @@ class Pid(Controller):
             v = v + mv(self.F, estimate.info["measured"])
         # A run without an estimate ends, although these loops may not need it.
         u = np.where(np.isnan(estimate.x_hat).any(axis=1, keepdims=True), np.nan, np.clip(v, *self.bounds))
-        return PidState(integral, derivative, error, measured, step, v, u), Command(u, np.full(len(u), OK), {})
+        return PidState(integral, derivative, error, measured, step, v, u), Command(u)
 
     def applied(self, k: int, state: PidState, u: Float[Array, "runs nu"]) -> PidState:
         """Keep the input that acts, for the anti-windup."""

@@ -44,7 +44,6 @@ from rmpc_bench.types import (
     Matrix,
     Model,
     OperatingPoint,
-    Status,
 )
 
 EQUATION = {
@@ -52,7 +51,6 @@ EQUATION = {
     "game_gain": r"""\min_u \max_w \sum_{t=k}^{k+N-1} x_{t+1}^\top
 Q_x x_{t+1} + u_t^\top R_u u_t - \tau w_t^\top M_w^{-1} w_t""",
 }
-OK = np.int8(Status.OK)
 LARGEST = 1e100
 """Largest effect of noise on the cost; squares of larger multipliers overflow."""
 
@@ -88,7 +86,7 @@ class Regulator(Controller):
             u = self.input_of(k, estimate)
         else:
             u = self.point.u + self.input_of(k, estimate._replace(x_hat=estimate.x_hat - self.point.x))
-        return state, Command(u, np.full(len(u), OK), {})
+        return state, Command(u)
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""

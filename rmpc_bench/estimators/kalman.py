@@ -124,7 +124,7 @@ class TrajectoryFilter(RelinearisedFilter):
             C = self.model.around(k, state.x_hat, state.u).C
             found = corrected(C, root_of(self.model.R_v_at(k)), state.root)
             after = TrajectoryState(state.x_hat + mv(found.gain, e), found.root, state.u)
-        return after, Estimate(after.x_hat, covariance_of(after.root), None, np.full(len(y), OK), {"e": e})
+        return after, Estimate(after.x_hat, covariance_of(after.root), info={"e": e})
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Predict k+1 with the nonlinear model; P with its linearisation at x_hat(k) and u(k)."""

@@ -26,11 +26,10 @@ from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
 from rmpc_bench.numerics.linalg import check_signal, check_time, driven, mv
 from rmpc_bench.numerics.square_root import conditional, corrected, covariance_of, root_of
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant
 
 EQUATION = r"""\hat x_{k+1|k} = A_k^F \hat x_{k|k-1} + B u_k + K_k (y_k - C_k^F \hat x_{k|k-1}), \quad
 A_k^F = A + H_A F_x(k) G_x"""
-OK = np.int8(Status.OK)
 
 
 class OracleState(NamedTuple):
@@ -97,7 +96,7 @@ class Oracle(Estimator):
         if self.form == "filter":
             found = corrected(C, Y[:, :, root.shape[2] :], root)
             x_hat, of_x_hat = x_pred + mv(found.gain, used), found.root
-        return after, Estimate(x_hat, covariance_of(of_x_hat), None, np.full(len(y), OK), {"e": e})
+        return after, Estimate(x_hat, covariance_of(of_x_hat), info={"e": e})
 
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
         """Predict k+1."""

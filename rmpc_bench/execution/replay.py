@@ -26,6 +26,7 @@ from rmpc_bench.simulation.closed_loop import covariances, simulate
 from rmpc_bench.simulation.recording import COVARIANCE, SIGNALS
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.state_range import OK
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import (
@@ -49,7 +50,6 @@ from rmpc_bench.types.run_info import passed_on
 if TYPE_CHECKING:
     import pandas as pd
 
-OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}
 Call = Callable[[str, int | None, Callable[..., Any], Sequence[Any]], Any]
 """Calls a method of a component written for one run: role, sample (None before the first), function, arguments."""

@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.types import Ahead, Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo, Status
-
-OK = np.int8(Status.OK)
+from rmpc_bench.types import Ahead, Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +42,7 @@ class OpenLoop(Controller):
         r: Float[Array, "preview ny"],
     ) -> tuple[Float[Array, "runs samples nu"], Command]:
         """Return u(k) of every run."""
-        return state, Command(state[:, k], np.full(len(y), OK), {})
+        return state, Command(state[:, k])
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Rest(Controller):
         self, k: int, state: None, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[None, Command]:
         """Return u = 0."""
-        return None, Command(np.zeros((len(y), self.nu)), np.full(len(y), OK), {})
+        return None, Command(np.zeros((len(y), self.nu)))
 
 
 PASSED = (
@@ -137,7 +135,7 @@ class Held(Around):
         r = r[:: self.every] if self.knows_ahead else np.repeat(r[:1], self.law.preview, axis=0)
         after, command = self.law.control(k // self.every, state.law, y, estimate, r)
         # A failure counts once.
-        return HeldState(after, Command(command.u, np.full(len(y), OK), command.info)), command
+        return HeldState(after, Command(command.u, info=command.info)), command
 
     def control_ahead(
         self, k: int, state: HeldState, y: Array, estimate: Estimate, r: Array, ahead: Ahead

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.simulation.random_streams import stream
-from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Status, Statuses, Watch
-
-OK = np.int8(Status.OK)
+from rmpc_bench.simulation.state_range import OK
+from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Statuses, Watch
 
 
 class RunState(NamedTuple):
