@@ -33,7 +33,7 @@ Fails   Design error: w and v are correlated; eps is 0 where an excess is needed
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -41,7 +41,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, schedule_of
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.divergence import LARGEST
 from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel, NoisePair
@@ -120,11 +120,11 @@ def design(
         extra["literal"] = is_covariance(P0, [_channels(now, P0, rules) for now in systems])
     nominal, K, Phi = [now.nominal for now in systems], [step.K for step in steps], [step.Phi for step in steps]
     remarks = _remarks(steps, X, rules, design_scale)
-    predictor = predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
     # X below 0 says that there is no bound of the state.
     kept = np.array([[root_of(each), X[k] if k < len(X) else -np.ones_like(P0)] for k, each in enumerate(P)])
-    own = RunByRun(partial(_of_one_run, systems, rules))
-    return replace(predictor, uncertainty_scale=design_scale, root=kept, recursion=own, P_is="bound")
+    recursion = RunByRun(partial(_of_one_run, systems, rules))
+    others = {"extra": extra, "remarks": remarks, "uncertainty_scale": design_scale, "P_is": "bound"}
+    return schedule_of(nominal, x0, K, P, F=Phi, root=kept, recursion=recursion, **others)
 
 
 def _of_one_run(systems: Sequence[DesignSystem], rules: ParameterRules, k: int, kept: Array, there: Array) -> Gains:

@@ -1,6 +1,6 @@
 """Linear filter with precomputed gains, used by every estimator whose gains do not depend on the data.
 
-Designs `predictor_schedule` from given gains, `riccati_schedule` by a Riccati recursion with a modified covariance,
+Designs `schedule_of` from given gains, `riccati_schedule` by a Riccati recursion with a modified covariance,
         `mixed_schedule` by a recursion for a covariance and an ellipsoid.
 
 Model   x_pred(k+1) = F_k x_pred(k) + B_k u(k) + f_k + K_k e(k),  x_hat(k) = x_pred(k) + L_k e(k),
@@ -13,7 +13,7 @@ Cost    Five small matrix-vector products per run and step; 20 to 400 us more af
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -197,7 +197,7 @@ def _with_rows(common: Array | None, own: Array | None, rows: Int[Array, " own"]
     return matrices
 
 
-def over_time(matrices: Sequence[Array]) -> Array:
+def over_time(matrices: Sequence[Array] | Array) -> Array:
     """Stack the matrices of all k; axis 0 has length 1 if all are the same object."""
     return np.array(matrices[:1] if all(matrix is matrices[0] for matrix in matrices) else matrices)
 
@@ -208,30 +208,31 @@ def constant_part(vectors: Sequence[Array]) -> Array | None:
     return stacked if stacked.any() else None
 
 
-def predictor_schedule(
+def schedule_of(
     models: Sequence[LinearModel],
     x0: Float[Array, " nx"],
     K: Sequence[Array],
-    P: Sequence[Array],
+    P: Sequence[Array] | Array | None,
     *,
+    L: Sequence[Array] | None = None,
     F: Sequence[Array] | None = None,
-    extra: Mapping[str, Array] | None = None,
-    remarks: tuple[str, ...] = (),
+    **others: Any,
 ) -> GainScheduleFilter:
-    """Create a one-step predictor, whose x_hat(k) is x_pred(k), from K, P and F (default A of the models) over k."""
-    nx, ny = models[0].nx, models[0].ny
+    """Create a filter from gains and P over k and from other fields; without L, a predictor: x_hat(k) is x_pred(k).
+
+    F is A of the models unless given.
+    """
     return GainScheduleFilter(
         x0=x0,
         F=over_time([model.A for model in models] if F is None else F),
         B=over_time([model.B for model in models]),
         C=over_time([model.C for model in models]),
         K=over_time(K),
-        L=np.zeros((1, nx, ny)),
-        P=over_time(P),
-        extra=extra or {},
+        L=np.zeros((1, models[0].nx, models[0].ny)) if L is None else np.array(L),
+        P=None if P is None else over_time(P),
         f=constant_part([model.f0 for model in models]),
         d=constant_part([model.d0 for model in models]),
-        remarks=remarks,
+        **others,
     )
 
 
@@ -273,11 +274,19 @@ def riccati_schedule(
     of_V = covariance_of(np.array(V))
     extra = {"P_pred": P_pred[:-1], "V": of_V, "theta": np.array(theta)}
     S = [covariance_of(now.C.dot(each)) + now.R_v for now, each in zip(models, V, strict=True)]
-    predictor = predictor_schedule(models, x0, K, list(of_V), extra=extra)
-    recursion = RiccatiRecursion(models, inflate, form == "filter", use_y0, growth)
-    predictor = replace(predictor, sets=stochastic_sets(model), S=over_time(S))
-    predictor = replace(predictor, root=np.array(roots[:-1]), recursion=recursion)
-    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=covariance_of(np.array(P)))
+    corrects = form == "filter"
+    return schedule_of(
+        models,
+        x0,
+        K,
+        covariance_of(np.array(P)) if corrects else of_V,
+        L=L if corrects else None,
+        extra=extra,
+        sets=stochastic_sets(model),
+        S=over_time(S),
+        root=np.array(roots[:-1]),
+        recursion=RiccatiRecursion(models, inflate, corrects, use_y0, growth),
+    )
 
 
 def mixed_schedule(
@@ -313,12 +322,13 @@ def mixed_schedule(
     refuse_overflow(M_pred, "set")
     covariance = {} if P0 is None else {"P_pred": P_pred[:-1]}
     extra = {**covariance, "M_pred": M_pred[:-1], "p": np.array(p), "q": np.array([each.q for each in steps])}
-    K, P = [now.A.dot(step.L) for now, step in zip(models, steps, strict=True)], [step.P for step in steps]
-    predictor = predictor_schedule(models, x0, K, P, extra=extra)
-    return replace(
-        predictor,
-        L=np.array([step.L for step in steps]),
-        P=None if P0 is None else np.array(P),
+    return schedule_of(
+        models,
+        x0,
+        [now.A.dot(step.L) for now, step in zip(models, steps, strict=True)],
+        None if P0 is None else [step.P for step in steps],
+        L=[step.L for step in steps],
+        extra=extra,
         M=np.array([step.M for step in steps]),
         sets=sets,
         root=np.array(kept[:-1]),

@@ -22,7 +22,7 @@ Fails   Design error if a condition is violated; it names the first k and theta_
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, NamedTuple, TypeAlias
 
@@ -34,8 +34,8 @@ from rmpc_bench.estimators.bridging import Gains, Outputs, RunByRun
 from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
-    predictor_schedule,
     refuse_overflow,
+    schedule_of,
     uncorrelated,
 )
 from rmpc_bench.models.linear import LinearModel
@@ -207,11 +207,9 @@ def design(
     refuse_overflow(P_pred)
     extra = {"P_pred": P_pred, "margin": np.array([each.margin for each in periods])}
     extra["theta"] = np.full(len(periods), chosen)
-    K = [each.K for each in periods]
-    schedule = replace(predictor_schedule(models, x0, K, list(P_pred), extra=extra, remarks=remarks), P=None)
+    K, L = [each.K for each in periods], [each.L for each in periods] if form == "filter" else None
     own = RunByRun(partial(recursion.of_one_run, chosen))
-    schedule = replace(schedule, root=np.array(roots), recursion=own)
-    return schedule if form == "predictor" else replace(schedule, L=np.array([each.L for each in periods]))
+    return schedule_of(models, x0, K, None, L=L, extra=extra, remarks=remarks, root=np.array(roots), recursion=own)
 
 
 def _theta(

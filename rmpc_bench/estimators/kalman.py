@@ -17,7 +17,7 @@ Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,8 +27,8 @@ from rmpc_bench.estimators.bridging import RiccatiRecursion
 from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
-    predictor_schedule,
     riccati_schedule,
+    schedule_of,
     singular_innovation,
     uncorrelated,
 )
@@ -202,7 +202,6 @@ def stationary_filter(
     except np.linalg.LinAlgError:
         raise singular_innovation(0) from None
     S = symmetrise(now.C @ P_pred @ now.C.T + now.R_v)
-    predictor = replace(predictor_schedule([now], x0, [K], [P_pred]), sets=stochastic_sets(model), S=S[None])
-    own = RiccatiRecursion([now], corrects=form == "filter")
-    predictor = replace(predictor, root=root_of(P_pred)[None], recursion=own)
-    return predictor if form == "predictor" else replace(predictor, L=step.L[None], P=step.P[None])
+    P, L = (P_pred, None) if form == "predictor" else (step.P, [step.L])
+    others = {"sets": stochastic_sets(model), "S": S[None], "root": root_of(P_pred)[None]}
+    return schedule_of([now], x0, [K], [P], L=L, recursion=RiccatiRecursion([now], corrects=form == "filter"), **others)

@@ -13,7 +13,6 @@ Fails   Design error: R and S_wv do not form a joint covariance; with `gain: ste
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -21,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, refuse_overflow, schedule_of
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
@@ -66,9 +65,8 @@ def design(
     own = RunByRun(partial(_of_one_run, models, given))
     if gain == "steady":
         K, P = _steady(models, given)
-        schedule = predictor_schedule(models, x0, [K] * len(models), [P] * len(models))
-        S = _innovation(models[0], given, root_of(P))[None]
-        return replace(schedule, S=S, root=root_of(P)[None], recursion=own)
+        S, root = _innovation(models[0], given, root_of(P))[None], root_of(P)[None]
+        return schedule_of(models, x0, [K] * len(models), [P] * len(models), S=S, root=root, recursion=own)
     gains, roots = [], [root_of(P0)]
     last, M, J = None, np.zeros(()), np.zeros(())
     for now in models:
@@ -79,9 +77,8 @@ def design(
         roots.append(step.root_next)
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    schedule = predictor_schedule(models, x0, gains, list(P_pred[:-1]))
     S = np.array([_innovation(now, given, root) for now, root in zip(models, roots[:-1], strict=True)])
-    return replace(schedule, S=S, root=np.array(roots[:-1]), recursion=own)
+    return schedule_of(models, x0, gains, P_pred[:-1], S=S, root=np.array(roots[:-1]), recursion=own)
 
 
 def _of_one_run(models: list[LinearModel], R: Array | None, k: int, root: Array, there: Array) -> Gains:

@@ -17,7 +17,7 @@ Fails   Design error if E x x' overflows: the system is not stable in the mean s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
-from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, schedule_of
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.divergence import LARGEST
@@ -138,13 +138,12 @@ def design(
                 "the mean square; choose a smaller variance or fewer steps"
             )
     P = covariance_of(np.array(roots[:-1]))
-    predictor = predictor_schedule(models, x0, K, list(P), extra={"X": np.array(X)})
-    recursion = RunByRun(partial(_of_one_run, joint, form == "filter"))
-    predictor = replace(predictor, root=np.array(roots[:-1]), recursion=recursion)
-    if form == "predictor":
-        return predictor
-    gains, of_x_hat = (np.array([getattr(each, name) for each in corrections]) for name in ("gain", "root"))
-    return replace(predictor, L=gains, P=covariance_of(of_x_hat), extra={**predictor.extra, "P_pred": P})
+    extra, L = {"X": np.array(X)}, None
+    if form == "filter":
+        L, extra["P_pred"] = [each.gain for each in corrections], P
+        P = covariance_of(np.array([each.root for each in corrections]))
+    own = RunByRun(partial(_of_one_run, joint, form == "filter"))
+    return schedule_of(models, x0, K, P, L=L, extra=extra, root=np.array(roots[:-1]), recursion=own)
 
 
 class MeanSystem:

@@ -21,14 +21,13 @@ Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at so
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, refuse_overflow, schedule_of
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix
 from rmpc_bench.numerics.robust_bounded_real import (
@@ -93,17 +92,18 @@ def design(
     bounds = [start, *(step.after for step in steps)]
     P = list(covariance_of(np.array([each.root for each in bounds])))
     refuse_overflow(P, "bound")
-    predictor = predictor_schedule(
+    return schedule_of(
         [now.nominal for now in systems],
         x0,
         [step.K for step in steps],
         P[:-1],
         F=[step.F for step in steps],
         extra={"X": np.array([each.X for each in bounds[:-1]])} if uncertain else {},
+        uncertainty_scale=1.0,
+        root=np.array([each.root for each in bounds[:-1]]),
+        recursion=RunByRun(partial(_of_one_run, systems, [each.X for each in bounds], limits)),
+        P_is="bound",
     )
-    own = RunByRun(partial(_of_one_run, systems, [each.X for each in bounds], limits))
-    kept = np.array([each.root for each in bounds[:-1]])
-    return replace(predictor, uncertainty_scale=1.0, root=kept, recursion=own, P_is="bound")
 
 
 def _of_one_run(

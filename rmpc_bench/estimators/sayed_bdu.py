@@ -22,7 +22,7 @@ Fails   Design error: R is singular although lam is needed, w~ and v~ are correl
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.bridging import Gains, RunByRun, with_outputs
-from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, refuse_overflow, schedule_of
 from rmpc_bench.models.uncertain_linear import DesignSystem, design_systems
 from rmpc_bench.numerics.bounded_data import BoundedStep
 from rmpc_bench.numerics.divergence import LARGEST
@@ -181,10 +181,19 @@ def design(
     refuse_overflow(P_pred)
     models = [now.nominal for now in systems]
     extra = {"P_pred": P_pred[:-1], "lam": np.array([each.lam for each in chosen_at])}
-    predictor = predictor_schedule(models, x0, K, list(P_pred[:-1]), F=F, extra=extra)
-    own = RunByRun(partial(_of_one_run, list(zip(systems, R_hats, chosen_at, strict=False)), form == "filter"))
-    predictor = replace(predictor, uncertainty_scale=1.0, root=np.array(roots[:-1]), recursion=own)
-    return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=covariance_of(np.array(P)))
+    corrects = form == "filter"
+    return schedule_of(
+        models,
+        x0,
+        K,
+        covariance_of(np.array(P)) if corrects else P_pred[:-1],
+        L=L if corrects else None,
+        F=F,
+        extra=extra,
+        uncertainty_scale=1.0,
+        root=np.array(roots[:-1]),
+        recursion=RunByRun(partial(_of_one_run, list(zip(systems, R_hats, chosen_at, strict=False)), corrects)),
+    )
 
 
 def _of_one_run(

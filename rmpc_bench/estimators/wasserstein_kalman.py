@@ -25,7 +25,6 @@ Fails   Design error if S_yy is singular.  With R_v = 0 the gain relies on measu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -37,8 +36,8 @@ from rmpc_bench.estimators.gain_schedule import (
     Form,
     GainScheduleFilter,
     over_time,
-    predictor_schedule,
     refuse_overflow,
+    schedule_of,
     singular_innovation,
     uncorrelated,
 )
@@ -118,28 +117,18 @@ def design(
         )
     P_pred = covariance_of(np.array(roots))
     refuse_overflow(P_pred)
-    schedule = _schedule(model, models, x0, P_pred[:-1], steps, form)
-    one = RunByRun(partial(saddle.of_one_run, form == "filter", use_y0))
-    return replace(schedule, root=np.array(roots[:-1]), recursion=one)
-
-
-def _schedule(
-    model: Model,
-    models: Sequence[LinearModel],
-    x0: Float[Array, " nx"],
-    P_pred: Array,
-    steps: Sequence[WassersteinStep],
-    form: Form,
-) -> GainScheduleFilter:
-    V, gap = [each.V for each in steps], np.array([each.gap for each in steps])
-    extra = {"P_pred": P_pred, "V": np.array(V), "gap": gap}
-    K = [now.A.dot(each.L) for now, each in zip(models, steps, strict=True)]
-    predictor = predictor_schedule(models, x0, K, V, extra=extra)
-    predictor = replace(predictor, sets=stochastic_sets(model), S=over_time([each.S for each in steps]))
-    if form == "predictor":
-        return predictor
-    return replace(
-        predictor, L=np.array([each.L for each in steps]), P=covariance_of(np.array([each.root for each in steps]))
+    V, corrects = [each.V for each in steps], form == "filter"
+    return schedule_of(
+        models,
+        x0,
+        [now.A.dot(each.L) for now, each in zip(models, steps, strict=True)],
+        covariance_of(np.array([each.root for each in steps])) if corrects else V,
+        L=[each.L for each in steps] if corrects else None,
+        extra={"P_pred": P_pred[:-1], "V": np.array(V), "gap": np.array([each.gap for each in steps])},
+        sets=stochastic_sets(model),
+        S=over_time([each.S for each in steps]),
+        root=np.array(roots[:-1]),
+        recursion=RunByRun(partial(saddle.of_one_run, corrects, use_y0)),
     )
 
 

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench import notices
 
@@ -21,8 +21,8 @@ SECONDS = 1.0
 """Time between two looks of a bar at the comparison so far [s]."""
 
 
-class Progress(Protocol):
-    """Display of finished trials and of messages to the user."""
+class Progress:
+    """Display of finished trials and of messages to the user; this one shows messages only."""
 
     def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin with ``done`` of ``total`` trials stored already; `running` compares the methods so far."""
@@ -38,42 +38,20 @@ class Progress(Protocol):
 
     def say(self, text: str) -> None:
         """Show a line."""
+        notices.say(text)
 
     def stop(self) -> None:
         """End the display."""
 
 
-class Silent:
-    """Shows messages only."""
-
-    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
-        """Begin."""
-
-    def advance(self, n: int) -> None:
-        """Count."""
-
-    def found(self, n: int) -> None:
-        """Count what an earlier session has computed."""
-
-    def extend(self, n: int) -> None:
-        """Count what is still to be computed."""
-
-    def say(self, text: str) -> None:
-        """Show a line."""
-        notices.say(text)
-
-    def stop(self) -> None:
-        """End."""
-
-
-class Quiet(Silent):
+class Quiet(Progress):
     """Shows nothing."""
 
     def say(self, text: str) -> None:
         """Show nothing."""
 
 
-class Plain(Silent):
+class Plain(Progress):
     """A line every few seconds [s], for logs; `clock` returns the time [s]."""
 
     def __init__(self, seconds: float = 5.0, clock: Callable[[], float] = time.monotonic) -> None:
@@ -170,7 +148,7 @@ def _finite(value: Any) -> Any:
     return float(f"{value:.6g}") if math.isfinite(value) else None
 
 
-class Bar:
+class Bar(Progress):
     """A bar on a terminal, with the comparison so far below it; NO_COLOR switches its colours off."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -213,7 +191,7 @@ class Bar:
 
     def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin."""
-        self._running, self._total = running, total
+        self._running = running
         self._task = self._rich.add_task(f"{title} [trials]".replace("[", r"\["), total=total, completed=done)
         self._rich.start()
 
@@ -231,8 +209,8 @@ class Bar:
 
     def extend(self, n: int) -> None:
         """Count what is still to be computed."""
-        self._total += n
-        self._rich.update(self._task, total=self._total)
+        task = self._rich.tasks[self._task]
+        self._rich.update(self._task, total=(task.total or 0) + n)
 
     def say(self, text: str) -> None:
         """Show a line above the bar."""
@@ -252,7 +230,7 @@ def choose(how: str) -> Progress:
     if how == "auto":
         how = "bar" if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" else "plain"
     kinds: dict[str, Callable[[], Progress]]
-    kinds = {"bar": Bar, "plain": Plain, "json": JsonLines, "none": Silent, "quiet": Quiet}
+    kinds = {"bar": Bar, "plain": Plain, "json": JsonLines, "none": Progress, "quiet": Quiet}
     return kinds[how]()
 
 

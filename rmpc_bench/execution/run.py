@@ -13,7 +13,7 @@ from rmpc_bench.components.transport import process_directory
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution.missing import ComputeOptions
-from rmpc_bench.execution.progress import Called, Progress, Silent, choose
+from rmpc_bench.execution.progress import Called, Progress, choose
 from rmpc_bench.execution.runner import compute
 from rmpc_bench.execution.shards import n_cores, parse_shard
 from rmpc_bench.execution.tuning.tune import tuned
@@ -140,7 +140,7 @@ def _methods(only: str | Collection[str] | None, config: ExperimentConfig) -> Co
 
 def _display(progress: bool | Callable[[int, int, str], Any] | Progress | None) -> Progress:
     if isinstance(progress, bool | None):
-        return choose("auto") if progress else Silent()
+        return choose("auto") if progress else Progress()
     return Called(progress) if callable(progress) else progress
 
 

@@ -17,7 +17,7 @@ from rmpc_bench.engines.choice import Engine, choose_engine
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.missing import ComputeOptions, pending, stored_blocks
-from rmpc_bench.execution.progress import Progress, Silent
+from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.separation import check_shared, separated, shared_of, warm_up_tasks
 from rmpc_bench.execution.shards import Shard, stored_in, take_shards
@@ -50,7 +50,7 @@ def compute(
     missing: bool = False,
 ) -> None:
     """Compute and store what is missing; the same call continues an interrupted one."""
-    progress = progress or Silent()
+    progress = progress or Progress()
     methods = [each.name for each in config.experiment.methods if only is None or each.name in only]
     place = directory if shard is None else shard.directory(directory)
     also = {} if shard is None else stored_in(directory, config, methods, progress.say)

@@ -37,7 +37,7 @@ from rmpc_bench.config_file.tree import Items, Map
 from rmpc_bench.engines.blocks import Pair
 from rmpc_bench.engines.choice import groups_of
 from rmpc_bench.engines.tasks import Task, is_built_in, work
-from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.progress import Progress, said_if_slow
 from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.scenario import Experiment
@@ -205,7 +205,7 @@ def _remade(
     """Return the keys of the methods of every point, the experiments as bytes with designs finished, and trials."""
     points = reduced.made()
     experiments, trials = [point.experiment for point in points], dict[Pair, dict[str, float]]()
-    warm_up_tasks(experiments, tasks, Silent())
+    warm_up_tasks(experiments, tasks, Progress())
     data = dumps(experiments)
     first = {task.method: task for task in reversed(tasks)} if reduced.is_shared else {}
     with single_thread():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.analysis.intervals import student
-from rmpc_bench.execution.progress import Bar, JsonLines, Plain, Silent, choose, said_if_slow
+from rmpc_bench.execution.progress import Bar, JsonLines, Plain, Progress, choose, said_if_slow
 from rmpc_bench.results.running import RunningComparison
 from rmpc_bench.types import MetricInfo
 
@@ -79,7 +79,7 @@ def test_json_lines_have_no_time_before_a_trial_is_computed(capsys):
 
 def test_silent_still_warns(capsys):
     """Only what must be said."""
-    shown = Silent()
+    shown = Progress()
     shown.start("fig7", 10, 0)
     shown.advance(10)
     shown.say("careful")
@@ -112,7 +112,7 @@ def test_bar_on_a_terminal(capsys, monkeypatch):
     assert "fig[red]7 [trials]" in captured.err and "10/10" in captured.err
 
 
-@pytest.mark.parametrize(("how", "kind"), [("bar", Bar), ("plain", Plain), ("json", JsonLines), ("none", Silent)])
+@pytest.mark.parametrize(("how", "kind"), [("bar", Bar), ("plain", Plain), ("json", JsonLines), ("none", Progress)])
 def test_choose_by_name(how, kind):
     """Each word has its display."""
     assert type(choose(how)) is kind
@@ -126,7 +126,7 @@ def test_choose_by_the_terminal(monkeypatch, terminal, kind):
     assert type(choose("auto")) is kind
 
 
-class Heard(Silent):
+class Heard(Progress):
     """Remembers what was said, and tells a waiting thread."""
 
     def __init__(self):

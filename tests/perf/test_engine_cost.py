@@ -12,7 +12,7 @@ from small_experiment import write
 from rmpc_bench import load_config
 from rmpc_bench.engines.blocks import TaskQueue
 from rmpc_bench.execution.missing import ComputeOptions
-from rmpc_bench.execution.progress import Silent
+from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import compute
 
 pytestmark = pytest.mark.perf
@@ -35,7 +35,7 @@ class Waiting:
 """
 
 
-class Times(Silent):
+class Times(Progress):
     """Keeps the times at which blocks were stored."""
 
     def __init__(self):

@@ -10,7 +10,7 @@ from small_experiment import write
 
 import rmpc_bench
 from rmpc_bench.execution import run as module
-from rmpc_bench.execution.progress import Bar, Plain, Silent
+from rmpc_bench.execution.progress import Bar, Plain, Progress
 
 
 @pytest.fixture
@@ -65,11 +65,11 @@ def test_progress_is_a_function(tmp_path, config):
     assert [done for done, *_ in calls] == sorted(done for done, *_ in calls[:-1]) + [4]
 
 
-@pytest.mark.parametrize(("given", "kind"), [(None, Silent), (False, Silent), (True, Plain)])
+@pytest.mark.parametrize(("given", "kind"), [(None, Progress), (False, Progress), (True, Plain)])
 def test_progress_is_true_or_false(given, kind):
     """A bar on a terminal, lines elsewhere, or messages only."""
     assert type(module._display(given)) is kind
-    display = Silent()
+    display = Progress()
     assert module._display(display) is display
 
 

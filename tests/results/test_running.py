@@ -12,7 +12,7 @@ from rmpc_bench import compare, load_config, run
 from rmpc_bench.analysis.comparison import compared, levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.execution.progress import Silent
+from rmpc_bench.execution.progress import Progress
 from rmpc_bench.results.running import RunningComparison
 from rmpc_bench.types import MetricInfo, Status
 
@@ -148,7 +148,7 @@ def test_text_has_the_digits_of_its_error():
     assert running.text() == "mse vs A: B -10.5 % [-12.5, -8.4]"
 
 
-class Kept(Silent):
+class Kept(Progress):
     """Keeps the comparison at the start, as text, and the object that goes on."""
 
     def start(self, title, total, done, running=None):

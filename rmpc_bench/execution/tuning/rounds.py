@@ -21,13 +21,12 @@ from rmpc_bench.execution.progress_file import RUNNING, Following, extent_of
 from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.results.other_code import check_versions, note_versions, stored_methods
-from rmpc_bench.results.running import RunningComparison
 from rmpc_bench.results.tuning import FOLDER
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array, Status
 
 
-class TuningProgress(Following):
+class TuningProgress(Following, Progress):
     """Counts trials in progress.json and on a display; the context manager is the time of the tuning."""
 
     # The trials of the experiment follow, whose file takes its place.
@@ -58,9 +57,6 @@ class TuningProgress(Following):
         """Return nothing that a trial says: the trials are not those of the experiment."""
         return {"failed": {}, "metric": self._extent.primary, "means": []}
 
-    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
-        """Begin; the context manager has done so."""
-
     def advance(self, n: int) -> None:
         """Count ``n`` more trials as stored."""
         with self._lock:
@@ -83,9 +79,6 @@ class TuningProgress(Following):
     def say(self, text: str) -> None:
         """Show a line."""
         self._display.say(text)
-
-    def stop(self) -> None:
-        """End; the context manager does so."""
 
 
 MOST_TRIALS = 500

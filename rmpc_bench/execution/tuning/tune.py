@@ -15,7 +15,7 @@ from rmpc_bench.config.identity import digest
 from rmpc_bench.config.tuning_designs import Trial
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.missing import ComputeOptions
-from rmpc_bench.execution.progress import Progress, Silent
+from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
@@ -70,7 +70,7 @@ def tuned(
     _make(directory)
     if left.any:
         _refuse_another(config, directory)
-        shown = TuningProgress(directory, config, shard, progress or Silent(), left.title, left.n_trials)
+        shown = TuningProgress(directory, config, shard, progress or Progress(), left.title, left.n_trials)
         found |= _searched(Rounds(config, directory, how or ComputeOptions(), shown), left, found, shown)
     try:
         if any(each.key in found for each in plan_of.searches):
