@@ -240,7 +240,6 @@ SHARED_SIBLINGS = {
     "gaussian_filter",
     "gpc_law",
     "gpc_limits",
-    "gpc_programs",
     "gpc_rows",
     "increments",
     "input_limits",

@@ -34,8 +34,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.gpc_law import Gpc, TunedGpc
-from rmpc_bench.controllers.gpc_limits import GpcLimits, limits_of
-from rmpc_bench.controllers.gpc_programs import VaryingProgram, constant_program
+from rmpc_bench.controllers.gpc_limits import constant_program, limits_of
 from rmpc_bench.controllers.limits import Limits, SoftLimit, require_effect
 from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning
 from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
@@ -97,13 +96,13 @@ def design(
     limited = limits_of(limits, soft, model, extended, Np, plant_info)
     if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
         fixed = with_mean(frozen(model)) if uses_mean else frozen(model)
-        law, limited = _gains(fixed, outputs, inputs, Np), _with_program(limited, fixed, outputs, inputs)
+        law = _gains(fixed, outputs, inputs, Np)
+        if limited is not None and limited.horizon is not None:
+            limited = replace(limited, program=constant_program(fixed, outputs, inputs, limited.horizon.at(0)))
         return Gpc(model, Np, outputs, R_u, law, uses_mean, limits=limited)
     sizes = np.linalg.svd(inputs, compute_uv=False)
     if not sizes[-1] > SMALLEST * sizes[0]:
         raise DesignError("must be of full rank, unless both the model and Q_yw are constant", "Q_u")
-    if limited is not None and limited.horizon is not None:
-        limited = replace(limited, program=VaryingProgram(R_u))
     if isinstance(tuning, ConstantTuning):
         return Gpc(model, Np, outputs, R_u, None, uses_mean, limits=limited)
     if isinstance(model, StateDependentModel) and model.has_offsets:
@@ -126,15 +125,6 @@ def _gains(fixed: Frozen, Q_yw: Float[Array, "ny ny"], Q_u: Float[Array, "nu nu"
         return gains(fixed.A, fixed.B, fixed.f, fixed.C, Q_yw, Q_u, Np)
     except ValueError as error:
         raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
-
-
-def _with_program(
-    limits: GpcLimits | None, fixed: Frozen, Q_yw: Float[Array, "ny ny"], Q_u: Float[Array, "nu nu"]
-) -> GpcLimits | None:
-    """Return the limits with the program of a constant model."""
-    if limits is None or limits.horizon is None:
-        return limits
-    return replace(limits, program=constant_program(fixed, Q_yw, Q_u, limits.horizon.at(0)))
 
 
 def _constant(model: Any, n_steps: int | None) -> Any:

@@ -84,7 +84,7 @@ class Gpc(Controller):
         """Lower and upper limit of all inputs, or of each."""
         if self.limits is None:
             return None
-        low, high = self.limits.inputs.u
+        low, high = self.limits.u
         return one_for_all(Bounds(low + self.model.u_op, high + self.model.u_op))
 
     @property
@@ -184,11 +184,11 @@ class Gpc(Controller):
         now = with_mean(now) if self.uses_mean else now
         A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
         x, w = self._extended(estimate), r[1:] - now.d
-        if self.limits is not None and self.limits.optimised:
-            return self.limits.varying(k, now._replace(A=A, B=B), Q_yw, x, u_previous, w)
+        if self.limits is not None and self.limits.horizon is not None:
+            rows, now = self.limits.horizon.at(k), now._replace(A=A, B=B)
+            return self.limits.varying(now, (Q_yw, self.R_u), rows, x, u_previous, w)
         u, loss = track(A, B, now.f, now.C, Q_yw, self.R_u, w, x)
-        command = Command(u) if self.limits is None else self.limits.inputs.command(u, u, None, u_previous)
-        return command, loss
+        return Command(u if self.limits is None else self.limits.clipped(u, u_previous)), loss
 
     def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:
         """Return the estimate, followed by the estimated mean of the process noise if it is used."""

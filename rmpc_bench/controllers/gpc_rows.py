@@ -82,39 +82,27 @@ class SignalRows(NamedTuple):
         return repeated
 
 
-@dataclass(frozen=True, eq=False)
-class Limited:
-    """All rows of a horizon."""
+class Limited(NamedTuple):
+    """All rows of a horizon; create them with `of`."""
 
     hard: HardRows  # limits of the inputs
     signals: SignalRows  # limits of signals
+    unit: Float[Array, " rows"]
+    low: Float[Array, " rows"]
+    high: Float[Array, " rows"]
+    soft: Bool[Array, " rows"]
+    weights: tuple[Float[Array, " rows"], Float[Array, " rows"]]  # linear and quadratic ones of the slacks
 
-    @cached_property
-    def unit(self) -> Float[Array, " rows"]:
-        """Units of all rows."""
-        return np.concatenate([self.hard.unit, self.signals.spread(self.signals.unit)])
-
-    @cached_property
-    def low(self) -> Float[Array, " rows"]:
-        """Lower bounds of all rows."""
-        return np.concatenate([self.hard.low, self.signals.spread(self.signals.low)])
-
-    @cached_property
-    def high(self) -> Float[Array, " rows"]:
-        """Upper bounds of all rows."""
-        return np.concatenate([self.hard.high, self.signals.spread(self.signals.high)])
-
-    @cached_property
-    def soft(self) -> Bool[Array, " rows"]:
-        """Which rows are soft."""
-        return np.arange(len(self.unit)) >= len(self.hard.unit)
-
-    @cached_property
-    def weights(self) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
-        """Linear and quadratic weights of the slacks; 0 and 1 if hard."""
-        hard, signals = len(self.hard.unit), self.signals
-        linear = np.concatenate([np.zeros(hard), signals.spread(signals.linear)])
-        return linear, np.concatenate([np.ones(hard), signals.spread(signals.quadratic)])
+    @classmethod
+    def of(cls, hard: HardRows, signals: SignalRows) -> Limited:
+        """Put the rows of the signals below those of the inputs, whose weights 0 and 1 are not used."""
+        n, spread = len(hard.unit), signals.spread
+        unit, low, high = (
+            np.concatenate([getattr(hard, name), spread(getattr(signals, name))]) for name in ("unit", "low", "high")
+        )
+        linear = np.concatenate([np.zeros(n), spread(signals.linear)])
+        quadratic = np.concatenate([np.ones(n), spread(signals.quadratic)])
+        return cls(hard, signals, unit, low, high, np.arange(len(unit)) >= n, (linear, quadratic))
 
     def rows(self, U: Float[Array, "N nu columns"], X: Float[Array, "N nx columns"]) -> Float[Array, "rows columns"]:
         """Return all rows, without constants and u(k-1), for inputs and states as functions of something."""
@@ -161,7 +149,7 @@ class LimitedHorizon:
 
     def _made(self, k: int) -> Limited:
         soft = self._soft(k) if self.soft else {}
-        return Limited(self.hard, SignalRows.of(tuple(soft.values()), self.nx, self.N))
+        return Limited.of(self.hard, SignalRows.of(tuple(soft.values()), self.nx, self.N))
 
     def _soft(self, k: int) -> dict[str, SoftRows]:
         model, info, nd = self.model, self.plant_info, self.model.n_disturbances

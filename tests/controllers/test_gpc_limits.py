@@ -11,6 +11,7 @@ from controllers.gpc_program_twin import Problem, by_clarabel, cost_of, kkt_resi
 from controllers.gpc_twin import Swing, Varying, estimate_of
 
 from rmpc_bench.controllers.gpc import design
+from rmpc_bench.controllers.gpc_limits import moved_inputs
 from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.models.linear import LinearModel
@@ -38,11 +39,11 @@ def whole(controller, p, k):
     limits = controller.limits
     if controller.gains is not None:
         own, shared = np.concatenate([p.x, p.before])[None], np.append(p.w.ravel(), 1.0)
-        return limits.program.moves.moves(own, shared).V[0].reshape(NP, 2)
+        return limits.program.moves(own, shared).V[0].reshape(NP, 2)
     limited = limits.horizon.at(k)
     path = paths(p.A[None], p.B[None], p.f, p.C, p.Q_yw[None], controller.R_u, p.w, p.x[None])
     values = limited.values(path, p.before[None])[0]
-    moved, _ = limits.program.moved(p.A, p.B, path.laws[0], limited, values)
+    moved, _ = moved_inputs(p.A, p.B, path.laws[0], limited, values)
     return path.U[0] + moved.reshape(NP, 2)
 
 
@@ -133,11 +134,8 @@ def test_limits_that_never_act_leave_every_bit(name, tuning, rng):
 def every_program(controller):
     """The same controller without a skip."""
     limits = controller.limits
-    if controller.gains is None:
-        program = replace(limits.program, skips=False)
-    else:
-        program = replace(limits.program, moves=replace(limits.program.moves, skips=False))
-    return replace(controller, limits=replace(limits, program=program))
+    program = limits.program and replace(limits.program, skips=False)
+    return replace(controller, limits=replace(limits, program=program, skips=False))
 
 
 @pytest.mark.parametrize(("name", "tuning"), CASES)

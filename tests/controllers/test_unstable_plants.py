@@ -9,7 +9,6 @@ from controllers.exact_programs import DIGITS, boxed_minimum, cost_of
 
 from rmpc_bench.controllers import gpc, lqg, mpc, pid, tube_mpc
 from rmpc_bench.controllers.gpc_law import GpcState
-from rmpc_bench.controllers.gpc_programs import VaryingProgram
 from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.controllers.prediction import frozen
@@ -94,8 +93,8 @@ def test_inputs_of_gpc_are_the_exact_ones(count):
             np.testing.assert_allclose(command.u[:, 0], expected, rtol=0, atol=1e-9)
         now = frozen(model)
         now, limited = now._replace(A=now.A[None], B=now.B[None]), controller.limits.horizon.at(0)
-        _, u, _ = VaryingProgram(controller.R_u).inputs(now, np.eye(1)[None], limited, x, before, r[1:])
-        np.testing.assert_allclose(np.clip(u, -LIMIT, LIMIT), command.u, rtol=0, atol=1e-8)
+        one_by_one, _ = controller.limits.varying(now, (np.eye(1)[None], controller.R_u), limited, x, before, r[1:])
+        np.testing.assert_allclose(one_by_one.u, command.u, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.slow)])

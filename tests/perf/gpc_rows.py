@@ -28,9 +28,7 @@ def inputs(*, skipped):
     from controllers.gpc_twin import estimate_of
 
     controller, x, r = robot(wide=skipped)
-    limits = controller.limits
-    program = replace(limits.program, skips=skipped)
-    controller = replace(controller, limits=replace(limits, program=program))
+    controller = replace(controller, limits=replace(controller.limits, skips=skipped))
     repeated, start = (40 if skipped else 3), controller.init(BLOCK)
 
     def work():
