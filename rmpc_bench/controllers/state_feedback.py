@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Gt
@@ -55,10 +55,6 @@ LARGEST = 1e100
 """Largest effect of noise on the cost; squares of larger multipliers overflow."""
 
 
-class NoState(NamedTuple):
-    """Empty state of a static controller."""
-
-
 @dataclass(frozen=True, eq=False)
 class Regulator(Controller):
     """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`."""
@@ -74,19 +70,18 @@ class Regulator(Controller):
         """Output at the operating point."""
         return None if self.point is None else self.point.y
 
-    def init(self, n_runs: int) -> NoState:
-        """Return the empty state."""
-        return NoState()
+    def init(self, n_runs: int) -> None:
+        """There is nothing to remember."""
 
     def control(
-        self, k: int, state: NoState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
-    ) -> tuple[NoState, Command]:
+        self, k: int, state: None, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
+    ) -> tuple[None, Command]:
         """Apply the first input of the window."""
         if self.point is None:
             u = self.input_of(k, estimate)
         else:
             u = self.point.u + self.input_of(k, estimate._replace(x_hat=estimate.x_hat - self.point.x))
-        return state, Command(u)
+        return None, Command(u)
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""
@@ -108,11 +103,11 @@ class Lqr(Regulator):
         return None if self.bounds is None else common_limits(self.bounds)
 
     def control(
-        self, k: int, state: NoState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
-    ) -> tuple[NoState, Command]:
+        self, k: int, state: None, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
+    ) -> tuple[None, Command]:
         """Apply the first input of the window, clipped to its bounds."""
-        state, command = super().control(k, state, y, estimate, r)
-        return state, command if self.bounds is None else command._replace(u=np.clip(command.u, *self.bounds))
+        _, command = super().control(k, state, y, estimate, r)
+        return None, command if self.bounds is None else command._replace(u=np.clip(command.u, *self.bounds))
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""

@@ -70,28 +70,29 @@ def wrong_row(rows: pd.DataFrame, points: Sequence[tuple[Mapping[str, str], Coll
 
 def with_rows(trials: Trials, rows: pd.DataFrame) -> Trials:
     """Return a table of trials with other rows, such as the packed ones; methods without a row are left out."""
-    if not trials.points:
-        return _with_rows(trials, rows)
-    points = tuple(_with_rows(table, rows[_at(rows, table.point)]) for table in trials.points)
-    here = pd.concat([rows[_at(rows, table.point)] for table in trials.points])
-    return replace(trials, points=points, columns=_columns(here, trials))
+    if trials.points:
+        parts = [rows[_at(rows, table.point)] for table in trials.points]
+        points = tuple(with_rows(*each) for each in zip(trials.points, parts, strict=True))
+        return replace(trials, points=points, columns=_columns(pd.concat(parts), trials))
+    present = {*rows["method"]}
+    methods = tuple(name for name in trials.methods if name in present) if len(trials.runs) else trials.methods
+    metrics = tuple(info for info in trials.metrics if info.name in rows.columns)
+    order = {name: number for number, name in enumerate(methods)}
+    rows = rows[rows["method"].isin(methods)]
+    rows = rows.iloc[np.lexsort((rows["run"], rows["method"].map(order)))]
+    return replace(trials, methods=methods, metrics=metrics, columns=_columns(rows, trials))
 
 
 def with_draws(trials: Trials, rows: pd.DataFrame) -> Trials:
     """Return a table of trials with the packed values of the uncertain quantities of further runs."""
-    if not trials.points:
-        return _with_draws(trials, rows)
-    points = tuple(_with_draws(table, rows[_at(rows, table.point)]) for table in trials.points)
-    return replace(trials, points=points)
-
-
-def _with_draws(table: Trials, rows: pd.DataFrame) -> Trials:
-    own = table.quantities
-    if not len(table.runs) or not {*own} <= {*rows}:
-        return table
-    more = rows[rows["run"].isin({*table.runs} - {*own["run"]})].drop_duplicates("run").sort_values("run")
+    if trials.points:
+        return replace(trials, points=tuple(with_draws(each, rows[_at(rows, each.point)]) for each in trials.points))
+    own = trials.quantities
+    if not len(trials.runs) or not {*own} <= {*rows}:
+        return trials
+    more = rows[rows["run"].isin({*trials.runs} - {*own["run"]})].drop_duplicates("run").sort_values("run")
     drawn = {name: np.concatenate([values, more[name].to_numpy()]) for name, values in own.items()}
-    return replace(table, quantities=drawn) if {*table.runs} <= {*drawn["run"]} else table
+    return replace(trials, quantities=drawn) if {*trials.runs} <= {*drawn["run"]} else trials
 
 
 def _at(rows: pd.DataFrame, point: Mapping[str, str]) -> Array:
@@ -104,16 +105,6 @@ def _at(rows: pd.DataFrame, point: Mapping[str, str]) -> Array:
 def _columns(rows: pd.DataFrame, trials: Trials) -> dict[str, Array]:
     """Return the columns that a table of trials has, too."""
     return {name: np.asarray(rows[name]) for name in trials.columns if name in rows}
-
-
-def _with_rows(table: Trials, rows: pd.DataFrame) -> Trials:
-    present = {*rows["method"]}
-    methods = tuple(name for name in table.methods if name in present) if len(table.runs) else table.methods
-    metrics = tuple(info for info in table.metrics if info.name in rows.columns)
-    order = {name: number for number, name in enumerate(methods)}
-    rows = rows[rows["method"].isin(methods)]
-    rows = rows.iloc[np.lexsort((rows["run"], rows["method"].map(order)))]
-    return replace(table, methods=methods, metrics=metrics, columns=_columns(rows, table))
 
 
 def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:

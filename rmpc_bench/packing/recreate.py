@@ -107,14 +107,7 @@ class PackedFiles:
         else:
             write_tables_of_rows(results, made, str(self._way.get("file", "")))
             found["trials.csv"] = FileOutcome("trials.csv", HASHED, f"rows of runs 0 to {n_runs - 1} are compared")
-        found[METADATA], found[CITATION] = self._metadata(results)
-        for name in self._names:
-            if name not in found:
-                seen = n_runs is None or (made / name).is_file()
-                found[name] = self._compared(name, made) if seen else FileOutcome(name, UNSEEN, "needs all runs")
-        here = {path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file()}
-        found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in {*here, *NEEDED} - {*self._names}}
-        return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
+        return self._with_others(found, results, made, NEEDED, whole=n_runs is None)
 
     def imported(self, place: Path) -> Results:
         """Import the packed table again, as the manifest states."""
@@ -142,10 +135,19 @@ class PackedFiles:
         self._publish(results, computed, made)
         same = all(self._stated.get(name) == computed.get(name) for name in (*COMPARED, "origin", "warnings"))
         found[manifest.FILE] = FileOutcome(manifest.FILE, *((HASHED, "") if same else (DIFFERENT, "other runs")))
+        return self._with_others(found, results, made, (), whole=True)
+
+    def _with_others(
+        self, found: dict[str, FileOutcome], results: Results, made: Path, needed: Collection[str], *, whole: bool
+    ) -> list[FileOutcome]:
+        """Add what was found about the other files: compared, missing, not made where not all runs were computed."""
         found[METADATA], found[CITATION] = self._metadata(results)
-        found |= {name: self._compared(name, made) for name in self._names if name not in found}
+        for name in self._names:
+            if name not in found:
+                seen = whole or (made / name).is_file()
+                found[name] = self._compared(name, made) if seen else FileOutcome(name, UNSEEN, "needs all runs")
         here = {path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file()}
-        found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in here - {*self._names}}
+        found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in {*here, *needed} - {*self._names}}
         return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
 
     def _publish(self, results: Results, computed: Mapping[str, Any], made: Path) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.levels import look_of, number_of_look
 from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
@@ -48,9 +48,6 @@ from rmpc_bench.types import ConfigError
 from rmpc_bench.types.errors import check_arguments, unknown
 from rmpc_bench.types.result_layout import CONFIG, RESOLVED
 from rmpc_bench.types.sweep_points import lies_at
-
-if TYPE_CHECKING:
-    from rmpc_bench.config.experiment_config import ExperimentConfig
 
 
 def verify(
@@ -145,6 +142,9 @@ class _Packed:
             digits = (f"trials.csv or summary.csv cannot be read ({error})",)
         return Verification(scope="files only, nothing was computed", digits=digits, files=tuple(self._hashed("")))
 
+    def _files(self) -> PackedFiles:
+        return PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
+
     def _hashed(self, note: str) -> list[FileOutcome]:
         return [FileOutcome(name, HASHED, note) for name in sorted(self._names)]
 
@@ -159,7 +159,7 @@ class _Packed:
         stated = load_config(self._directory / RESOLVED, lenient=True)
         rows = self._rows(stated)
         extent = _extent(stated, rows, runs, claim)
-        files = PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
+        files = self._files()
         files.prepare(temporary / "again")
         config, wanted = self._config(stated, extent, files), extent.methods
         if claim:
@@ -186,7 +186,7 @@ class _Packed:
 
     def _read_again(self, temporary: Path) -> Verification:
         """Import the packed table again, and compare rows and files; the runs themselves cannot be repeated."""
-        files = PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
+        files = self._files()
         here = files.imported(temporary / "again")
         try:
             rows = read_rows(self._directory / "trials.csv", len(here.stored.columns["run"]))
