@@ -113,7 +113,7 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     with inside(place), Store(place) as store:
         _copy(place, store, experiment, parts, say=say, partial=partial)
         # Rows of a run whose status differs are not copied, so that a run that a shard has may be missing here.
-        missing = _missing(experiment, _finished_in(experiment, store))
+        missing = _missing(experiment, _with_finished({}, experiment, store))
         with _progress(place, store, experiment, missing.n):
             pass
     return Merged(tuple(part.shard for part in parts), tuple(_said(place, missing)))
@@ -135,24 +135,20 @@ def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tupl
     for shard, store in readable_shards(directory, say, also_running=not partial, also_damaged=not partial):
         experiment = read_experiment(store)
         parts.append(_ShardRecord(shard, experiment, store.data(LIBRARIES), store.file_names()))
-        _add_finished(finished, experiment, store)
+        finished = _with_finished(finished, experiment, store)
     if parts and is_filled(directory):
         with Store(directory, writable=False) as store:
-            _add_finished(finished, parts[0].experiment, store)
+            finished = _with_finished(finished, parts[0].experiment, store)
     return parts, finished
 
 
-def _finished_in(experiment: StoredExperiment, store: Store) -> _Finished:
-    finished: _Finished = {}
-    _add_finished(finished, experiment, store)
-    return finished
-
-
-def _add_finished(finished: _Finished, experiment: StoredExperiment, store: Store) -> None:
+def _with_finished(finished: _Finished, experiment: StoredExperiment, store: Store) -> _Finished:
+    found = dict(finished)
     for number, point in enumerate(experiment.points):
         for name, method in point.methods.items():
             runs = store.finished(method.key, point.metric_keys.values(), point.recording(name), experiment.n_runs)
-            finished[number, name] = np.union1d(finished.get((number, name), runs), runs)
+            found[number, name] = np.union1d(finished.get((number, name), runs), runs)
+    return found
 
 
 def _check(directory: Path, parts: Sequence[_ShardRecord]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pdb
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,6 @@ from rmpc_bench.types import (
     DesignError,
     InvalidReturnValue,
     Journal,
-    Method,
     PassedOn,
     Plant,
     Record,
@@ -190,10 +189,10 @@ def replay(
     if until is not None and not 0 <= until <= experiment.n_steps:
         raise DesignError(f"there is no sample {until}; they count from 0 to {experiment.n_steps}", "until")
     with single_thread():
-        found = _simulated(experiment, experiment.method(method), run, until, call)
+        found = _simulated(point, method, run, until, call)
     status, stored = _stored(place, point, method, run)
-    del found["signals"][COVARIANCE]
-    return Replay(run, method, point.title, **found, stored=stored, stored_status=status)
+    signals = {name: values for name, values in found.signals.items() if name != COVARIANCE}
+    return replace(found, signals=signals, stored=stored, stored_status=status)
 
 
 def run_one(
@@ -235,17 +234,17 @@ def run_one(
     check_arguments(run_one, locals())
     config = config if isinstance(config, ExperimentConfig) else load_config(config)
     point = _point(config, method, run, at)
-    simulated = partial(_simulated, point.experiment, point.experiment.method(method), run, None)
     with single_thread():
-        found = simulated(None)
-        if found["status"] == Status.CRASHED.word and "error" not in found:
+        found = _simulated(point, method, run)
+        if found.status == Status.CRASHED.word and found.error is None:
             # Once more, so that the exception of a component written for one run is at hand.
-            found = {**found, **simulated(passed_on)}
-    error = found.get("error")
-    if error is None and found["status"] == Status.CRASHED.word:
-        error = InvalidReturnValue(found["failure"].message)
+            found = _simulated(point, method, run, call=passed_on)
+    error = found.error
+    if error is None and found.status == Status.CRASHED.word:
+        assert found.failure is not None
+        error = InvalidReturnValue(found.failure.message)
     if error is None:
-        return Replay(run, method, point.title, **found, stored={}, stored_status="")
+        return found
     if debug and error.__traceback__ is not None:
         pdb.post_mortem(user_entry(error))
     raise error
@@ -261,10 +260,9 @@ def _point(config: ExperimentConfig, method: str, run: int, at: Mapping[str, str
     return point
 
 
-def _simulated(
-    experiment: Experiment, method: Method, run: int, until: int | None, call: Call | None
-) -> dict[str, Any]:
-    """Simulate a run; return the fields of a `Replay`."""
+def _simulated(point: SweepPoint, name: str, run: int, until: int | None = None, call: Call | None = None) -> Replay:
+    """Simulate a run, with nothing of what is stored of it."""
+    experiment, method = point.experiment, point.experiment.method(name)
     plant, n_steps = experiment.plant, experiment.n_steps if until is None else until
     for design in (plant, method.estimator, method.controller):
         design.warm_up()
@@ -272,24 +270,27 @@ def _simulated(
     r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.preview)
     start = RunStart(experiment.scenario.seed, (run,), Journal(call=call))
     info = {*method.reports, *(name for metric in experiment.metrics for name in metric.needs_info)}
-    common = {
-        "Ts": plant.Ts,
-        "r": r[: n_steps + 1],
-        "units": {
-            **dict.fromkeys(("u", "u_command"), plant.u_unit),
-            "y": plant.y_unit,
-            **plant.units,
-            **plant.extra_signals,
-            "t": experiment.time_unit,
-        },
-        "uncertainty": named_values(experiment, run),
-    }
+    units = {**dict.fromkeys(("u", "u_command"), plant.u_unit), "y": plant.y_unit, **plant.units, **plant.extra_signals}
+    replayed = partial(
+        Replay,
+        run,
+        name,
+        point.title,
+        Ts=plant.Ts,
+        r=r[: n_steps + 1],
+        units={**units, "t": experiment.time_unit},
+        uncertainty=named_values(experiment, run),
+        stored={},
+        stored_status="",
+    )
     keywords: dict[str, Any] = {"info": info, "state_range": experiment.state_range, "start": start, "last": until}
     try:
         record, status = simulate(plant, method, draws, r, experiment.n_steps, with_P=True, with_M=True, **keywords)
     except (PassedOn, Exception) as caught:
         error = caught.error if isinstance(caught, PassedOn) else caught
-        return {**common, **_ended(error, experiment, run)}
+        failure, empty = failure_of(error, experiment, run), np.zeros((0, 1))
+        signals = dict.fromkeys((*SIGNALS, COVARIANCE), empty)
+        return replayed(status=_WORDS[failure.status], failure=failure, signals=signals, metrics={}, error=error)
     whole = until is None
     code, metrics = _evaluated(experiment, record, status, start) if whole else (int(status[0]), {})
     failure = start.journal.failures.get(run)
@@ -298,8 +299,7 @@ def _simulated(
         last = last_new_sample(record.x[0, : n_steps + 1])
     signals = _signals(plant, record, last)
     steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
-    found = {"status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics, "failed_steps": steps}
-    return {**common, **found}
+    return replayed(status=_WORDS[code], failure=failure, signals=signals, metrics=metrics, failed_steps=steps)
 
 
 def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:
@@ -310,14 +310,6 @@ def _signals(plant: Plant, record: Record, last: int) -> dict[str, Array]:
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
     named[COVARIANCE] = covariances(record)
     return {name: values[0, : last + 1] for name, values in named.items()}
-
-
-def _ended(error: BaseException, experiment: Experiment, run: int) -> dict[str, Any]:
-    """Return the fields of a run whose simulation an exception has ended; it has no trace."""
-    failure = failure_of(error, experiment, run)
-    empty = {name: np.zeros((0, 1)) for name in (*SIGNALS, COVARIANCE)}
-    found = {"status": _WORDS[failure.status], "failure": failure, "signals": empty, "metrics": {}}
-    return {**found, "error": error}
 
 
 def _evaluated(

@@ -9,7 +9,7 @@ import math
 import os
 import platform
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -116,7 +116,8 @@ class ExperimentStatus:
 def read_status(directory: str | Path, *, now: datetime | None = None) -> ExperimentStatus:
     """Read how far an experiment is; any machine that sees the directory may do so.
 
-    Where both the directory and its shards have files, the newest file decides which of them are shown.
+    Where both the directory and its shards have files, the newest file decides which of them are shown; of several
+    divisions into shards, which compute the same runs, only the newest one is.
     """
     place, now = Path(directory), now or datetime.now(UTC)
     whole = read(place)
@@ -126,53 +127,42 @@ def read_status(directory: str | Path, *, now: datetime | None = None) -> Experi
     newest = max(found, key=lambda shard: _updated(found[shard]), default=None)
     if newest is None or (whole is not None and _updated(whole) >= _updated(found[newest])):
         assert whole is not None
-        return _status(place, whole, [(_shard_status("", whole, now), whole)], [])
-    absent = _absent(found, newest.total)
-    shards = [(_shard_status(shard.name, data, now), data) for shard, data in found.items()]
-    return _status(place, found[newest], shards, absent)
+        return _status(place, whole, [_shard_status("", whole, now)], [whole])
+    every = [Shard(number, newest.total) for number in range(1, newest.total + 1)]
+    files = {shard: found[shard] for shard in every if shard in found}
+    shards = [
+        _shard_status(shard.name, files[shard], now) if shard in files else _absent(shard, found[newest])
+        for shard in every
+    ]
+    return _status(place, found[newest], shards, files.values())
 
 
 def _status(
-    directory: Path,
-    first: Mapping[str, Any],
-    shards: Sequence[tuple[ShardStatus, Mapping[str, Any]]],
-    absent: Sequence[ShardStatus],
+    directory: Path, first: Mapping[str, Any], shards: Sequence[ShardStatus], files: Iterable[Mapping[str, Any]]
 ) -> ExperimentStatus:
     means: dict[tuple[str, str], RunningMean] = {}
-    for _, data in shards:
-        for each in data.get("means", []):
-            mean = RunningMean(each["n"], _float(each["mean"]), _float(each["m2"]), each["n_other"])
-            key = each["point"], each["method"]
-            means[key] = means.get(key, RunningMean()).joined(mean)
-    shown = sorted([*(shard for shard, _ in shards), *absent], key=_order)
+    for each in (each for data in files for each in data.get("means", [])):
+        mean = RunningMean(each["n"], _float(each["mean"]), _float(each["m2"]), each["n_other"])
+        key = each["point"], each["method"]
+        means[key] = means.get(key, RunningMean()).joined(mean)
     return ExperimentStatus(
         name=first["name"],
         directory=directory,
-        shards=tuple(shown),
+        shards=tuple(shards),
         metric=first["metric"],
         means=tuple((*key, mean) for key, mean in means.items()),
-        total=sum(shard.total for shard in shown),
-        done=sum(shard.done for shard in shown),
+        total=sum(shard.total for shard in shards),
+        done=sum(shard.done for shard in shards),
     )
 
 
-def _order(shard: ShardStatus) -> tuple[int, int]:
-    number, _, count = shard.name.partition("-of-")
-    return (int(count), int(number)) if count else (0, 0)
-
-
-def _absent(found: Mapping[Shard, Mapping[str, Any]], count: int) -> list[ShardStatus]:
-    """Return the shards of the newest division that have no file; others have computed the same runs before."""
-    newest = max((data for shard, data in found.items() if shard.total == count), key=_updated)
-    missing = [shard for number in range(1, count + 1) if (shard := Shard(number, count)) not in found]
+def _absent(shard: Shard, newest: Mapping[str, Any]) -> ShardStatus:
+    """Return the status of a shard without a file, as far as that of another shard of the division tells it."""
     n_runs, n_here = newest["n_runs"], newest["runs"][1] - newest["runs"][0]
     tunes = newest.get("stage", "")
     n_columns = newest["all_trials"] // n_runs if tunes else newest["total"] // max(n_here, 1)
-    runs = {shard: shard.runs(n_runs) for shard in missing}
-    return [
-        ShardStatus(shard.name, ABSENT, (each.start, each.stop), n_columns * len(each), 0, {})
-        for shard, each in runs.items()
-    ]
+    runs = shard.runs(n_runs)
+    return ShardStatus(shard.name, ABSENT, (runs.start, runs.stop), n_columns * len(runs), 0, {})
 
 
 def _shard_status(name: str, data: Mapping[str, Any], now: datetime) -> ShardStatus:
