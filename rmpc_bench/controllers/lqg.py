@@ -36,7 +36,7 @@ from jaxtyping import Float
 from rmpc_bench.controllers.limits import AntiWindup, InputLimits, bounds_of
 from rmpc_bench.controllers.lqg_law import Lqg
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.numerics.linalg import as_covariance, as_positive
 from rmpc_bench.numerics.lq_tracking import IntegralGain, integral_gain, steady_map, steady_rank
 from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model, Positive
 
@@ -89,9 +89,7 @@ def design(
         raise DesignError("needs a design model that does not depend on k; use lqr, or another model")
     constant: LinearModel = model.at(0)
     rows = np.eye(model.ny)[_tracked(outputs, model.ny)]
-    R = as_covariance(R_u, model.nu, "R_u")
-    if np.linalg.eigvalsh(R)[0] <= 0.0:
-        raise DesignError("must be positive definite", "R_u")
+    R = as_positive(R_u, model.nu, "R_u")
     n = constant.nx - model.n_disturbances
     Q, sums = _weight_of_states(Q_x, Q_y, constant.C[:, :n]), _weight_of_sums(Q_i, len(rows))
     if Q_y is not None:

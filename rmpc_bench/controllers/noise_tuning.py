@@ -35,7 +35,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.linalg import psd_sqrt
+from rmpc_bench.numerics.linalg import appended, psd_sqrt
 from rmpc_bench.numerics.minimax import fit
 from rmpc_bench.types import Array, Count, NonNegative, Positive
 
@@ -171,7 +171,7 @@ class NoiseTuning:
     ) -> Float[Array, "runs samples numbers"]:
         """Return the window with a new sample appended and the oldest removed."""
         last = np.concatenate(now if self.keys.state_rows else now[:2], axis=1)
-        return np.concatenate([window[:, 1:], last[:, None]], axis=1)
+        return appended(window, last)
 
     def penalties(
         self, k: int, window: Float[Array, "runs samples numbers"], Q_yw: Float[Array, "runs ny ny"]

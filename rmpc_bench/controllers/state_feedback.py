@@ -28,7 +28,7 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.limits import Bounds, InputLimits, bounds_of, common_limits
 from rmpc_bench.models.noise_sets import stochastic_sets
-from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
+from rmpc_bench.numerics.linalg import as_covariance, as_positive, at_sample, mv, psd_sqrt
 from rmpc_bench.numerics.lq_game import Game
 from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smallest_multipliers, window_law
 from rmpc_bench.types import (
@@ -248,15 +248,11 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     """Return the matrices of the model and the weights from k = 0 to the end of the window of k = n_steps - 1."""
     models = [_ahead(model.at, k) for k in range(n_steps + horizon - 1)]
     A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
-    weights = []
     nd = model.n_disturbances
     # A disturbance has no weight: the law takes it into account, and cannot change it.
-    for name, weight, n, padded in (("Q_x", Q_x, A.shape[1] - nd, nd), ("R_u", R_u, B.shape[2], 0)):
-        full = np.pad(as_covariance(weight, n, name), (0, padded))
-        weights.append(np.broadcast_to(full, (len(A), *full.shape)))
-    if np.linalg.eigvalsh(weights[1][0])[0] <= 0.0:
-        raise DesignError("must be positive definite", "R_u")
-    return Stages(A, B, *weights)
+    Q = np.pad(as_covariance(Q_x, A.shape[1] - nd, "Q_x"), (0, nd))
+    R = as_positive(R_u, B.shape[2], "R_u")
+    return Stages(A, B, *(np.broadcast_to(weight, (len(A), *weight.shape)) for weight in (Q, R)))
 
 
 def _ahead(what: Callable[[int], Any], k: int) -> Any:

@@ -23,7 +23,7 @@ from rmpc_bench.controllers.constrained import Rows
 from rmpc_bench.controllers.limits import bounds_of, key_of, signal_of
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.invariant_set import InvariantRows, largest_invariant
-from rmpc_bench.numerics.linalg import as_covariance, psd_sqrt
+from rmpc_bench.numerics.linalg import as_covariance, as_positive, psd_sqrt
 from rmpc_bench.numerics.stability import spectral_radius
 from rmpc_bench.numerics.zonotope import Zonotope, box, reached, robust_invariant
 from rmpc_bench.types import Array, DesignError, Matrix, Model, PlantInfo
@@ -97,12 +97,7 @@ def feedback(A: Float[Array, "nx nx"], B: Float[Array, "nx nu"], Q_x: Matrix, R_
     """Solve the Riccati equation of the infinite horizon, for inputs that reach all unstable modes."""
     from scipy.linalg import solve_discrete_are
 
-    weights = []
-    for name, weight, n in (("Q_x", Q_x, len(A)), ("R_u", R_u, B.shape[1])):
-        weights.append(as_covariance(weight, n, name))
-    Q, R = weights
-    if np.linalg.eigvalsh(R)[0] <= 0.0:
-        raise DesignError("must be positive definite", "R_u")
+    Q, R = as_covariance(Q_x, len(A), "Q_x"), as_positive(R_u, B.shape[1], "R_u")
     _require_stabilisable(A, B)
     unobserved = "does not weigh every state: the cost must grow with each of them, at once or later"
     try:
@@ -212,12 +207,9 @@ class TubeDesign:
         """Whether s is an unknown; otherwise it is x."""
         return self.tightening == "tube"
 
-    def nominal(self, j: int) -> tuple[Float[Array, "nx unknowns"], Float[Array, "nx nx"]]:
-        """Return what V and what x contribute to z(j)."""
-        return self._nominal[j]
-
     @cached_property
-    def _nominal(self) -> list[tuple[Array, Array]]:
+    def nominal(self) -> list[tuple[Float[Array, "nx unknowns"], Float[Array, "nx nx"]]]:
+        """What V and what x contribute to z(j), j = 0..N."""
         nx, nu = self.B.shape
         first = nx if self.free_start else 0
         of_V, of_x = np.zeros((nx, first + self.horizon * nu)), np.zeros((nx, nx))
@@ -250,13 +242,13 @@ class TubeDesign:
                 "tightening",
             )
         normals, bounds = self.Z.facets()
-        return [_hard(-normals @ self.nominal(0)[0], normals, -bounds, bounds)]
+        return [_hard(-normals @ self.nominal[0][0], normals, -bounds, bounds)]
 
     def _stage_rows(self) -> list[Rows]:
         """Tightened limits of steps 0 to N - 1."""
         found = []
         for j in range(self.horizon):
-            of_V, of_x = self.nominal(j)
+            of_V, of_x = self.nominal[j]
             free = self.kept_free(j)
             # No input acts on x(k).
             acts = self.limits.H_u.any(axis=1) | (j > 0 or self.free_start)
@@ -266,7 +258,7 @@ class TubeDesign:
         return found
 
     def _terminal_rows(self) -> Rows:
-        of_V, of_x = self.nominal(self.horizon)
+        of_V, of_x = self.nominal[-1]
         H, b, _ = self.terminal
         return _hard(H @ of_V, H @ of_x, np.full(len(b), -np.inf), b)
 

@@ -147,7 +147,7 @@ class TubeMpc(Controller):
         squares = np.einsum("ri,ri->r", V, V)
         if not self.plan.free_start:
             return {"V": squares + np.einsum("ri,ri->r", mv(P, x), x)}
-        return {"V": squares, "s_0": mv(self.plan.nominal(0)[0][:, :nx], V[:, :nx]) + self.point.x}
+        return {"V": squares, "s_0": mv(self.plan.nominal[0][0][:, :nx], V[:, :nx]) + self.point.x}
 
     def series(self) -> Mapping[str, Array]:
         """Gain of the feedback, u = -L_u x + c_0."""

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.models.flow import Flow, flow_of
 from rmpc_bench.numerics.intervals import Interval
-from rmpc_bench.numerics.linalg import check_time, innovation, mv
+from rmpc_bench.numerics.linalg import check_time, has_root, innovation, mv
 from rmpc_bench.numerics.moment_transform import MomentRule, covariance_root
 from rmpc_bench.numerics.riccati import predicted_root
 from rmpc_bench.numerics.square_root import conditional, covariance_of, joint_root, lower_root, root_of, without_missing
@@ -184,9 +184,6 @@ def gaussian_filter(
 ) -> GaussianFilter:
     """Return the filter of a design model with a rule for the moments."""
     flow = flow_of(model)
-    try:
-        for k in range(n_steps + 1 if model.varies else 1):
-            np.linalg.cholesky(flow.R_v_at(k))
-    except np.linalg.LinAlgError:
-        raise DesignError("R_v is singular: the filter needs measurement noise on every output", "") from None
+    if not all(has_root(flow.R_v_at(k)) for k in range(n_steps + 1 if model.varies else 1)):
+        raise DesignError("R_v is singular: the filter needs measurement noise on every output", "")
     return GaussianFilter(flow, rule, *flow.start(x0, P0), model.nx, use_y0, flow.limits)

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
@@ -39,7 +39,7 @@ from rmpc_bench.estimators.gain_schedule import (
     uncorrelated,
 )
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_matrix, nearly_equal
+from rmpc_bench.numerics.linalg import as_matrix, has_root, nearly_equal
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
@@ -78,14 +78,10 @@ class Recursion:
 
     def run(self, theta: float) -> tuple[list[Period], list[Array]]:
         """Return the periods up to the first one that violates the condition, and the roots of P_pred of all."""
-        periods, roots, constant = (
-            list[Period](),
-            [root_of(self.P0)],
-            all(each is self.models[0] for each in self.models),
-        )
+        periods, roots = list[Period](), [root_of(self.P0)]
         for k, now in enumerate(self.models):
             # The recursion of a constant model stays where it has become steady.
-            if constant and k > 1 and nearly_equal(covariance_of(roots[-2]), covariance_of(roots[-1]), _STEADY):
+            if self._constant and k > 1 and nearly_equal(covariance_of(roots[-2]), covariance_of(roots[-1]), _STEADY):
                 left = len(self.models) - k
                 periods, roots = periods + periods[-1:] * left, roots + roots[-1:] * left
                 break
@@ -122,7 +118,11 @@ class Recursion:
 
         Designs with other fractions of it share it, as it takes most of the time of a design.
         """
-        return _bound(self._content, self) if all(each is self.models[0] for each in self.models) else self._theta_max()
+        return _bound(self._content, self) if self._constant else self._theta_max()
+
+    @cached_property
+    def _constant(self) -> bool:
+        return all(each is self.models[0] for each in self.models)
 
     @property
     def _content(self) -> tuple[object, ...]:
@@ -197,7 +197,9 @@ def design(
         If not exactly one of theta, gamma and fraction is given, R_v is singular, or theta is not below theta_max.
     """
     models = uncorrelated(model, n_steps)
-    _refuse_singular_noise(models)
+    for k, now in enumerate(models):
+        if not (k and now is models[k - 1]) and not has_root(now.R_v):
+            raise DesignError(f"R_v is singular at k = {k}: its inverse weighs the measurement noise")
     recursion = Recursion(models, P0, as_matrix(weight, model.nx, "weight"), form, use_y0)
     chosen, remarks = _theta(recursion, theta, gamma, fraction)
     periods, roots = recursion.run(chosen)
@@ -234,13 +236,3 @@ def _violated(recursion: Recursion, theta: float, k: int, key: str) -> DesignErr
     wanted = f"gamma > {bound**-0.5:.6g}" if key == "gamma" else "a smaller theta"
     text = f"{matrix} > theta W is violated at k = {k}: theta = {theta:.6g}, theta_max = {bound:.6g} for all k"
     return DesignError(f"{text}; choose {wanted} or fraction: 0.9", key)
-
-
-def _refuse_singular_noise(models: Sequence[LinearModel]) -> None:
-    for k, now in enumerate(models):
-        if k and now is models[k - 1]:
-            continue
-        try:
-            np.linalg.cholesky(now.R_v)
-        except np.linalg.LinAlgError:
-            raise DesignError(f"R_v is singular at k = {k}: its inverse weighs the measurement noise") from None

@@ -34,7 +34,7 @@ from rmpc_bench.estimators.gain_schedule import (
 )
 from rmpc_bench.models.noise_sets import NoiseKind, stochastic_sets, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import check_signal, driven, innovation, mv, symmetrise
+from rmpc_bench.numerics.linalg import check_signal, driven, has_root, innovation, mv, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, predicted_root
 from rmpc_bench.numerics.square_root import corrected, covariance_of, root_of
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
@@ -175,10 +175,8 @@ def _relinearised(
     for name, value, wanted in (("form", form, "filter"), ("noise", noise, "nominal")):
         if value != wanted:
             raise DesignError(f"{value} is not available for a state-dependent model; choose {wanted}", name)
-    try:
-        np.linalg.cholesky([model.R_v_at(k) for k in range(n_steps + 1)])
-    except np.linalg.LinAlgError:
-        raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "") from None
+    if not has_root(np.array([model.R_v_at(k) for k in range(n_steps + 1)])):
+        raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "")
     return (TrajectoryFilter if model.has_offsets else RelinearisedFilter)(model, x0, P0, use_y0)
 
 

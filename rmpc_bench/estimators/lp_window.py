@@ -32,7 +32,7 @@ from jaxtyping import Float, Int
 from rmpc_bench.estimators.gain_schedule import over_time
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
 from rmpc_bench.numerics.bounded_window import PROCESS, MeasurementWindow, WindowFits, fit_anchored, fit_free
-from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv
+from rmpc_bench.numerics.linalg import appended, at_sample, check_signal, driven, mv
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Positive, Status
 
 EQUATION = r"""\min \sum_i \rho_i +
@@ -89,7 +89,7 @@ class LpWindow(Estimator):
         """Use y(k): solve LP1."""
         check_signal("y", y, len(state.x_pred), self.C.shape[1])
         y = y - at_sample(self.d, k)
-        state = state._replace(y=_pushed(state.y, y))
+        state = state._replace(y=appended(state.y, y))
         points = min(k, self.Ne) + 1 if self.start == "free" else min(k, self.Ne + 1)
         enough = k > 0 and points >= self.least + 1
         fits = self._fit(k, state, points) if enough else _nothing(state)
@@ -108,7 +108,7 @@ class LpWindow(Estimator):
         c = driven(pair.B, u)
         if not self._depends:
             c = c + self.model.at(k).f0
-        moved = (_pushed(state.A, pair.A), _pushed(state.c, c), _pushed(state.before, state.x_hat))
+        moved = (appended(state.A, pair.A), appended(state.c, c), appended(state.before, state.x_hat))
         return WindowState(mv(pair.A, state.x_hat) + c, state.x_hat, state.y, *moved, state.missed)
 
     def warm_up(self) -> None:
@@ -154,11 +154,6 @@ class LpWindow(Estimator):
         e = state.y[:, -1] - mv(at_sample(self.C, k), state.x_pred)
         x = state.x_pred + 0.5 * mv(at_sample(self._inverse, k), e)
         return np.where(np.isfinite(x).all(axis=1, keepdims=True), x, state.x_pred)
-
-
-def _pushed(window: Array, newest: Array) -> Array:
-    """Return the window (runs, places, ..) with the newest entry appended and the oldest removed."""
-    return np.concatenate([window[:, 1:], newest[:, None]], axis=1)
 
 
 def _nothing(state: WindowState) -> WindowFits:

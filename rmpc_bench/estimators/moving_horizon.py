@@ -37,7 +37,7 @@ from rmpc_bench.models.model_series import ModelSeries, model_series, window_bou
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs
-from rmpc_bench.numerics.linalg import at_sample, check_signal, driven, mv, nearly_equal
+from rmpc_bench.numerics.linalg import appended, at_sample, check_signal, driven, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import covariance_of, without_missing
@@ -130,7 +130,7 @@ class MovingHorizon(Estimator):
         check_signal("y", y, len(state.x_hat), self.model.C.shape[1])
         y = y - at_sample(self.model.d0, k)
         own = state.own | np.isnan(y).any(axis=1)
-        state = state._replace(y=np.concatenate([state.y, y[:, None]], axis=1), own=own)
+        state = state._replace(y=appended(state.y, y, 0), own=own)
         fit = self._fit(k, self.programs[k], state)
         P: Array = at_sample(self._P, k)
         if own.any():
@@ -151,10 +151,10 @@ class MovingHorizon(Estimator):
         root = np.where(state.own[:, None, None], state.root_next, common)
         begin = max(state.c.shape[1] + 1 - self.window, 0)
         after = state._replace(
-            x_pred=_appended(state.x_pred, x_pred, begin),
-            c=_appended(state.c, c, begin),
+            x_pred=appended(state.x_pred, x_pred, begin),
+            c=appended(state.c, c, begin),
             y=state.y[:, begin:],
-            roots=_appended(state.roots, root, begin),
+            roots=appended(state.roots, root, begin),
         )
         return after._replace(own=after.own & ~self._settled(k + 1, after)) if after.own.any() else after
 
@@ -242,11 +242,6 @@ class MovingHorizon(Estimator):
                     program = replace(program, filter_map=self.model.filter_map(program.L))
                 made_for = first
             yield program
-
-
-def _appended(window: Array, newest: Array, begin: int) -> Array:
-    """Return the window (runs, places, ..) from a place on with the newest entry appended."""
-    return np.concatenate([window[:, begin:], newest[:, None]], axis=1)
 
 
 def design(

@@ -31,6 +31,7 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gaussian_filter import OVERHEAD, GaussianFilter, GaussianState, gaussian_filter
 from rmpc_bench.models.flow import Flow
 from rmpc_bench.numerics.intervals import Interval, Pairs, interval_of
+from rmpc_bench.numerics.linalg import appended, has_root
 from rmpc_bench.numerics.moment_transform import CentralDifferences
 from rmpc_bench.numerics.nonlinear_window import WindowMaps, Windows, WindowSolver
 from rmpc_bench.numerics.square_root import covariance_of
@@ -102,7 +103,7 @@ class NonlinearMovingHorizon(Estimator):
         count = np.zeros(len(newest), dtype=int)
         _, predicted = self.filter.correct(k, GaussianState(state.x_bar[:, -1], newest, count), y, *u)
         used = y if k > 0 or self.filter.use_y0 else np.full_like(y, np.nan)
-        state = state._replace(y=np.concatenate([state.y, used[:, None]], axis=1))
+        state = state._replace(y=appended(state.y, used, 0))
         first, defined = k + 1 - state.x.shape[1], np.asarray(np.isfinite(state.root).all(axis=(1, 2, 3)))
         root = np.where(defined[:, None, None, None], state.root, np.eye(newest.shape[1]))
         inputs = np.concatenate([state.u, *(each[:, None] for each in u)], axis=1)
@@ -124,14 +125,10 @@ class NonlinearMovingHorizon(Estimator):
         x_hat, count = state.x[:, -1], np.zeros(len(u), dtype=int)
         x_bar, root, _ = self.filter.predict(k, GaussianState(x_hat, state.after, count), u)
         begin = max(state.x.shape[1] - self.window, 0)
-
-        def shifted(old: Array, new: Array) -> Array:
-            return np.concatenate([old[:, begin:], new[:, None]], axis=1)
-
         # Where f is not defined at the estimate, the state is held.
-        x = shifted(state.x, np.where(np.isfinite(x_bar).all(axis=1, keepdims=True), x_bar, x_hat))
-        x_bar, root = shifted(state.x_bar, x_bar), shifted(state.root, root)
-        return WindowState(x, x_bar, root, shifted(state.u, u), state.y[:, begin:], state.after)
+        x = appended(state.x, np.where(np.isfinite(x_bar).all(axis=1, keepdims=True), x_bar, x_hat), begin)
+        x_bar, root = appended(state.x_bar, x_bar, begin), appended(state.root, root, begin)
+        return WindowState(x, x_bar, root, appended(state.u, u, begin), state.y[:, begin:], state.after)
 
     def _data(self, first: int, k: int, state: WindowState) -> Windows:
         """Return the data of the window first..k."""
@@ -213,9 +210,10 @@ def design(
     """
     made = gaussian_filter(model, CentralDifferences(), n_steps, x0, P0, use_y0=use_y0)
     flow, n = made.flow, len(made.x_start)
-    for k in range(n_steps if flow.varies else 1):
-        _refuse_singular(flow.Q_w_at(k), "Q_w is singular: give every state process noise")
-    _refuse_singular(made.P_start, "P is singular: give every initial state a variance, initial.P")
+    if not all(has_root(flow.Q_w_at(k)) for k in range(n_steps if flow.varies else 1)):
+        raise DesignError("Q_w is singular: give every state process noise")
+    if not has_root(made.P_start):
+        raise DesignError("P is singular: give every initial state a variance, initial.P")
     limits = flow.limits
     if x is not None:
         given, none = interval_of(x, model.nx, "x", required=False), np.full(n - model.nx, np.inf)
@@ -223,10 +221,3 @@ def design(
         limits = found if found.bounded.any() else None
     made = replace(made, limits=limits)
     return NonlinearMovingHorizon(made, model.nu, window, WindowSolver(limits, tolerance, iterations))
-
-
-def _refuse_singular(P: Array, text: str) -> None:
-    try:
-        np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        raise DesignError(text) from None

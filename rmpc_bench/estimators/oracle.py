@@ -73,13 +73,10 @@ class Oracle(Estimator):
         check_time(k, state.F_x.shape[1])
         check_signal("y", y, *state.e.shape)
         m, x_pred, root = self.system.at(k), state.x_pred, state.root
-        A, C = _sum(m.A, m.H_A, state.F_x[:, k], m.G_x), _sum(m.C, m.H_C, state.F_x[:, k], m.G_x)
-        B = np.concatenate(
-            [_sum(m.Bw, m.H_Bw, state.F_w[:, k], m.G_w), _sum(m.Bv, m.H_Bv, state.F_v[:, k], m.G_v)], axis=2
-        )
-        D = np.concatenate(
-            [_sum(m.Dw, m.H_Dw, state.F_w[:, k], m.G_w), _sum(m.Dv, m.H_Dv, state.F_v[:, k], m.G_v)], axis=2
-        )
+        F_x, F_w, F_v = (each[:, k] for each in (state.F_x, state.F_w, state.F_v))
+        A, C = _sum(m.A, m.H_A, F_x, m.G_x), _sum(m.C, m.H_C, F_x, m.G_x)
+        B = np.concatenate([_sum(m.Bw, m.H_Bw, F_w, m.G_w), _sum(m.Bv, m.H_Bv, F_v, m.G_v)], axis=2)
+        D = np.concatenate([_sum(m.Dw, m.H_Dw, F_w, m.G_w), _sum(m.Dv, m.H_Dv, F_v, m.G_v)], axis=2)
         mean, joint = self.model.noise
         missing = np.isnan(y)
         # An output that is missing becomes one that depends on nothing.

@@ -39,6 +39,11 @@ def congruence(
     return np.einsum(f"rik,{shape.replace('i', 'l').replace('j', 'k')}->ril", half, A)
 
 
+def appended(window: Array, newest: Array, begin: int = 1) -> Array:
+    """Return a window (runs, places, ..) from a place on, with the newest entry as the last one."""
+    return np.concatenate([window[:, begin:], newest[:, None]], axis=1)
+
+
 def as_compiled(array: Array) -> Array:
     """Return an array of the one kind that kernels are compiled for: of doubles, contiguous and writable."""
     # `np.require` takes ten times as long for an array that is of this kind already.
@@ -127,6 +132,23 @@ def as_covariance(value: Matrix | Array, n: int, parameter: str = "") -> Float[A
     if smallest < -1e-12 * scale:  # rounding of eigvalsh is about n * 1e-16 * scale
         raise DesignError(f"must be positive semidefinite (smallest eigenvalue {smallest:.6g})", parameter)
     return M
+
+
+def as_positive(value: Matrix | Array, n: int, parameter: str = "") -> Float[Array, "n n"]:
+    """Expand as in `as_covariance` and check that the result is positive definite."""
+    M = as_covariance(value, n, parameter)
+    if np.linalg.eigvalsh(M)[0] <= 0.0:
+        raise DesignError("must be positive definite", parameter)
+    return M
+
+
+def has_root(P: Float[Array, "*k n n"]) -> bool:
+    """Whether a covariance, or every one of a stack, has a Cholesky factor: it is not singular."""
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def is_possible(S: Float[Array, "n m"], Q: Float[Array, "n n"], R: Float[Array, "m m"]) -> bool:
