@@ -19,7 +19,7 @@ from rmpc_bench.config.stop import EVERY
 from rmpc_bench.engines.tasks import Task
 from rmpc_bench.execution.missing import pending
 from rmpc_bench.results.record import StoredExperiment, note_looks, planned_looks, read_experiment, stop_of
-from rmpc_bench.results.tables import stored_trials
+from rmpc_bench.results.tables import StoredTables
 from rmpc_bench.store.store import Store
 
 NAMED = 3
@@ -86,7 +86,7 @@ class Stopping:
 
     def _open_claims(self, experiment: StoredExperiment) -> list[str]:
         """Name the claims that are inconclusive."""
-        trials = stored_trials(experiment, self._store).common
+        trials = StoredTables(experiment, self._store).trials().common
         verdicts = [judge(claim, trials) for claim in experiment.claims if claim.is_testable]
         return [f"inconclusive: {each.claim.says}" for each in verdicts if each.finding is Finding.INCONCLUSIVE]
 
@@ -96,7 +96,7 @@ class Stopping:
         from rmpc_bench.analysis.resolution import half_widths
 
         # Earlier published verdicts widen the intervals of a report, not those of the rule.
-        table = replace(stored_trials(_of_primary(experiment), self._store).common, look=1)
+        table = replace(StoredTables(_of_primary(experiment), self._store).trials().common, look=1)
         table = replace(table, points=tuple(replace(point, look=1) for point in table.points))
         wide = sorted((each for each in half_widths(table) if each.value > resolve), key=lambda each: -each.value)
         texts = [

@@ -220,7 +220,7 @@ class PackedFiles:
         file = self._directory / TIMINGS
         try:
             timings = dict(read_rows(file).items()) if file.is_file() else {}
-            trials = with_timings(results.stored, timings) if n_rows(timings) else results.stored
+            trials = with_timings(results.stored, timings)
         except (ValueError, KeyError, TypeError) as error:
             raise ArchiveError(f"{self._path}: {TIMINGS} cannot be read ({error})") from None
         return replace(results, durations=timings, stored=trials)

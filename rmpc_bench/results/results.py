@@ -18,7 +18,7 @@ from rmpc_bench.config.own_code import check_copies
 from rmpc_bench.received.store import FILE, MissingError, decoded
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.results.record import StoredExperiment, read_experiment
-from rmpc_bench.results.tables import n_complete, other_code, stored_trials, timings, uncertainty
+from rmpc_bench.results.tables import StoredTables, with_timings
 from rmpc_bench.results.tuning import tuning_of
 from rmpc_bench.store.store import Store
 from rmpc_bench.types.errors import check_arguments
@@ -173,15 +173,16 @@ def read_results(directory: str | Path) -> Results:
     check_copies(place)
     with Store(place, writable=False) as store, decoded(place):
         experiment = read_experiment(store)
-        tuning, quantities = tuning_of(experiment, place), dict[str, Columns]()
+        tuning, tables = tuning_of(experiment, place), StoredTables(experiment, store)
+        durations = tables.timings()
         return Results(
             experiment=experiment,
             directory=place,
-            stored=stored_trials(experiment, store, quantities).with_tuning(tuning),
-            quantities=uncertainty(experiment, store, quantities),
-            n_complete=n_complete(experiment, store),
-            durations=timings(experiment, store),
-            other_code=other_code(experiment, store),
+            stored=with_timings(tables.trials().with_tuning(tuning), durations),
+            quantities=tables.uncertainty(),
+            n_complete=tables.n_complete(),
+            durations=durations,
+            other_code=tables.other_code,
             tuning=tuning,
         )
 

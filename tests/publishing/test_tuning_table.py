@@ -10,7 +10,7 @@ from tuned_searches import constant, search, tuning
 from rmpc_bench import load_results, publish
 from rmpc_bench.publishing.pages import _as_computed
 from rmpc_bench.publishing.publish import tuning as tuning_report
-from rmpc_bench.results.tables import stored_trials
+from rmpc_bench.results.tables import StoredTables
 
 N_RUNS = 3
 
@@ -49,7 +49,7 @@ def test_the_words_are_those_of_the_stored_experiment(results):
 
     other = replace(results.experiment, parameters={"S-MPC": "as published"})
     with Store(results.directory, writable=False) as store:
-        assert stored_trials(other, store).parameters == {"S-MPC": "as published", "R-MPC": "default"}
+        assert StoredTables(other, store).trials().parameters == {"S-MPC": "as published", "R-MPC": "default"}
 
 
 def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
