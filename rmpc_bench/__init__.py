@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from rmpc_bench.models.linear import LinearModel as LinearModel
     from rmpc_bench.packing.pack import pack as pack
     from rmpc_bench.packing.verify import verify as verify
+    from rmpc_bench.publishing.figure_files import figure as figure
     from rmpc_bench.publishing.publish import publish as publish
     from rmpc_bench.publishing.publish import tuning as tuning
     from rmpc_bench.results.compare import compare_improvements as compare_improvements
     from rmpc_bench.results.compare import compare_results as compare_results
     from rmpc_bench.results.evaluate import compare as compare
     from rmpc_bench.results.evaluate import drivers as drivers
-    from rmpc_bench.results.evaluate import figure as figure
     from rmpc_bench.results.evaluate import judge as judge
     from rmpc_bench.results.evaluate import ranks as ranks
     from rmpc_bench.results.evaluate import requirements as requirements
@@ -72,9 +72,10 @@ _MODULES = {
     "rmpc_bench.models.linear": "LinearModel",
     "rmpc_bench.packing.pack": "pack",
     "rmpc_bench.packing.verify": "verify",
+    "rmpc_bench.publishing.figure_files": "figure",
     "rmpc_bench.publishing.publish": "publish tuning",
     "rmpc_bench.results.compare": "compare_improvements compare_results",
-    "rmpc_bench.results.evaluate": "compare drivers figure judge ranks requirements summarise",
+    "rmpc_bench.results.evaluate": "compare drivers judge ranks requirements summarise",
     "rmpc_bench.results.results": "Results load_results load_trials",
     "rmpc_bench.simulation.closed_loop": "simulate",
     "rmpc_bench.simulation.scenario": "Experiment Scenario",

@@ -133,7 +133,7 @@ MAY_IMPORT = {
         "simulation",
         "types",
     },
-    # What a directory of results holds.  A claim is judged and a figure drawn from it.
+    # What a directory of results holds.  A claim is judged from it.
     "results": {
         "installed",  # versions of libraries
         "store",
@@ -144,7 +144,6 @@ MAY_IMPORT = {
         "simulation",
         "analysis",
         "claims",
-        "figures",
         "report",
         "replaced_file",
         "received",

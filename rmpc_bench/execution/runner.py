@@ -25,7 +25,7 @@ from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.received.store import FILE, WriteError
 from rmpc_bench.replaced_file import inside, refuse_outside, replace_text, replaced
 from rmpc_bench.results.imported import refuse_imported
-from rmpc_bench.results.manifest import Session
+from rmpc_bench.results.manifest import session
 from rmpc_bench.results.other_code import check_versions, note_versions, rows_of_other_code, stored_methods
 from rmpc_bench.results.record import added_methods
 from rmpc_bench.results.running import add_done, add_stored, running_comparison
@@ -69,7 +69,7 @@ def compute(
         tasks = pending(config, store, methods, runs, also) if stopping is None else stopping.tasks()
         if tasks or shared_of(config.points):
             config, trials = separated(config, methods, progress, first)
-        with Session(place, config, config.overrides, progress.say):
+        with session(place, config, config.overrides, progress.say):
             _say_other_code(config, store, methods, progress)
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)

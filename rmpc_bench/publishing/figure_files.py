@@ -1,4 +1,4 @@
-"""The figures of an experiment as files; those of a user are drawn by `run` only, which loads their code."""
+"""Figures of stored results, alone and as files; `run` alone draws those of a user, whose code it loads."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.components.designs import figure_names, is_built_in, replacement_of
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.components.reference import CodeError
-from rmpc_bench.config_file.tree import FILE
-from rmpc_bench.figures.files import page_svg, save, thin_lines
-from rmpc_bench.figures.style import Rendering, rendered
+from rmpc_bench.config.report import ReportKeys
+from rmpc_bench.config_file.component import Component, read_component
+from rmpc_bench.config_file.tree import FILE, Map, Mark
+from rmpc_bench.figures.files import FigureResult, page_svg, save, thin_lines
+from rmpc_bench.figures.style import Place, Rendering, rendered
 from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.publishing.table_files import write_caption
-from rmpc_bench.results.evaluate import figure_component, figure_of
 from rmpc_bench.results.results import Results
-from rmpc_bench.types import DesignError, Figure
+from rmpc_bench.types import DesignError, Figure, Problem
+from rmpc_bench.types.errors import check_arguments
 
 PRINTED = ("pdf", "pgf")  # formats for papers
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
@@ -106,10 +109,102 @@ def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> 
 
 def _drawn(made: Figure, results: Results, stem: Path, rendering: Rendering) -> tuple[Any, str, list[Path]]:
     """Draw a figure, and write it in the formats of a rendering; return picture, caption and files."""
+    picture = _picture(made, results, rendering)
+    with rendered(rendering):
+        return picture, str(made.caption(results.plotted)), save(picture, stem.parent, stem.name, rendering)
+
+
+def _picture(made: Figure, results: Results, rendering: Rendering) -> Any:
+    """Draw a figure whose keys are validated."""
     with rendered(rendering):
         picture = made.draw(results.plotted)
-        if not hasattr(picture, "savefig"):
+        if rendering.place is None and not hasattr(picture, "savefig"):
             raise DesignError(f"draw returned {type(picture).__name__}, not a figure of matplotlib")
         if rendering.style == "paper":
             thin_lines(picture)
-        return picture, str(made.caption(results.plotted)), save(picture, stem.parent, stem.name, rendering)
+        return picture
+
+
+def figure(
+    results: Results, kind: str, *, ax: Any = None, rendering: Rendering | None = None, **keys: Any
+) -> FigureResult:
+    """Draw a figure from stored results.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+    kind : kind of the figure, such as ``boxplot``; see ``rmpc-bench list figures``
+    ax : where to draw in a picture of yours: an Axes for a figure with one panel, a SubFigure for any other
+    rendering : font, style and width; the usual ones unless given
+    keys : keys of the figure as in a configuration; ``from_`` stands for ``from``, and `width` may be a text, ``252pt``
+
+    Returns
+    -------
+    the figure, with `axes` and `save(path)`
+
+    Raises
+    ------
+    DesignError
+        If the kind or a key is unknown, or the results do not hold what the figure shows.
+
+    Examples
+    --------
+    >>> import rmpc_bench
+    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
+    >>> picture = figure(results, "boxplot", metric="settling_time", width=3.5)
+    >>> picture.save(results.directory / "settling_time.svg").name
+    'settling_time.svg'
+    """
+    check_arguments(figure, locals())
+    if ax is not None:
+        place = Place(ax)
+        rendering = replace(rendering or Rendering(), place=place)
+        keys = {"width": max(1.0, place.get_figwidth()), **keys}
+    if isinstance(keys.get("width"), str):
+        keys["width"] = ReportKeys(width=keys["width"]).width_in
+    rendering = rendering or Rendering()
+    component = figure_component({"kind": kind, **{key.rstrip("_"): keys[key] for key in keys}})
+    picture = _picture(figure_of(results, component, rendering), results, rendering)
+    return FigureResult(rendering.place.root if rendering.place else picture, rendering)
+
+
+def figure_component(keys: Mapping[str, Any]) -> Component:
+    """Validate the keys of a figure, as in a configuration; a wrong one is a `DesignError`."""
+    problems: list[Problem] = []
+    mark = Mark("", 1, 1)
+    component = read_component("figures", Map(keys, mark=mark), [], problems, mark=mark)
+    if component is None:
+        raise _error_of(problems)
+    return component
+
+
+def figure_of(results: Results, component: Component, rendering: Rendering) -> Figure:
+    """Build a figure whose keys are validated, with what the section `report` says of all figures.
+
+    A metric that is not named is the first of the report, else the primary one.  The methods of the report are shown
+    in its order, those of them that the figure itself names, or can show.
+    """
+    problems: list[Problem] = []
+    made: Figure | None = component.build(problems)
+    if made is None:
+        raise _error_of(problems)
+    report = results.experiment.report
+    shown = (report.metrics or [results.experiment.primary])[0]
+    keys: dict[str, Any] = {key: shown for key in made.metric_keys if getattr(made, key) is None}
+    if rendering.width is not None:
+        keys["width"] = rendering.width
+    made = replace(made, **keys)
+    return replace(made, order=_order(results, made, report.order)) if report.order else made
+
+
+def _order(results: Results, made: Figure, order: Sequence[str]) -> list[str] | None:
+    """Return the methods of the report that a figure names, or can show; its own ones where none is left."""
+    if made.order is not None:
+        return [name for name in order if name in made.order] or made.order
+    layout = layout_of(results.plotted)
+    shown = [name for name in order if not any(i.key == "order" for i in replace(made, order=[name]).check(layout))]
+    return shown or None
+
+
+def _error_of(problems: Sequence[Problem]) -> DesignError:
+    return DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))

@@ -14,8 +14,6 @@ from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.claims.record import ClaimsRecord, ExperimentRecord, claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.config.methods import method_differences, short_value
-from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.yaml import load
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
@@ -35,8 +33,7 @@ from rmpc_bench.report.screen import WIDTH, Screen
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.results.manifest import read, relative_to_cwd
-from rmpc_bench.results.results import Results
-from rmpc_bench.types import ConfigError
+from rmpc_bench.results.results import Results, resolved_keys
 from rmpc_bench.types.tuning import Tuning
 
 
@@ -114,7 +111,6 @@ class Publication:
 
 
 PAGE = "report.html"
-CONFIGURATION = "config.resolved.yaml"
 SHARED = {
     "time": "Time",
     "plant": "Plant",
@@ -134,7 +130,7 @@ def write_page(
     """Write report.html and report.md beside the files that are written already."""
     results, directory = published.results, published.directory
     more = more_figures(results, _wanted(results, published.figures), rendering)
-    configuration = _configuration(results.directory)
+    configuration = resolved_keys(results.directory)
     methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
     source = PageSource(
@@ -212,21 +208,6 @@ def place_of(directory: Path) -> str:
     parts = directory.resolve().parts
     where = max((number for number, part in enumerate(parts) if part == "results"), default=len(parts) - 1)
     return "/".join(parts[where:])
-
-
-def _configuration(directory: Path) -> Mapping[str, Any]:
-    """Return the configuration with every default; empty if it is not there.
-
-    A symbolic link in a directory of somebody else could lead to a private file.
-    """
-    file = directory / CONFIGURATION
-    if file.is_symlink():
-        return {}
-    try:
-        data = plain(load(file))
-        return data if isinstance(data, dict) else {}
-    except (ConfigError, OSError):
-        return {}
 
 
 def _as_computed(methods: Mapping[str, Any], tuning: Tuning | None) -> dict[str, Any]:

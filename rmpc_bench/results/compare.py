@@ -17,16 +17,13 @@ from rmpc_bench.analysis.result_rows import result_table
 from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.analysis.trial_differences import common_points, trial_differences
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.config_file.tree import plain
-from rmpc_bench.config_file.yaml import load
 from rmpc_bench.report.results_text import Beside, FindingDifference, ImprovementComparison, ResultsComparison, Setting
 from rmpc_bench.results import manifest
 from rmpc_bench.results.evaluate import judge
-from rmpc_bench.results.results import Results
+from rmpc_bench.results.results import Results, resolved_keys
 from rmpc_bench.store.store import Store
-from rmpc_bench.types import ConfigError, DesignError, MetricInfo
+from rmpc_bench.types import DesignError, MetricInfo
 from rmpc_bench.types.errors import check_arguments, unknown
-from rmpc_bench.types.result_layout import RESOLVED
 
 SECTIONS = ("methods", "metrics", "statistics")
 """Sections of the resolved configuration that the experiment hash does not cover."""
@@ -128,11 +125,10 @@ def _shared(directory: Path) -> dict[str, Any]:
 
 def _resolved(directory: Path) -> dict[str, Any]:
     """Read sections of the resolved configuration; nothing where the file is missing."""
-    try:
-        tree = plain(load(directory / RESOLVED))
-    except ConfigError:
+    tree = resolved_keys(directory)
+    if not tree:
         return {}
-    found = {key: tree[key] for key in SECTIONS if isinstance(tree, dict) and key in tree}
+    found = {key: tree[key] for key in SECTIONS if key in tree}
     metrics = found.get("metrics", [])
     found["metrics"] = {str(each.get("name", each.get("kind"))): each for each in metrics if isinstance(each, dict)}
     return found

@@ -1,27 +1,18 @@
-"""Functions of results: summaries, comparisons, findings of claims and figures, without simulation."""
+"""Functions of results: summaries, comparisons and findings of claims, without simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config.report import ReportKeys
-from rmpc_bench.config_file.component import Component, read_component
-from rmpc_bench.config_file.tree import Map, Mark
-from rmpc_bench.figures.files import FigureResult, thin_lines
-from rmpc_bench.figures.style import Place, Rendering, rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.run_tables import DriversTable, RequirementsTable, drivers_table, requirements_table
 from rmpc_bench.results.results import Results, load_results
-from rmpc_bench.types import DesignError, Figure, Problem
 from rmpc_bench.types.errors import check_arguments
 
 
@@ -184,95 +175,3 @@ def judge(results: Results) -> tuple[ClaimVerdict, ...]:
     """
     check_arguments(judge, locals())
     return tuple(verdict.judge(claim, results.trials) for claim in results.experiment.claims)
-
-
-def figure(
-    results: Results, kind: str, *, ax: Any = None, rendering: Rendering | None = None, **keys: Any
-) -> FigureResult:
-    """Draw a figure from stored results.
-
-    Parameters
-    ----------
-    results : from `run` or `load_results`
-    kind : kind of the figure, such as ``boxplot``; see ``rmpc-bench list figures``
-    ax : where to draw in a picture of yours: an Axes for a figure with one panel, a SubFigure for any other
-    rendering : font, style and width; the usual ones unless given
-    keys : keys of the figure as in a configuration; ``from_`` stands for ``from``, and `width` may be a text, ``252pt``
-
-    Returns
-    -------
-    the figure, with `axes` and `save(path)`
-
-    Raises
-    ------
-    DesignError
-        If the kind or a key is unknown, or the results do not hold what the figure shows.
-
-    Examples
-    --------
-    >>> import rmpc_bench
-    >>> results = rmpc_bench.run({"name": "small", "extends": "quickstart", "runs": 4})
-    >>> picture = figure(results, "boxplot", metric="settling_time", width=3.5)
-    >>> picture.save(results.directory / "settling_time.svg").name
-    'settling_time.svg'
-    """
-    check_arguments(figure, locals())
-    if ax is not None:
-        place = Place(ax)
-        rendering = replace(rendering or Rendering(), place=place)
-        keys = {"width": max(1.0, place.get_figwidth()), **keys}
-    if isinstance(keys.get("width"), str):
-        keys["width"] = ReportKeys(width=keys["width"]).width_in
-    return drawn(results, figure_component({"kind": kind, **{key.rstrip("_"): keys[key] for key in keys}}), rendering)
-
-
-def figure_component(keys: Mapping[str, Any]) -> Component:
-    """Validate the keys of a figure, as in a configuration; a wrong one is a `DesignError`."""
-    problems: list[Problem] = []
-    mark = Mark("", 1, 1)
-    component = read_component("figures", Map(keys, mark=mark), [], problems, mark=mark)
-    if component is None:
-        raise _error_of(problems)
-    return component
-
-
-def drawn(results: Results, component: Component, rendering: Rendering | None = None) -> FigureResult:
-    """Draw a figure whose keys are validated; see `figure_of`."""
-    rendering = rendering or Rendering()
-    with rendered(rendering):
-        picture = figure_of(results, component, rendering).draw(results.plotted)
-        if rendering.style == "paper":
-            thin_lines(picture)
-    return FigureResult(rendering.place.root if rendering.place else picture, rendering)
-
-
-def figure_of(results: Results, component: Component, rendering: Rendering | None = None) -> Figure:
-    """Build a figure whose keys are validated, with what the section `report` says of all figures.
-
-    A metric that is not named is the first of the report, else the primary one.  The methods of the report are shown
-    in its order, those of them that the figure itself names, or can show.
-    """
-    problems: list[Problem] = []
-    made: Figure | None = component.build(problems)
-    if made is None:
-        raise _error_of(problems)
-    report = results.experiment.report
-    shown = (report.metrics or [results.experiment.primary])[0]
-    keys: dict[str, Any] = {key: shown for key in made.metric_keys if getattr(made, key) is None}
-    if rendering is not None and rendering.width is not None:
-        keys["width"] = rendering.width
-    made = replace(made, **keys)
-    return replace(made, order=_order(results, made, report.order)) if report.order else made
-
-
-def _order(results: Results, made: Figure, order: Sequence[str]) -> list[str] | None:
-    """Return the methods of the report that a figure names, or can show; its own ones where none is left."""
-    if made.order is not None:
-        return [name for name in order if name in made.order] or made.order
-    layout = layout_of(results.plotted)
-    shown = [name for name in order if not any(i.key == "order" for i in replace(made, order=[name]).check(layout))]
-    return shown or None
-
-
-def _error_of(problems: Sequence[Problem]) -> DesignError:
-    return DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))

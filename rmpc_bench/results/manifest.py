@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import rmpc_bench
@@ -29,54 +28,57 @@ from rmpc_bench.store.store import Store
 FILE = "manifest.json"
 
 
-class Session:
-    """One session of computing an experiment; the context manager records its start, its end and the reason."""
-
-    def __init__(
-        self, directory: Path, config: ExperimentConfig, modified: Collection[str], say: Callable[[str], None]
-    ) -> None:
-        self._path, self._config, self._modified, self._say = directory / FILE, config, list(modified), say
-
-    def __enter__(self) -> Session:
-        """Note the start."""
-        before = read(self._path.parent)
-        versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
-        versions |= {name: version_of(name) for name in OF_THE_BENCH}
-        libraries = all_versions(self._config)
-        changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
-        # A library that is not used any more has computed no trial of this configuration.
-        earlier = before.get("libraries", {})
-        changed |= {name: text for name, text in earlier.items() if libraries.get(name, text) != text}
-        if changed:
-            there = ", ".join(f"{name} {text}" for name, text in changed.items())
-            self._say(f"some trials were computed with {there}; last digits may differ (--fresh computes all again)")
-        self._data: dict[str, Any] = {
-            "name": self._config.name,
-            "experiment": self._config.hash,
-            "seed": self._config.experiment.scenario.seed,
-            "modified": self._modified,
-            "versions": versions,
-            **({"libraries": libraries} if libraries else {}),
-            **code_version(),
-            "blas": blas(),
-            "git": commit_of(self._config.path.parent),
-            "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
-            "file": _file_of(self._config),
-            "looks": looks_of_manifest(self._path.parent),
-            **({"report": before["report"]} if "report" in before else {}),
-            "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
-        }
-        write(self._path, self._data)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Note the end and its reason."""
-        self._data["sessions"][-1] |= {"stop": _now(), "why": "finished" if kind is None else kind.__name__}
+@contextmanager
+def session(
+    directory: Path, config: ExperimentConfig, modified: Collection[str], say: Callable[[str], None]
+) -> Iterator[None]:
+    """Record one session of computing an experiment: its start, its end and the reason."""
+    data = _started(directory, config, modified, say)
+    write(directory / FILE, data)
+    why = "finished"
+    try:
+        yield
+    except BaseException as error:
+        why = type(error).__name__
+        raise
+    finally:
+        data["sessions"][-1] |= {"stop": _now(), "why": why}
         # A report that another process has written meanwhile has noted its looks and its way.
-        now = read(self._path.parent)
-        write(self._path, self._data | {key: now[key] for key in ("looks", "report") if key in now})
+        now = read(directory)
+        write(directory / FILE, data | {key: now[key] for key in ("looks", "report") if key in now})
+
+
+def _started(
+    directory: Path, config: ExperimentConfig, modified: Collection[str], say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the manifest at the start of a session; what earlier ones have computed otherwise is said."""
+    before = read(directory)
+    versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
+    versions |= {name: version_of(name) for name in OF_THE_BENCH}
+    libraries = all_versions(config)
+    changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
+    # A library that is not used any more has computed no trial of this configuration.
+    earlier = before.get("libraries", {})
+    changed |= {name: text for name, text in earlier.items() if libraries.get(name, text) != text}
+    if changed:
+        there = ", ".join(f"{name} {text}" for name, text in changed.items())
+        say(f"some trials were computed with {there}; last digits may differ (--fresh computes all again)")
+    return {
+        "name": config.name,
+        "experiment": config.hash,
+        "seed": config.experiment.scenario.seed,
+        "modified": [*modified],
+        "versions": versions,
+        **({"libraries": libraries} if libraries else {}),
+        **code_version(),
+        "blas": blas(),
+        "git": commit_of(config.path.parent),
+        "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "file": _file_of(config),
+        "looks": looks_of_manifest(directory),
+        **({"report": before["report"]} if "report" in before else {}),
+        "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
+    }
 
 
 def read(directory: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.analysis.columns import Columns, data_frame
 from rmpc_bench.analysis.runs import Extent, PointExtent
@@ -15,13 +15,17 @@ from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trial_arrays import rounded_trials
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.own_code import check_copies
+from rmpc_bench.config_file.tree import plain
+from rmpc_bench.config_file.yaml import load
 from rmpc_bench.received.store import FILE, MissingError, decoded
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.results.record import StoredExperiment, read_experiment
 from rmpc_bench.results.tables import StoredTables, with_timings
 from rmpc_bench.results.tuning import tuning_of
 from rmpc_bench.store.store import Store
+from rmpc_bench.types import ConfigError
 from rmpc_bench.types.errors import check_arguments
+from rmpc_bench.types.result_layout import RESOLVED
 from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
@@ -198,6 +202,19 @@ def _filled(directory: str | Path) -> Path:
     if not (place / FILE).exists():
         raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     return place
+
+
+def resolved_keys(directory: Path) -> dict[str, Any]:
+    """Return the configuration with every default that a directory has; empty where it is not there.
+
+    A symbolic link in a directory of somebody else could lead to a private file.
+    """
+    file = directory / RESOLVED
+    try:
+        found = {} if file.is_symlink() else plain(load(file))
+        return found if isinstance(found, dict) else {}
+    except (ConfigError, OSError):
+        return {}
 
 
 def load_trials(directory: str | Path) -> Trials:

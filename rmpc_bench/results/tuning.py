@@ -12,8 +12,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -39,41 +40,16 @@ MAX_BYTES = 500_000_000
 _VERSION = 1
 
 
-class Found(NamedTuple):
-    """What a search has found."""
+@dataclass(frozen=True, eq=False)
+class Found(TuningSearch):
+    """What a search has found; equal methods and points share it, and point and protocol are those of its use."""
 
-    method: str
-    parameters: tuple[TunedParameter, ...]
-    candidates: Float[Array, "n p"]
-    stages: tuple[str, ...]
-    tuning: Float[Array, "n tuning_runs"]
-    chosen: int | None  # index of the chosen candidate; None where nothing could be tuned
-    default: tuple[float | None, ...] = ()
     tested: str = ""  # what identifies the runs of ``test``; empty without them
-    test: Float[Array, "rows test_runs"] | None = None
     is_short: bool = False  # whether the rows of ``tuning`` but for the chosen one hold the objective at all runs
 
-    @property
-    def values(self) -> dict[str, float | int]:
-        """Path -> chosen value."""
-        return self.search("", "", "", TuningProtocol(0, 0, "")).values
 
-    def search(self, point: str, method: str, key: str, protocol: TuningProtocol, seconds: float = 0.0) -> TuningSearch:
-        """Return it as the search of a method at a point; equal methods and points share one."""
-        return TuningSearch(
-            point,
-            method,
-            self.parameters,
-            self.default,
-            self.candidates,
-            self.stages,
-            self.tuning,
-            self.test,
-            self.chosen,
-            protocol,
-            seconds,
-            key,
-        )
+ANY_USE: dict[str, Any] = {"point": "", "protocol": TuningProtocol(0, 0, "")}
+"""Fields of a search before its use."""
 
 
 def read_record(directory: Path) -> dict[str, Found]:
@@ -112,16 +88,17 @@ def _found(entry: Mapping[str, Any]) -> Found:
     if values is not None and len(values) != len(candidates) + 1:
         raise ValueError("its lists differ in length")
     return Found(
-        str(entry["method"]),
-        parameters,
-        candidates,
-        stages,
-        tuning,
-        None if chosen is None else int(chosen),
-        tuple(None if each is None else float(each) for each in entry["default"]),
-        "" if test is None else str(test["key"]),
-        values,
-        is_short,
+        **ANY_USE,
+        method=str(entry["method"]),
+        parameters=parameters,
+        default=tuple(None if each is None else float(each) for each in entry["default"]),
+        candidates=candidates,
+        stages=stages,
+        tuning=tuning,
+        test=values,
+        chosen=None if chosen is None else int(chosen),
+        tested="" if test is None else str(test["key"]),
+        is_short=is_short,
     )
 
 
@@ -190,7 +167,9 @@ def tuning_of(experiment: StoredExperiment, directory: Path) -> Tuning | None:
         return None
     found, seconds = read_record(directory), read_seconds(directory)
     searches = [
-        found[key].search(point, method, key, stored.protocol, seconds.get(key, 0.0))
+        replace(
+            found[key], point=point, method=method, key=key, protocol=stored.protocol, seconds=seconds.get(key, 0.0)
+        )
         for point, method, key in stored.searches
         if key in found
     ]

@@ -10,8 +10,8 @@ from rmpc_bench import load_config, registry
 from rmpc_bench.config_file.component import plain_data
 from rmpc_bench.config_file.keys import model_of, validate
 from rmpc_bench.config_file.yaml import parse
+from rmpc_bench.publishing.figure_files import figure_component
 from rmpc_bench.registry import names
-from rmpc_bench.results.evaluate import figure_component
 from rmpc_bench.types import ConfigError, DesignError, OnePointFigure, ResultLayout
 
 

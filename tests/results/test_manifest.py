@@ -10,7 +10,7 @@ from rmpc_bench import __version__, load_config
 from rmpc_bench.received.consent import commit_of
 from rmpc_bench.received.plain_files import DamagedError
 from rmpc_bench.results import manifest
-from rmpc_bench.results.manifest import Session
+from rmpc_bench.results.manifest import session
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def sit(directory, config, *, modified=(), error=None):
     """Go through a session and return what it said; an error may end it."""
     said = []
     try:
-        with Session(directory, config, modified, said.append):
+        with session(directory, config, modified, said.append):
             assert manifest.read(directory)["sessions"][-1]["why"] == "running"
             if error is not None:
                 raise error
@@ -48,7 +48,7 @@ def test_what_is_noted(tmp_path, config):
 
 
 def test_a_look_during_a_session_is_kept(tmp_path, config):
-    with Session(tmp_path, config, [], print):
+    with session(tmp_path, config, [], print):
         manifest.note_look(tmp_path, 200)
         manifest.note_report(tmp_path, {"place": "x"})
     data = manifest.read(tmp_path)
@@ -96,7 +96,7 @@ def test_a_broken_manifest_is_refused(tmp_path, config, text):
     """It has the number of looks; the message says what removes it."""
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(DamagedError, match="manifest.json: .*remove the file"):
-        with Session(tmp_path, config, (), print):
+        with session(tmp_path, config, (), print):
             pass
     assert (tmp_path / "manifest.json").read_text() == text
 

@@ -20,7 +20,7 @@ from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.tuning.rounds import Rounds, TuningProgress, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.received.store import WriteError, is_filled
-from rmpc_bench.results.tuning import Found, add_seconds, read_record, write_record
+from rmpc_bench.results.tuning import ANY_USE, Found, add_seconds, read_record, write_record
 from rmpc_bench.store.store import Store
 from rmpc_bench.types import Array
 from rmpc_bench.types.tuning import TuningProtocol
@@ -199,13 +199,15 @@ def _chosen(
     tuning = np.array([evaluated[each.row] for each in used])
     objectives = _objectives(plan_of.protocol, tuning)
     return Found(
-        search.method,
-        search.parameters,
-        np.array([each.row for each in used]),
-        tuple(each.stage for each in used),
-        tuning,
-        int(np.argmin(objectives)) if np.isfinite(objectives).any() else None,
-        search.default,
+        **ANY_USE,
+        method=search.method,
+        parameters=search.parameters,
+        default=search.default,
+        candidates=np.array([each.row for each in used]),
+        stages=tuple(each.stage for each in used),
+        tuning=tuning,
+        test=None,
+        chosen=int(np.argmin(objectives)) if np.isfinite(objectives).any() else None,
     )
 
 
@@ -228,8 +230,11 @@ def _test(
     ]
     values = by_key(rounds.values(trials, tested=True)) if trials else {}
     return {
-        search.key: found[search.key]._replace(
-            test=np.array([row for _, row in sorted(values[search.key].items())]), tested=tested, default=search.default
+        search.key: replace(
+            found[search.key],
+            test=np.array([row for _, row in sorted(values[search.key].items())]),
+            tested=tested,
+            default=search.default,
         )
         for search in searches
     }
