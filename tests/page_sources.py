@@ -1,6 +1,7 @@
 """A page of a small table of trials, with hostile texts wherever a user writes them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +9,14 @@ from comparison_tables import extent_of
 
 from rmpc_bench.claims.claim import Claim, Finding
 from rmpc_bench.claims.verdict import judge
+from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
-from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.ranks_table import RanksTable
+from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
+from rmpc_bench.report.source import PageFigure, PageSource
 from rmpc_bench.report.summary import summarise
+from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
 
 HOSTILE = "<script>alert('x')</script> \"|` [a](http://evil) $\\href{http://evil}$"
@@ -46,8 +51,10 @@ def make_source(make_trials):
             Claim(says="Not said there", source="additional result (ours)", check=("mean(mse[A]) < 0",)),
         )
         figures = [
-            PageFigure("boxplot", "boxplot", f"Boxes of $c_1$ {HOSTILE}", SVG, ["figures/boxplot.svg"]),
-            PageFigure("signals", "signals", "Over time.", SVG.replace("boxplot", "signals"), ["figures/signals.svg"]),
+            PageFigure("boxplot", "boxplot", f"Boxes of $c_1$ {HOSTILE}", SVG, [Path("figures/boxplot.svg")]),
+            PageFigure(
+                "signals", "signals", "Over time.", SVG.replace("boxplot", "signals"), [Path("figures/signals.svg")]
+            ),
         ]
         usual = {
             "record": {
@@ -66,6 +73,11 @@ def make_source(make_trials):
             "trials": trials,
             "tables": summarise(trials),
             "verdicts": [judge(claim, trials) for claim in claims],
+            "drivers": DriversTable([]),
+            "requirements": RequirementsTable(trials, []),
+            "ranks": RanksTable(trials, None),
+            "tuning": TuningTable(trials, None),
+            "calibration": CalibrationTable([]),
             "figures": figures,
             "place": "results/zenere2018/tiny",
             "differences": {"A": {"estimator.kind": "kalman"}, "B": {"estimator.kind": HOSTILE}},

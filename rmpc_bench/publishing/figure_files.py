@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.components.designs import figure_names, is_built_in, replacement_of
@@ -18,6 +18,7 @@ from rmpc_bench.figures.files import FigureResult, page_svg, save, thin_lines
 from rmpc_bench.figures.style import Place, Rendering, rendered
 from rmpc_bench.figures.svg_text import for_page
 from rmpc_bench.publishing.table_files import write_caption
+from rmpc_bench.report.source import PageFigure
 from rmpc_bench.results.results import Results
 from rmpc_bench.types import DesignError, Figure, Problem
 from rmpc_bench.types.errors import check_arguments
@@ -26,30 +27,18 @@ PRINTED = ("pdf", "pgf")  # formats for papers
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
 
 
-class WrittenFigure(NamedTuple):
-    """A figure with its files."""
-
-    name: str  # file name without ending, such as ``boxplot`` or ``boxplot-2``
-    kind: str  # kind, or the reference to a user's figure
-    keys: Mapping[str, Any]  # the keys of the configuration
-    caption: str  # what it shows, in full sentences
-    paths: tuple[Path, ...]  # one file per format
-    svg: str = ""  # the picture as the SVG element of a page, whatever the formats; its class is its name
-
-
 def write_figures(
     results: Results, directory: Path, rendering: Rendering
-) -> tuple[tuple[WrittenFigure, ...], tuple[str, ...]]:
+) -> tuple[tuple[PageFigure, ...], tuple[str, ...]]:
     """Draw the figures of an experiment."""
-    figures: list[WrittenFigure] = []
+    figures: list[PageFigure] = []
     left_out: list[str] = []
     kinds = [str(keys.get(FILE) or keys["kind"]) for keys in results.experiment.figures]
     for number, (kind, stem) in enumerate(zip(kinds, figure_names(kinds), strict=True)):
-        keys = results.experiment.figures[number]
         try:
             with rendered(rendering):
                 caption, paths, svg = _written(results, number, directory / stem, rendering)
-            figures.append(WrittenFigure(stem, kind, keys, caption, paths, svg))
+            figures.append(PageFigure(stem, kind, caption, svg, paths))
         except DesignError as error:
             # A method that the figure shows has not been computed yet.
             left_out.append(f"{kind}: {error}")
@@ -58,7 +47,7 @@ def write_figures(
     return tuple(figures), tuple(left_out)
 
 
-def more_figures(results: Results, wanted: Sequence[Mapping[str, Any]], rendering: Rendering) -> list[WrittenFigure]:
+def more_figures(results: Results, wanted: Sequence[Mapping[str, Any]], rendering: Rendering) -> list[PageFigure]:
     """Draw figures that are no files, only inside of the page; what the results cannot show is left out."""
     figures = []
     rendering = replace(rendering, formats=())
@@ -68,7 +57,7 @@ def more_figures(results: Results, wanted: Sequence[Mapping[str, Any]], renderin
             with rendered(rendering):
                 made = figure_of(results, figure_component(keys), rendering)
                 picture, caption, _ = _drawn(made, results, Path(kind), rendering)
-                figures.append(WrittenFigure(kind, kind, keys, caption, (), page_svg(picture, kind)))
+                figures.append(PageFigure(kind, kind, caption, page_svg(picture, kind)))
         except DesignError:
             continue
     return figures

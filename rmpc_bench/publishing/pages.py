@@ -17,60 +17,31 @@ from rmpc_bench.config.methods import method_differences, short_value
 from rmpc_bench.figures.style import Rendering, rendered
 from rmpc_bench.figures.sweep import page_drawings
 from rmpc_bench.figures.tuning import MOST_METHODS
-from rmpc_bench.publishing.figure_files import WrittenFigure, more_figures
+from rmpc_bench.publishing.figure_files import more_figures
 from rmpc_bench.publishing.published import with_time
 from rmpc_bench.publishing.table_files import experiment_record
 from rmpc_bench.received import plain_files
 from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.calibration_table import CalibrationTable
-from rmpc_bench.report.page.context import KINDS, IndexEntry, answer_of, index_context, page_context
+from rmpc_bench.report.page.context import KINDS, IndexEntry, index_context, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
-from rmpc_bench.report.page.source import PageFigure, PageSource, info_of, tables_of
-from rmpc_bench.report.ranks_table import RanksTable
-from rmpc_bench.report.run_tables import DriversTable, RequirementsTable
 from rmpc_bench.report.screen import WIDTH, Screen
-from rmpc_bench.report.summary import Summary
-from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.report.source import Evaluation, PageFigure, PageSource
 from rmpc_bench.results.manifest import read, relative_to_cwd
 from rmpc_bench.results.results import Results, resolved_keys
 from rmpc_bench.types.tuning import Tuning
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Publication:
-    """What `publish` has written.
-
-    Parameters
-    ----------
-    results : the results that were published
-    directory : where the files are
-    tables : summary and comparisons
-    verdicts : the finding of every claim
-    drivers : what drives the primary metric
-    requirements : runs that meet the requirements
-    ranks : the methods in the order of their ranks over all points
-    tuning : how the parameters were chosen
-    calibration : whether reported covariances agree with the errors
-    paths : the files, in the order in which they were written
-    figures : the figures with their captions and files
-    left_out : figures that could not be drawn, each as ``kind: reason``
-    remarks : what a reader of the files should know, such as a font that is not installed
-    """
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Publication(Evaluation):
+    """What `publish` has written, and what is in it."""
 
     results: Results
-    directory: Path
-    tables: Summary
-    verdicts: tuple[ClaimVerdict, ...]
-    drivers: DriversTable
-    requirements: RequirementsTable
-    ranks: RanksTable
-    tuning: TuningTable
-    calibration: CalibrationTable
-    paths: tuple[Path, ...] = ()
-    figures: tuple[WrittenFigure, ...] = ()
-    left_out: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    directory: Path  # where the files are
+    paths: tuple[Path, ...] = ()  # the files, in the order in which they were written
+    figures: tuple[PageFigure, ...] = ()
+    left_out: tuple[str, ...] = ()  # figures that could not be drawn, each as ``kind: reason``
+    remarks: tuple[str, ...] = ()  # what a reader of the files should know, such as a font that is not installed
 
     @property
     def differing(self) -> tuple[ClaimVerdict, ...]:
@@ -79,25 +50,13 @@ class Publication:
 
     def summary(self, seconds: float | None = None, width: int = WIDTH) -> str:
         """Return the text that the command line shows at the end of a run, with the time that it took unless None."""
-        experiment, results = self.results.experiment, self.results
-        overridden, missing = results.overrides, results.incomplete
-        reasons = [f"the configuration was overridden ({', '.join(overridden)})"] if overridden else []
-        reasons += [f"runs are missing ({', '.join(missing)})"] if missing else []
+        experiment, place = self.results.experiment, self.results.directory
         screen = Screen(
+            **self.evaluation(),
             name="/".join(filter(None, [experiment.paper, experiment.name])),
-            trials=results.trials,
-            tables=self.tables,
             metric=(experiment.report.metrics or [experiment.primary])[0],
             page=self.directory / PAGE,
-            stored=Path(relative_to_cwd(results.directory) or results.directory),
-            extent=results.extent,
-            driven=self.drivers,
-            tuned=self.tuning,
-            demanded=self.requirements,
-            ranked=self.ranks,
-            calibrated=self.calibration,
-            verdicts=self.verdicts,
-            reasons=reasons,
+            stored=Path(relative_to_cwd(place) or place),
             stop="" if experiment.stop is None else experiment.stop.text,
         )
         text = screen.text(width)
@@ -134,33 +93,20 @@ def write_page(
     methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
     source = PageSource(
+        **published.evaluation(),
         record=record,
-        trials=results.trials,
-        tables=published.tables,
-        verdicts=published.verdicts,
-        figures=[
-            PageFigure(each.name, each.kind, each.caption, each.svg, _relative(each.paths, directory))
-            for each in [*published.figures, *more]
-        ],
+        figures=[*published.figures, *more],
         place=place,
-        extent=results.extent,
-        drawings=_drawings(results, published.tables, rendering),
+        drawings=_drawings(published, rendering),
         left_out=published.left_out,
-        incomplete=results.incomplete,
-        overrides=results.overrides,
         manifest=read(results.directory),
         differences={
             name: {key: short_value(value) for key, value in keys.items()} for name, keys in differences.items()
         },
         shared=_shared(configuration, differences),
         confounded=_confounded(differences, results.experiment.baseline),
-        drivers=published.drivers,
-        requirements=published.requirements,
-        ranks=published.ranks,
-        tuning=published.tuning,
-        calibration=published.calibration,
         timings=results.durations,
-        files=[*_relative(published.paths, directory), "report.md"],
+        files=[*(path.relative_to(directory).as_posix() for path in published.paths), "report.md"],
         index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),
     )
     return _rendered("page", page_context(source), directory / PAGE)
@@ -173,11 +119,7 @@ def _rendered(template: str, context: Mapping[str, Any], page: Path) -> list[Pat
     return [page, page.with_suffix(".md")]
 
 
-def _relative(paths: Sequence[Path], directory: Path) -> list[str]:
-    return [path.relative_to(directory).as_posix() for path in paths]
-
-
-def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[str, Any]]:
+def _wanted(results: Results, figures: Sequence[PageFigure]) -> list[Mapping[str, Any]]:
     """Name figures that a page has even where the configuration does not: boxes of one point, signals, tuning."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
@@ -192,10 +134,10 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[
     return [keys for keys in wanted if keys["kind"] not in there]
 
 
-def _drawings(results: Results, tables: Summary, rendering: Rendering) -> Mapping[str, str]:
+def _drawings(published: Publication, rendering: Rendering) -> Mapping[str, str]:
     """Draw the changes over a swept number; nothing for other sweeps, and where methods are ranked or pooled."""
-    rows = tables_of(tables, info_of(tables))
-    if len(rows) < 2 or not results.trials.with_verdicts or results.trials.ranks or tables.pooled:
+    rows, trials = published.tables_of(published.info), published.trials
+    if len(rows) < 2 or not trials.with_verdicts or trials.ranks or published.tables.pooled:
         return {}
     with rendered(rendering):
         return page_drawings(rows)
@@ -297,8 +239,7 @@ def _entry(each: Publication | KeptClaims, to: Path) -> IndexEntry:
     page = Path(os.path.relpath(each.directory / PAGE, to)).as_posix()
     group = experiment["paper"] or _group(each.results.directory)
     claims = claims_record(each.verdicts, experiment)["claims"]
-    verdicts = each.verdicts if each.results.is_final else []
-    return IndexEntry(group, experiment, claims, page, answer_of(each.tables, verdicts, each.results.extent))
+    return IndexEntry(group, experiment, claims, page, each.answer)
 
 
 def _group(directory: Path) -> str:

@@ -161,6 +161,10 @@ def _published(
     published = Publication(
         results=results,
         directory=directory,
+        trials=results.trials,
+        extent=results.extent,
+        overrides=results.overrides,
+        incomplete=results.incomplete,
         tables=summarise(results).shown(report.order, results.experiment.shown_metrics),
         verdicts=judge(results),
         drivers=drivers(results),

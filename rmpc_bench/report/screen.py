@@ -11,20 +11,14 @@ from pathlib import Path
 from rmpc_bench.analysis.drivers import LITTLE, gist
 from rmpc_bench.analysis.lost_runs import lost_runs
 from rmpc_bench.analysis.result_rows import MARKS, MOST_UNSORTED, ResultTable, in_one_form, result_table
-from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.shown_numbers import plain
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.tuning import parameter_groups
 from rmpc_bench.claims.claim import Finding
-from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.answer import answer, finding_words
-from rmpc_bench.report.calibration_table import CalibrationTable
-from rmpc_bench.report.point_tables import Points
-from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.run_notes import adjustment_text, counted, failed_runs, message_of, remark_lines, show_command
-from rmpc_bench.report.run_tables import MOST_NAMED, DriversTable, RequirementsTable, worst_of
+from rmpc_bench.report.run_tables import MOST_NAMED, worst_of
 from rmpc_bench.report.screen_tables import moment_lines, ran_lines, rank_lines, row_lines, sweep_lines
-from rmpc_bench.report.tuning_table import TuningTable
+from rmpc_bench.report.source import Evaluation
 from rmpc_bench.report.two_way_table import TwoWayTable, two_way_lines, two_way_tables
 from rmpc_bench.types.texts import command_lines, cut, width_of, without_formulas, wrapped
 
@@ -43,24 +37,20 @@ _GLUE = "\x01"  # stands for a blank at which a line does not end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Screen:
+class Screen(Evaluation):
     """What the screen at the end of a run is made of."""
 
     name: str  # of the experiment, with its paper
-    trials: Trials
-    tables: Points
     metric: str  # that the table shows; the answer is that of the primary one
     page: Path
     stored: Path  # directory of the trials, as a command names it
-    extent: Extent  # none is planned for exact moments alone
-    driven: DriversTable
-    tuned: TuningTable
-    demanded: RequirementsTable
-    ranked: RanksTable
-    calibrated: CalibrationTable | None = None
-    verdicts: Sequence[ClaimVerdict] = ()
-    reasons: Sequence[str] = ()  # why the findings do not count
     stop: str = ""  # what a stopping rule has decided
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the findings do not count."""
+        found = [f"the configuration was overridden ({', '.join(self.overrides)})"] if self.overrides else []
+        return found + ([f"runs are missing ({', '.join(self.incomplete)})"] if self.incomplete else [])
 
     def text(self, width: int = WIDTH) -> str:
         """Lay out the screen for a terminal with some columns."""
@@ -106,8 +96,8 @@ class Screen:
     def _table(self, tables: Sequence[ResultTable], width: int) -> list[str]:
         if not self.trials.with_verdicts:
             return ran_lines(self.trials, width)
-        if self.ranked.found is not None:
-            lines = rank_lines(self.ranked.found, self.trials, width)
+        if self.ranks.found is not None:
+            lines = rank_lines(self.ranks.found, self.trials, width)
         elif len(tables) > 1:
             lines = sweep_lines(tables, width)
         else:
@@ -142,9 +132,9 @@ class Screen:
         yield "stop", [f"stop: {self.stop}"] if self.stop else []
         if self.trials.with_verdicts:
             yield "two-way", [text for table in self._crossed() for text in table.sentences][:2]
-            yield "tuned", [*filter(None, [self.tuned.gist])]
-            yield "requirements", [*filter(None, [self.demanded.gist])]
-            yield "calibration", self.calibrated.lines(width) if self.calibrated is not None else []
+            yield "tuned", [*filter(None, [self.tuning.gist])]
+            yield "requirements", [*filter(None, [self.requirements.gist])]
+            yield "calibration", self.calibration.lines(width)
             yield "lost", self._lost()
         yield "failed", self._failed(width)
         yield "worst", self._worst(tables, width)
@@ -159,7 +149,7 @@ class Screen:
         shown = "\n".join(table)
         compared = [row.compared for table in tables for row in table.rows if row.compared]
         parts = ["runs are not paired" if self.trials.unpaired else "same draws for all"] if compared else []
-        if self.ranked.found is not None:
+        if self.ranks.found is not None:
             parts = ["[ ]: simultaneous intervals of geometric means over all points"]
         elif len(tables) > 1:
             # The mark of a cell ends it; in a title the sign of equality has one blank behind it.
@@ -190,9 +180,9 @@ class Screen:
         return "; ".join([*parts, *([f"parameters: {'; '.join(origins)}"] if origins else [])])
 
     def _driven(self) -> list[str]:
-        if len(self.driven.points) != 1 or not self.trials.with_verdicts:
+        if len(self.drivers.points) != 1 or not self.trials.with_verdicts:
             return []
-        text = gist(self.driven.points[0][1], self.trials.baseline)
+        text = gist(self.drivers.points[0][1], self.trials.baseline)
         what = "the change" if len(self.trials.methods) > 1 else f"the {self.tables.points[0].trials.metrics[0].words}"
         mostly = "mostly " * text.startswith("mostly ")
         found = f"{what} depends {mostly}on {text.removeprefix(mostly)}"
@@ -234,7 +224,7 @@ class Screen:
     def _claims(self) -> list[str]:
         if not self.verdicts:
             return []
-        why = [*self.reasons] if self.trials.with_verdicts else ["a smoke run is too short"]
+        why = self.reasons if self.trials.with_verdicts else ["a smoke run is too short"]
         if why:
             return [f"claims: not evaluated, {'; '.join(why)}"]
         found = [Counter(each.joined for each in self.verdicts if each.claim.of_paper == of) for of in (True, False)]

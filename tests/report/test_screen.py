@@ -13,6 +13,7 @@ from comparison_tables import table as trials_of
 
 from rmpc_bench.analysis.runs import RunNotes
 from rmpc_bench.claims.claim import Finding
+from rmpc_bench.report.calibration_table import CalibrationTable
 from rmpc_bench.report.ranks_table import ranks_table
 from rmpc_bench.report.run_tables import DriversTable, requirements_table
 from rmpc_bench.report.screen import MOST_LINES, Screen
@@ -59,10 +60,12 @@ def screen_of(trials, **others):
         "page": Path("results/tiny/report.html"),
         "stored": Path("results/tiny"),
         "extent": extent_of(trials),
-        "driven": DriversTable([]),
-        "tuned": TuningTable(trials, None),
-        "demanded": requirements_table(trials),
-        "ranked": ranks_table(trials),
+        "verdicts": (),
+        "drivers": DriversTable([]),
+        "requirements": requirements_table(trials),
+        "ranks": ranks_table(trials),
+        "tuning": TuningTable(trials, None),
+        "calibration": CalibrationTable([]),
     }
     return Screen(**made | others)
 
@@ -233,7 +236,7 @@ def test_claims_have_a_line():
     mixed = shown(one(TWO), verdicts=TWO_CLAIMS)
     assert " statements of the paper: 1 confirmed, 1 not confirmed (claims.md)" in mixed
     assert any(line.startswith(" recorded confirmed, now not confirmed: a statement of") for line in mixed)
-    lines = shown(one(TWO), verdicts=found, reasons=["the configuration was overridden (--runs 3)"])
+    lines = shown(one(TWO), verdicts=found, overrides=["--runs 3"])
     assert " claims: not evaluated, the configuration was overridden (--runs 3)" in lines
     assert not any("statements of the paper that were tested" in line for line in lines)
 

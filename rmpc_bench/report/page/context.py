@@ -6,20 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.result_rows import NOT_COMPUTED, ResultTable, result_table
-from rmpc_bench.analysis.runs import Extent
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import IDENTIFIERS, Finding, usual_parameters
 from rmpc_bench.claims.markdown import INFORMATIONAL, cases_text, evidence, limits
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.report.answer import answer
 from rmpc_bench.report.notes import note_of
 from rmpc_bench.report.page.folds import folds_of, moments_of
 from rmpc_bench.report.page.matrix import MOST_BESIDE, MOST_BESIDE_NARROW, Group, matrices_of
 from rmpc_bench.report.page.rows import Cell, Head, Rows, ranked_rows, row_of, rows_of
-from rmpc_bench.report.page.source import PageSource, Table, info_of, tables_of
 from rmpc_bench.report.run_notes import counted, ran_counts
-from rmpc_bench.report.summary import Summary
+from rmpc_bench.report.source import PageSource, Table
 from rmpc_bench.report.two_way_table import two_way_tables
 
 # Statements that are not folded, the words of all of them, and those of them and the main table.
@@ -200,7 +197,7 @@ class Main(NamedTuple):
 
 def page_context(source: PageSource) -> dict[str, Any]:
     """Return the plain data that the templates of a page lay out."""
-    tables, trials, record = tables_of(source.tables, source.info), source.trials, source.record
+    tables, trials, record = source.tables_of(source.info), source.trials, source.record
     all_plants = source.tables.pooled
     pooled = result_table(*all_plants, source.info) if all_plants and source.info else None
     informational, paper = bool(source.overrides or source.incomplete), record["paper"] or ""
@@ -218,7 +215,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "paper": (address, identifier or (paper if usual_parameters(paper) == "as published" else "")),
         "index": source.index,
         "banner": _banner(source),
-        "answer": answer_of(source.tables, [] if informational else source.verdicts, source.extent),
+        "answer": source.answer,
         "main": main,
         "drawings": source.drawings if trials.with_verdicts else {},
         "quantity": tables[0].quantity if tables else "",
@@ -234,13 +231,6 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "files": [*(name for name in FILES if name in source.files), *directories],
         "pictures": [(each.name, *_picture(each.files)) for each in source.figures if each.files],
     }
-
-
-def answer_of(summary: Summary, verdicts: Sequence[ClaimVerdict], extent: Extent) -> str:
-    """Answer from the tables of an experiment, and the findings that count, which method is better."""
-    info = info_of(summary)
-    tables = [] if info is None else [result_table(*point, info) for point in summary.with_runs]
-    return answer(tables, verdicts, unfinished=extent.is_unfinished, n_blank=len(extent.blank))
 
 
 def _banner(source: PageSource) -> tuple[str, str]:
@@ -263,10 +253,10 @@ def _main(source: PageSource, tables: Sequence[ResultTable], pooled: ResultTable
         return Main(moments=moments_of(trials, short=len(trials.each) > 1))
     if not trials.with_verdicts:
         return Main(rows=_ran(trials))
-    if source.ranked is not None:
+    if source.ranks.found is not None:
         note = f"{n} runs per point and method. Ratio: geometric mean over {len(tables)} points. Brackets, bars and "
         note += f"ranks: simultaneous {100 * trials.confidence:g} % intervals."
-        return Main(rows=ranked_rows(source.ranked, trials), note=note)
+        return Main(rows=ranked_rows(source.ranks.found, trials), note=note)
     if len(tables) == 1 or pooled is not None:
         rows = rows_of(pooled or tables[0])
         note = f"One run of each method at each of {len(tables)} points." if pooled else note_of(tables, n, rows)

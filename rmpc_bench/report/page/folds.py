@@ -21,7 +21,6 @@ from rmpc_bench.analysis.tuning import is_tuned, parameter_groups, parameter_tex
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.figures.labels import quantity, short_title
 from rmpc_bench.report.page.matrix import MOST_OPEN, MOST_ROWS, interval_rows, matrices_of
-from rmpc_bench.report.page.source import Fold, PageFigure, PageSource, Part, Table, tables_of
 from rmpc_bench.report.point_tables import columns_from, texts_of
 from rmpc_bench.report.ranks_table import LIMITATIONS
 from rmpc_bench.report.run_notes import counted, failed_runs, message_of, of_run, sections_of, show_command
@@ -33,6 +32,7 @@ from rmpc_bench.report.run_tables import (
     tail_columns,
     worst_of,
 )
+from rmpc_bench.report.source import Fold, PageFigure, PageSource, Part, Table
 from rmpc_bench.report.tuning_table import EXPLANATION
 from rmpc_bench.report.two_way_table import two_way_tables
 
@@ -86,13 +86,13 @@ def _limits(source: PageSource) -> Iterator[str]:
     else:
         others = "other parameters may change a verdict"
         yield from (f"{', '.join(names)}: {word}; {others}." for word, names in left.items())
-    yield from () if source.tuning is None else source.tuning.limitations
+    yield from source.tuning.limitations
     yield from dict.fromkeys(text for table in trials.each for text in table.limitations)
     yield from (f"{name} knows the true parameters; no real estimator can do that." for name in sorted(trials.oracles))
     if source.confounded:
         pair = f"{trials.baseline} and {', '.join(source.confounded)}"
         yield f"Both the estimator and the controller differ between {pair}; the effect of one alone is not known."
-    yield from LIMITATIONS if source.ranked is not None else ()
+    yield from LIMITATIONS if source.ranks.found is not None else ()
     for verdict in source.verdicts:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
             yield f"The finding depends on unstated assumptions: {' '.join(verdict.claim.says.split())}."
@@ -171,7 +171,7 @@ def _failures(source: PageSource) -> Fold:
 def _calibration(source: PageSource) -> Fold | None:
     """Compare the reported covariances with the errors."""
     table, parts = source.calibration, list[Part]()
-    if table is None or not source.trials.with_verdicts:
+    if not source.trials.with_verdicts:
         return None
     for trials, rows in table.points[:MOST_POINTS]:
         parts += [Part(text=f"{short_title(trials)}:")] if trials.title and rows else []
@@ -193,7 +193,7 @@ def _two_way(source: PageSource) -> Fold:
 
 def _drivers(source: PageSource) -> Fold | None:
     """Say which quantities explain the change; nothing where no share is resolved."""
-    if source.drivers is None or not source.trials.with_verdicts:
+    if not source.trials.with_verdicts:
         return None
     baseline = source.trials.baseline
     found: list[Mapping[str, str]] = []
@@ -229,7 +229,7 @@ def _points(source: PageSource, tables: Sequence[ResultTable]) -> Iterator[Fold]
     if len(tables) < 2 or not source.trials.with_verdicts:
         return
     n = f"{len(tables)} points"
-    if source.ranked is not None or source.tables.pooled is not None:
+    if source.ranks.found is not None or source.tables.pooled is not None:
         yield Fold("Points of the sweep", n, [Part(groups=matrices_of(tables))])
     columns = interval_rows(tables)
     left = sum(len(table.rows) for table in tables) - len(columns.get("point", ()))
@@ -241,7 +241,7 @@ def _metrics(source: PageSource) -> Fold | None:
     """Show the other metrics: of one point their means, of a sweep the changes."""
     primary = source.info
     infos = [info for info in source.tables.points[0].trials.metrics if info != primary]
-    every = {info.name: tables_of(source.tables, info) for info in infos}
+    every = {info.name: source.tables_of(info) for info in infos}
     every = {name: tables for name, tables in every.items() if tables}
     if not every or not source.trials.with_verdicts:
         return None
@@ -296,7 +296,7 @@ def moments_of(trials: Trials, *, short: bool = False) -> Table | None:
 
 
 def _requirements(source: PageSource) -> Fold | None:
-    if source.requirements is None or not source.trials.with_verdicts:
+    if not source.trials.with_verdicts:
         return None
     parts = list[Part]()
     points = [(trials, rows) for trials, rows in source.requirements.points if rows]
@@ -352,7 +352,7 @@ def _figures(source: PageSource) -> Iterator[Fold]:
 
 def _tuning(source: PageSource, figures: Sequence[PageFigure]) -> Fold:
     tuning, parts = source.tuning, [Part(figure=each) for each in figures]
-    if tuning is None or not tuning.outcomes:
+    if not tuning.outcomes:
         return Fold("Tuning", "tried values", parts)
     tables = [Part(text=tuning.protocol)]
     for title, values, ranks, sentences in tuning.tables:

@@ -15,8 +15,8 @@ from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import ClaimItem, n_open, page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
-from rmpc_bench.report.page.source import PageFigure
 from rmpc_bench.report.run_tables import requirements_table
+from rmpc_bench.report.source import PageFigure
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import MetricInfo
