@@ -17,8 +17,6 @@ from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.result_rows import ResultTable
