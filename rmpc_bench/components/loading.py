@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.abc import MetaPathFinder
-from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader, ModuleSpec, SourceFileLoader
+from importlib.machinery import ExtensionFileLoader, ModuleSpec, SourceFileLoader
 from importlib.util import find_spec, spec_from_file_location
 from itertools import count
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from rmpc_bench.components.reference import CodeError, CodeReference, Place
+from rmpc_bench.components.reference import CodeError, CodeReference, Place, module_file
 from rmpc_bench.components.user_code import TooLong, limited, noted_signals, replaced, untouched
 from rmpc_bench.extras import missing, missing_extra
 from rmpc_bench.types.errors import ConfigError, DesignError, unknown
@@ -128,19 +128,15 @@ class _Finder(MetaPathFinder):
 
 def _spec(package: Package, fullname: str, directory: Path) -> ModuleSpec | None:
     """Return the spec of a module in a directory."""
-    stem = directory / _stem(fullname.rpartition(".")[2])
-    file, inside = stem / "__init__.py", [str(stem)]
-    if not _exists(package, file):
-        # In the order of Python, which is also that of the hash: a compiled module comes before its source.
-        for suffix in EXTENSION_SUFFIXES:
-            compiled = stem.with_name(f"{stem.name}{suffix}")
-            if compiled.is_file():
-                return spec_from_file_location(fullname, compiled, loader=ExtensionFileLoader(fullname, str(compiled)))
-        file, inside = stem.with_name(f"{stem.name}.py"), []
-    if _exists(package, file):
-        loader = _Loader(fullname, str(file), package)
-        return spec_from_file_location(fullname, file, loader=loader, submodule_search_locations=inside or None)
-    return _directory_spec(fullname, stem) if stem.is_dir() else None
+    stem = _stem(fullname.rpartition(".")[2])
+    file = module_file(directory, stem, lambda path: str(path) in package.sources or path.is_file())
+    if file is None:
+        return _directory_spec(fullname, directory / stem) if (directory / stem).is_dir() else None
+    if file.suffix != ".py":
+        return spec_from_file_location(fullname, file, loader=ExtensionFileLoader(fullname, str(file)))
+    inside = [str(file.parent)] if file == directory / stem / "__init__.py" else None
+    loader = _Loader(fullname, str(file), package)
+    return spec_from_file_location(fullname, file, loader=loader, submodule_search_locations=inside)
 
 
 def _directory_spec(fullname: str, directory: Path) -> ModuleSpec:
@@ -148,10 +144,6 @@ def _directory_spec(fullname: str, directory: Path) -> ModuleSpec:
     spec = ModuleSpec(fullname, None, is_package=True)
     spec.submodule_search_locations = [str(directory)]
     return spec
-
-
-def _exists(package: Package, file: Path) -> bool:
-    return str(file) in package.sources or file.is_file()
 
 
 def _text(file: Path) -> bytes | None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import sys
 import sysconfig
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -87,6 +88,12 @@ def is_standard(module: str) -> bool:
     return module in sys.stdlib_module_names or module == _OWN
 
 
+def spec_of(module: str) -> ModuleSpec | None:
+    """Find a module; `sys.modules` is not asked, where another file may have a module of this name."""
+    found = (finder.find_spec(module, None) for finder in sys.meta_path if hasattr(finder, "find_spec"))
+    return next((spec for spec in found if spec is not None), None)
+
+
 def local_directory(module: str) -> Path | None:
     """Return the directory on the path of Python in which a module lies that is not installed there.
 
@@ -95,16 +102,9 @@ def local_directory(module: str) -> Path | None:
     """
     if is_standard(module) or module in _found_installed:
         return None
-    for finder in sys.meta_path:
-        # A module of this name that another file has loaded must not be found, so that `sys.modules` is not asked.
-        find = getattr(finder, "find_spec", None)
-        spec = find(module, None) if find is not None else None
-        if spec is not None:
-            break
-    else:
-        return None
-    inside = list(spec.submodule_search_locations or ())
-    if not spec.has_location and not inside:
+    spec = spec_of(module)
+    inside = [] if spec is None else list(spec.submodule_search_locations or ())
+    if spec is None or not (spec.has_location or inside):
         return None
     # A package lies one level deeper than its directory; one without __init__.py has no file.
     place = Path(inside[0]).parent if inside else Path(str(spec.origin)).parent
@@ -148,7 +148,7 @@ def module_files(directory: Path, statement: Import) -> list[Path]:
     # The package of a relative import has been executed, too.
     files = [directory / "__init__.py"] if statement.level and (directory / "__init__.py").is_file() else []
     for step in statement.module.split(".") if statement.module else ():
-        found = _module(directory, step)
+        found = module_file(directory, step)
         if found is not None:
             files.append(found)
         if found is not None and found.name != "__init__.py":
@@ -160,12 +160,12 @@ def module_files(directory: Path, statement: Import) -> list[Path]:
     for name in statement.names:
         if name == "*":
             files += sorted(directory.glob("*.py")) if statement.module or statement.level else []
-        elif (found := _module(directory, name)) is not None:
+        elif (found := module_file(directory, name)) is not None:
             files.append(found)
     return files
 
 
-def _module(directory: Path, name: str) -> Path | None:
-    """Return the file of a module in a directory, in the order in which Python looks for it."""
+def module_file(directory: Path, name: str, is_there: Callable[[Path], bool] = Path.is_file) -> Path | None:
+    """Return the file of a module in a directory, in the order of Python: a compiled module before its source."""
     candidates = (directory / name / "__init__.py", *(directory / f"{name}{suffix}" for suffix in EXTENSION_SUFFIXES))
-    return next((path for path in (*candidates, directory / f"{name}.py") if path.is_file()), None)
+    return next(filter(is_there, (*candidates, directory / f"{name}.py")), None)

@@ -22,7 +22,7 @@ from typing import Any
 
 from rmpc_bench.components.designs import loaded_design
 from rmpc_bench.components.loading import Package, add, is_private, load, packages
-from rmpc_bench.components.reference import CodeReference, DataReference
+from rmpc_bench.components.reference import CodeReference, DataReference, spec_of
 from rmpc_bench.components.source import read_source
 from rmpc_bench.components.user_code import untouched
 
@@ -218,5 +218,4 @@ def _is_importable(name: str) -> bool:
     """Whether a worker process, which has the same path of Python and the same import hooks, can import a module."""
     # A package that is installed as editable is found by a hook and not on the path.
     top = name.partition(".")[0]
-    found = (finder.find_spec(top, None) for finder in sys.meta_path if hasattr(finder, "find_spec"))
-    return top in sys.builtin_module_names or any(spec is not None for spec in found)
+    return top in sys.builtin_module_names or spec_of(top) is not None

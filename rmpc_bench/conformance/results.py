@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from textwrap import wrap
@@ -12,6 +11,7 @@ import numpy as np
 
 from rmpc_bench.components.reference import CodeError
 from rmpc_bench.components.single_design import SingleDesign
+from rmpc_bench.components.user_code import last_user_frame
 from rmpc_bench.types import Array, DesignError
 
 Severity: TypeAlias = Literal["error", "warning", "information"]
@@ -107,12 +107,10 @@ def raised(error: BaseException) -> str:
     if isinstance(error, DesignError | CodeError):
         place = getattr(error, "place", None)
         return f"{error}" if place is None else f"{Path(place.file).name}:{place.line}: {error}"
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not frame.filename.startswith(PACKAGE)]
+    frame = last_user_frame(error)
     notes = "".join(f", {note}" for note in getattr(error, "__notes__", ()))
-    place = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
     text = f": {error}" if str(error) else ""
-    return f"raised {type(error).__name__}{text}{place}{notes}"
+    return f"raised {type(error).__name__}{text}{f' at {frame}' if frame else ''}{notes}"
 
 
 def with_expected(results: Iterable[CheckResult], expected: Mapping[str, str]) -> tuple[CheckResult, ...]:
