@@ -40,8 +40,8 @@ from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTu
 from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import as_matrix
-from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains
+from rmpc_bench.numerics.linalg import SMALLEST, as_matrix
+from rmpc_bench.numerics.tracking import Problem, TrackingLaw
 from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, PlantInfo
 
 EQUATION = r"\min \sum_{j=1}^{N_p} \Vert Q_{yw} (\hat y_{k+j} - r_{k+j}) \Vert^2 + \Vert Q_u u_{k+j-1} \Vert^2"
@@ -122,7 +122,7 @@ def _extended_states(model: Any, *, uses_mean: bool) -> int:
 def _gains(fixed: Frozen, Q_yw: Float[Array, "ny ny"], Q_u: Float[Array, "nu nu"], Np: int) -> TrackingLaw:
     """Return the constant law."""
     try:
-        return gains(fixed.A, fixed.B, fixed.f, fixed.C, Q_yw, Q_u, Np)
+        return Problem(fixed.A, fixed.B, fixed.f, fixed.C, Q_yw, Q_u, Np, Np).law()
     except ValueError as error:
         raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from rmpc_bench.diagnostics.run_warnings import Build
 from rmpc_bench.diagnostics.stability import LinearPair, constant_model, design_radius, linear_pair, spectral_radius
-from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
+from rmpc_bench.diagnostics.tolerance import divergence_over_time
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.open_loop import OpenLoop, Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
-from rmpc_bench.types import Array, DesignError, LinearPlant, Method
+from rmpc_bench.types import Array, DesignError, LinearPlant, Method, Model
 
 MAX_PLANTS = 20
 ROUNDING = 1e-12
@@ -98,7 +98,7 @@ class _MethodModel(NamedTuple):
     method: Method
     data: Mapping[str, Any]
     pair: LinearPair | None
-    model: DesignModel | None
+    model: Model | None
     P0: Array | None
 
 
@@ -172,7 +172,7 @@ def _configured_c(data: Mapping[str, Any]) -> float | None:
     return next((float(value) for value in (estimator.get("c"), *nested) if value is not None), None)
 
 
-def _noise_scale(scenario: Scenario, model: DesignModel | None) -> NoiseScale:
+def _noise_scale(scenario: Scenario, model: Model | None) -> NoiseScale:
     """Compare the noise of the plant with that of a design model."""
     if model is None or not (scenario.measurement or scenario.process):
         return NoiseScale(None, "none")

@@ -101,7 +101,7 @@ def _state_matrix(experiment: Experiment) -> Array | None:
 
 def _not_quadratically_stable(experiment: Experiment, method: Method, model: MakeModel) -> str | None:
     """Describe a robust estimator whose design model is not quadratically stable for its uncertainty."""
-    from rmpc_bench.numerics.stability import INSIDE, hinf_norm, spectral_radius
+    from rmpc_bench.numerics.stability import INSIDE, hinf_peak, spectral_radius
 
     scale = method.estimator.uncertainty_scale
     system = getattr(model(), "system", None) if scale is not None else None
@@ -115,7 +115,7 @@ def _not_quadratically_stable(experiment: Experiment, method: Method, model: Mak
     radius = spectral_radius(m.A)
     if radius >= INSIDE:
         return f"{says} (spectral radius of A {radius:.6g}, must be below 1): {means}"
-    norm = hinf_norm(m.A, m.H_A, scale * m.G_x)
+    norm = hinf_peak(m.A, m.H_A, scale * m.G_x).norm
     if norm < INSIDE:
         return None
     way_out = f"or take less than {1.0 / norm:.3g} times the uncertainty (H_A)"

@@ -18,7 +18,7 @@ Limit   a plant equal to the model gives 0 in every part.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -27,18 +27,7 @@ from rmpc_bench.diagnostics.stability import LinearPair, LoopGains
 from rmpc_bench.numerics.divergence import covariance_part, mean_part
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.square_root import covariance_of, root_of
-from rmpc_bench.types import Array, LinearPlant
-
-
-@runtime_checkable
-class DesignModel(Protocol):
-    """A time-invariant linear design model with its noise."""
-
-    A: Array
-    B: Array
-    C: Array
-    Q_w: Array
-    R_v: Array
+from rmpc_bench.types import Array, LinearPlant, Model
 
 
 class Divergence(NamedTuple):
@@ -61,7 +50,7 @@ class _Side(NamedTuple):
 
 def divergence_over_time(
     plants: LinearPlant,
-    model: DesignModel,
+    model: Model,
     pair: LinearPair,
     x0: Float[Array, " n"],
     P0: Float[Array, "nx nx"],

@@ -225,7 +225,7 @@ def _require_quadratic_stability(systems: Sequence[DesignSystem], scale: float) 
     """Reject a constant system that is not quadratically stable."""
     # If B U_c B' > 0, quadratic stability is necessary for a sequence of a_x with bounded X: the mean of X over k is
     # then a Lyapunov matrix for every F. It is not sufficient for a given eps or gamma.
-    from rmpc_bench.numerics.stability import hinf_norm, spectral_radius
+    from rmpc_bench.numerics.stability import hinf_peak, spectral_radius
 
     m = systems[0].m
     if not _has_state_uncertainty(systems[0]) or any(now is not systems[0] for now in systems):
@@ -235,7 +235,7 @@ def _require_quadratic_stability(systems: Sequence[DesignSystem], scale: float) 
     radius = spectral_radius(m.A)
     if radius >= 1.0:
         raise DesignError(f"{says} spectral radius of A is {radius:.6g}, {or_else}", "rule")
-    norm = hinf_norm(m.A, m.H_A, m.G_x)
+    norm = hinf_peak(m.A, m.H_A, m.G_x).norm
     if norm >= 1.0:
         raise DesignError(
             f"{says} H-infinity norm of G_x (zI - A)^-1 H_A times design_scale is {norm:.6g}, {or_else}; "

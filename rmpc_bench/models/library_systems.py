@@ -156,7 +156,7 @@ class Equation(NamedTuple):
     """A nonlinear system x' = rhs(t, x, u, p), or x(k+1) of a discrete one; y = measured(t, x, u, p)."""
 
     rhs: Callable[..., Any]
-    measured: Callable[..., Any] | None  # none where all states are measured
+    measured: Any  # function; None where all states are measured
     states: Names
     inputs: Names
     outputs: Names
@@ -166,7 +166,6 @@ class Equation(NamedTuple):
 
     def output(self, x: Any, p: Parameters) -> Any:
         """Measure; `keys` has found that the input and the time have no effect."""
-        assert self.measured is not None, "all states are measured"
         shape = x.shape[1:] if isinstance(x, np.ndarray) else ()
         return self.measured(0.0, x, np.zeros((count(self.inputs), *shape)), p)
 
@@ -184,7 +183,6 @@ class Equation(NamedTuple):
         return found
 
     def _refuse_feedthrough(self, key: str, x0: Any) -> None:
-        assert self.measured is not None, "all states are measured"
         rng, p = np.random.Generator(np.random.PCG64(7)), Parameters(self.nominal)
         base = np.broadcast_to(1.0 if x0 is None else np.asarray(x0, dtype=float), (count(self.states),))
         for _ in range(POINTS):
@@ -200,7 +198,6 @@ class Equation(NamedTuple):
                 raise DesignError("its output depends on the time; give the time as a further state", key)
 
     def _at(self, t: float, x: Array, u: Array, p: Parameters) -> Array:
-        assert self.measured is not None, "all states are measured"
         try:
             with np.errstate(all="ignore"):
                 return np.array(self.measured(t, x.copy(), u.copy(), p), dtype=float)

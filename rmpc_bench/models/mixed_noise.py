@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
@@ -172,15 +171,9 @@ def _read(values: Mapping[str, Any]) -> dict[str, MatrixOverTime]:
     for name in ("A", "C"):
         if values[name] is None:
             raise DesignError(f"the matrix {name} is missing", name)
-    given = {name: _entries(name, 0.0 if value is None else value) for name, value in values.items()}
+    given = {name: entries_of(name, 0.0 if value is None else value) for name, value in values.items()}
     sizes = sizes_of({name: _values(name, entries, 0) for name, entries in given.items()}, TABLE)
     return {name: MatrixOverTime(name, given[name], (sizes[a], sizes[b])) for name, (a, b) in TABLE.items()}
-
-
-def _entries(name: str, value: Any) -> Array:
-    if isinstance(value, np.ndarray) and value.ndim == 3:
-        return np.array(value, dtype=float)
-    return entries_of(name, value)
 
 
 def _values(name: str, given: Array, k: int) -> Array:

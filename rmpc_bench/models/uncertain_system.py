@@ -161,17 +161,22 @@ def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> Uncerta
 
 def _read(name: str, value: Any, n_steps: int) -> Array:
     """Return an array (k,) of numbers, (k, n) of diagonals or (k, rows, columns) of matrices."""
-    if isinstance(value, np.ndarray) and value.ndim == 3:
-        if len(value) not in (1, n_steps + 1):
-            raise DesignError(f"has {len(value)} entries over k; 1 or {n_steps + 1} are required", name)
-        return np.array(value, dtype=float)
     entries = entries_of(name, value)
+    if entries.ndim == 3:
+        if len(entries) not in (1, n_steps + 1):
+            raise DesignError(f"has {len(entries)} entries over k; 1 or {n_steps + 1} are required", name)
+        return entries
     found = [values_at(name, entries, k) for k in range(n_steps + 1 if depends_on_k(entries) else 1)]
     return np.array(found)
 
 
 def entries_of(name: str, value: Any) -> Array:
-    """Return the entries of a short form or of a list of rows, numbers or functions of ``{"k": k}``, as objects."""
+    """Return the entries of a short form or of a list of rows, numbers or functions of ``{"k": k}``, as objects.
+
+    An array (k, rows, columns) stays one of numbers.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 3:
+        return np.array(value, dtype=float)
     entries = np.array(value, dtype=object)
     if entries.ndim > 2 or any(isinstance(entry, list) for entry in entries.flat):
         raise DesignError("must be a number or a list of rows of the same length", name)

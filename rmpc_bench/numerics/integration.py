@@ -89,14 +89,7 @@ def rk4(
     """
     done = at_start(x, x.shape[1])
     for now, later in pairwise(times):
-        end, stages = rk4_step(slope, now, h, done.x)
-        first = None if bounds is None else first_outside(bounds, end, stages)
-        if first is not None:
-            left = first >= 0
-            new = left & (done.state < 0)
-            done.state[new], done.t[new] = first[new], later
-            end[:, left] = done.x[:, left]
-        done.x[:] = end
+        _move(done, *rk4_step(slope, now, h, done.x), later, bounds)
     return done
 
 
@@ -104,13 +97,20 @@ def apply_map(
     mapping: Slope, now: float, later: float, x: Float[Array, "nx runs"], bounds: Bounds | None = None
 ) -> Advance:
     """Move from a sample to the next one by a map (t, x) -> x(k+1)."""
-    end, done = mapping(now, x), at_start(x, x.shape[1])
-    first = None if bounds is None else first_outside(bounds, end, ())
+    done = at_start(x, x.shape[1])
+    _move(done, mapping(now, x), (), later, bounds)
+    return done
+
+
+def _move(done: Advance, end: Array, stages: tuple[Array, ...], later: float, bounds: Bounds | None) -> None:
+    """Move all runs to the end of a step but those that are outside there or have been before."""
+    first = None if bounds is None else first_outside(bounds, end, stages)
     if first is not None:
         left = first >= 0
-        done.state[left], done.t[left] = first[left], later
-        end[:, left] = x[:, left]
-    return done._replace(x=end)
+        new = left & (done.state < 0)
+        done.state[new], done.t[new] = first[new], later
+        end[:, left] = done.x[:, left]
+    done.x[:] = end
 
 
 def first_outside(bounds: Bounds, end: Float[Array, "nx runs"], stages: tuple[Array, ...]) -> Array | None:

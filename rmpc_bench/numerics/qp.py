@@ -20,7 +20,7 @@ Traps    DAQP reads the memory of an array that is not contiguous as if it were,
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -155,13 +155,9 @@ FLAGS = {
     1: QpStatus.OPTIMAL,
     2: QpStatus.SOFTENED,
     -1: QpStatus.INFEASIBLE,
-    -2: QpStatus.FAILED,
-    -3: QpStatus.FAILED,
     -4: QpStatus.ITERATION_LIMIT,
-    -5: QpStatus.FAILED,
-    -6: QpStatus.FAILED,
 }
-"""Flag of DAQP -> status: -2 cycling, -3 unbounded, -5 bad data, -6 overdetermined initial set."""
+"""Flag of DAQP -> status; failures are -2 cycling, -3 unbounded, -5 bad data, -6 overdetermined initial set."""
 
 
 class QpSolution(NamedTuple):
@@ -348,9 +344,5 @@ class QuadraticProgram:
         return model
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the solver out, which cannot be copied to another process."""
-        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights", "_conditions", "_nearly_dependent")
-        return {name: value for name, value in self.__dict__.items() if name not in made}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        """Leave out what is computed: the solver cannot be copied to another process."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}

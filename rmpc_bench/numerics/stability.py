@@ -44,13 +44,6 @@ def spectral_radius(A: Float[Array, "n n"]) -> float:
     return float(np.abs(np.linalg.eigvals(A)).max())
 
 
-def hinf_norm(
-    A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
-) -> float:
-    """Return the H-infinity norm of C (zI - A)^-1 B + D; see `hinf_peak`."""
-    return hinf_peak(A, B, C, D).norm
-
-
 def hinf_peak(
     A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
 ) -> Peak:

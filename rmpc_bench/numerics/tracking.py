@@ -24,10 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import SMALLEST, as_compiled, eliminated
+from rmpc_bench.numerics.linalg import as_compiled, eliminated
 from rmpc_bench.types import Array
-
-__all__ = ["SMALLEST", "Path", "Problem", "Stage", "TrackingLaw", "gains", "moved_by", "paths", "track"]
 
 
 class Path(NamedTuple):
@@ -116,6 +114,12 @@ class Problem(NamedTuple):
                 S = T[nu:, nu:]
         return found[::-1], np.vstack([S, *lost])
 
+    def law(self) -> TrackingLaw:
+        """Solve for every state and every reference at once; a ValueError as of `stages`."""
+        nx = len(self.A)
+        (first, *_), E = self.stages()
+        return TrackingLaw(first.K_x, first.K_w[:, :-1], first.K_w[:, -1], E[:, :nx], E[:, nx:-1], E[:, -1])
+
     def responses(
         self, stages: Sequence[Stage]
     ) -> tuple[Float[Array, "moves nu columns"], Float[Array, "N nx columns"]]:
@@ -137,21 +141,6 @@ class Problem(NamedTuple):
             moved[:, nx + known - 1] += f
             X[j] = x = moved
         return U, X
-
-
-def gains(
-    A: Float[Array, "nx nx"],
-    B: Float[Array, "nx nu"],
-    f: Float[Array, " nx"],
-    C: Float[Array, "ny nx"],
-    Q_yw: Float[Array, "ny ny"],
-    Q_u: Float[Array, "nu nu"],
-    N: int,
-) -> TrackingLaw:
-    """Solve for every state and every reference at once; a ValueError if the cost does not determine the inputs."""
-    nx = len(A)
-    (first, *_), E = Problem(A, B, f, C, Q_yw, Q_u, N, N).stages()
-    return TrackingLaw(first.K_x, first.K_w[:, :-1], first.K_w[:, -1], E[:, :nx], E[:, nx:-1], E[:, -1])
 
 
 def track(

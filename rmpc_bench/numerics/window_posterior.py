@@ -63,20 +63,14 @@ def window_laws(
 
     A missing output becomes noise alone.  A LinAlgError says that the covariance of an innovation is singular.
     """
-    (points, ny), (nx, n), (nr, sizes) = (
-        measured.shape,
-        P_root.shape,
-        (stages.G.shape[2], [each.sum() for each in chosen]),
-    )
+    (points, ny), (nx, n), nr = measured.shape, P_root.shape, stages.G.shape[2]
+    sizes = [each.sum() for each in chosen]
     there = measured[:, :, None] & measured[:, None, :]
     roots, C = psd_sqrt(np.where(there, stages.R_v, np.eye(ny))), np.where(measured[:, :, None], stages.C, 0.0)
     # Transposed: a row per unknown, the first ny of them for the noise of the outputs; a column per state and value.
     total, m = nx + points * sum(sizes) - sizes[0], nx
-    S, gain, L = (
-        np.zeros((ny + n + (points - 1) * nr, total)),
-        np.zeros((total, points * ny)),
-        np.zeros((points, nx, ny)),
-    )
+    S, gain = np.zeros((ny + n + (points - 1) * nr, total)), np.zeros((total, points * ny))
+    L = np.zeros((points, nx, ny))
     before, kind = np.zeros(total), np.zeros(total, dtype=int)
     S[ny : ny + n, :nx] = P_root.T
     for j in range(points):

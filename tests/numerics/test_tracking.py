@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.tracking import SMALLEST, gains, paths, track
+from rmpc_bench.numerics.linalg import SMALLEST
+from rmpc_bench.numerics.tracking import Problem, paths, track
 
 SIZES = [(6, 4, 3, 10), (1, 1, 1, 1), (3, 2, 2, 5), (2, 1, 3, 4), (2, 3, 2, 6), (3, 1, 3, 1), (2, 2, 2, 3)]
 """nx, nu, ny, N: the robot, more outputs than states, more inputs than outputs, as many outputs as states."""
@@ -43,7 +44,7 @@ def test_gains_are_the_recursion_for_every_state_and_reference(nx, nu, ny, N, rn
     """Oracle: the compiled recursion, one model and one weight for all rows."""
     A, B, f, C, Q_yw, Q_u, w, x = problems(rng, nx, nu, ny, N)
     u, loss = tracked(A[:1], B[:1], f, C, Q_yw[:1], Q_u, w, x)
-    K_x, K_w, u_0, E_x, E_w, e_0 = gains(A[0], B[0], f, C, Q_yw[0], Q_u, N)
+    K_x, K_w, u_0, E_x, E_w, e_0 = Problem(A[0], B[0], f, C, Q_yw[0], Q_u, N, N).law()
     np.testing.assert_allclose(K_w @ w.ravel() - x @ K_x.T + u_0, u, **LSTSQ)
     np.testing.assert_allclose(((E_w @ w.ravel() - x @ E_x.T + e_0) ** 2).sum(axis=1), loss, **LSTSQ)
 
@@ -97,7 +98,7 @@ def test_inputs_that_the_cost_does_not_determine_are_none(N, rng):
     u, _ = tracked(A, B, f, C, Q_yw, np.zeros((3, 3)), w, x)
     assert np.isnan(u).all()
     with pytest.raises(ValueError, match="does not determine"):
-        gains(A[0], B[0], f, C, Q_yw[0], np.zeros((3, 3)), N)
+        Problem(A[0], B[0], f, C, Q_yw[0], np.zeros((3, 3)), N, N).law()
 
 
 def test_no_weight_of_the_inputs_where_outputs_determine_them(rng):
@@ -107,7 +108,7 @@ def test_no_weight_of_the_inputs_where_outputs_determine_them(rng):
     y = np.einsum("ij,rj->ri", C, np.einsum("rij,rj->ri", A, x) + np.einsum("rij,rj->ri", B, u) + f)
     np.testing.assert_allclose(y, np.tile(w, (7, 1)), rtol=1e-9)  # conditions of C B
     np.testing.assert_allclose(loss, 0.0, atol=1e-20)
-    law = gains(A[0], B[0], f, C, Q_yw[0], np.zeros((2, 2)), 1)
+    law = Problem(A[0], B[0], f, C, Q_yw[0], np.zeros((2, 2)), 1, 1).law()
     np.testing.assert_allclose(law.K_w @ w[0] - law.K_x @ x[0] + law.u_0, u[0], **LSTSQ)
 
 
