@@ -42,6 +42,12 @@ class Flow:
     """The same of the outputs."""
     fed: bool = False
     """Whether h depends on u(k)."""
+    limits: Interval | None = None
+    """Bounds of the states; None where there are none."""
+    varies: bool = False
+    """Whether the maps depend on k."""
+    adaptive: bool = False
+    """Whether the points of a run decide together on the intervals of the integration."""
 
     def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
         """Return x(k+1) without noise; NaN where it is not defined."""
@@ -88,21 +94,6 @@ class Flow:
         """Return mean and covariance of the state of the flow at k = 0."""
         return x0, P0
 
-    @property
-    def limits(self) -> Interval | None:
-        """Bounds of the states; None where there are none."""
-        return None
-
-    @property
-    def varies(self) -> bool:
-        """Whether the maps depend on k."""
-        return False
-
-    @property
-    def adaptive(self) -> bool:
-        """Whether the points of a run decide together on the intervals of the integration."""
-        return False
-
     def warm_up(self) -> None:
         """Compile."""
 
@@ -147,6 +138,8 @@ class PlantFlow(OfPlant, Flow):
 
     compiled: Any = None  # model whose method ``f(x, u, k)`` is compiled; None where there is none
 
+    varies = property(lambda self: isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.timed)
+    adaptive = property(lambda self: self.dynamics.continuous and not self.substeps)
     x_period = property(lambda self: self.dynamics.x_period)
     fed = property(lambda self: self.dynamics.fed)
 
@@ -203,17 +196,7 @@ class PlantFlow(OfPlant, Flow):
         return None
 
     @property
-    def varies(self) -> bool:
-        """Whether the equation depends on the time."""
-        return isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.timed
-
-    @property
-    def adaptive(self) -> bool:
-        """Whether error control acts."""
-        return self.dynamics.continuous and not self.substeps
-
-    @property
-    def limits(self) -> Interval | None:
+    def limits(self) -> Interval | None:  # type: ignore[override]
         """Bounds of the states of the plant."""
         found = Interval(*self.dynamics.signals.limits(self.dynamics.signals.states))
         return found if found.bounded.any() else None

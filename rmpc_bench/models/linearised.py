@@ -194,7 +194,6 @@ def _given(
 
 
 def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "nx nx"]) -> list[tuple[str, str]]:
-    """Describe an operating point."""
     signals, point, nx = dynamics.signals, found.point, len(found.point.x)
     size = sizes_of_coordinates(point.x)
     # Similar sizes of the states, so that the ranks do not depend on their units.

@@ -84,20 +84,17 @@ def misfit(matrix: Array, sizes: Mapping[str, int], names: tuple[str, str]) -> s
     return f"{message}, which its transpose has" + (f": {_shown(matrix.T)}" if matrix.size <= MAX_ENTRIES else "")
 
 
-def _is_square(name: str, table: Sizes) -> bool:
-    return table[name][0] == table[name][1]
-
-
 def _learn(name: str, matrix: Array, sizes: dict[str, int], table: Sizes) -> None:
     """Add the sizes that a matrix (k, rows, columns) or a diagonal (k, n) gives."""
     names = table[name]
-    if matrix.ndim == 2 and not _is_square(name, table):
+    is_square = names[0] == names[1]
+    if matrix.ndim == 2 and not is_square:
         refuse_flat(name, matrix[0], sizes, names)
     shape = matrix.shape[1:] if matrix.ndim == 3 else matrix.shape[1:] * 2
     wrong = [size for size, length in zip(names, shape, strict=True) if sizes.get(size, length) != length]
     if wrong and matrix.ndim == 2:
         raise DesignError(f"is a diagonal: it {misfit(np.diag(matrix[0]), sizes, names)}", name)
-    if wrong or (_is_square(name, table) and shape[0] != shape[1]):
+    if wrong or (is_square and shape[0] != shape[1]):
         raise DesignError(misfit(matrix[0], sizes, names), name)
     sizes.update(zip(names, shape, strict=True))
 

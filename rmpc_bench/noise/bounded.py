@@ -173,7 +173,6 @@ def ellipsoid(
 
 
 def _points(n: int, law: str, outside: str, skew: float) -> Points:
-    """Return the law of u."""
     if law == "uniform":
         for name, given in (("outside", outside != "keep"), ("skew", skew != SKEW)):
             if given:

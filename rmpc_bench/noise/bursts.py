@@ -56,17 +56,16 @@ class Window(NamedTuple):
     last: int
 
 
-class Bursts(ABC):
-    """Times of the bursts of a run."""
+@dataclass(frozen=True)
+class FixedBursts:
+    """The same bursts in every run."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the drawn values; none by default."""
-        return ()
+    fixed: tuple[Span, ...]
+    names = ()
 
-    @abstractmethod
     def spans(self, rng: np.random.Generator, child: int) -> Sequence[Span]:
         """Bursts of one run, drawn from a numbered child of the generator."""
+        return self.fixed
 
     def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
         """Drawn values of these bursts, by name."""
@@ -74,18 +73,7 @@ class Bursts(ABC):
 
 
 @dataclass(frozen=True)
-class FixedBursts(Bursts):
-    """The same bursts in every run."""
-
-    fixed: tuple[Span, ...]
-
-    def spans(self, rng: np.random.Generator, child: int) -> Sequence[Span]:
-        """Bursts of one run."""
-        return self.fixed
-
-
-@dataclass(frozen=True)
-class DrawnBursts(Bursts):
+class DrawnBursts:
     """One burst in each window, all of one factor."""
 
     windows: tuple[Window, ...]
@@ -116,6 +104,9 @@ class DrawnBursts(Bursts):
         # 34 * 0.1 is 3.4000000000000004 in doubles
         ends = (round(end * self.Ts, 12) for span in spans for end in (span.first, span.last))
         return dict(zip(self.names, (*ends, spans[0].factor), strict=True))
+
+
+Bursts: TypeAlias = FixedBursts | DrawnBursts
 
 
 class CenteredNoise(Noise, ABC):

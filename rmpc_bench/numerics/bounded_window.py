@@ -161,7 +161,6 @@ def _solved_in_full(
     *,
     anchored: bool,
 ) -> WindowFits:
-    """Solve the full program of some runs."""
     points, nx, ny = path.shape[1], path.shape[2], C.shape[1]
     F = full_matrix(MeasurementWindow(*(each[rows] for each in window)), C, points, anchored=anchored)
     outputs, states = np.arange(points * ny), np.arange(0 if anchored else nx, points * nx)  # one equation each

@@ -265,7 +265,6 @@ def _cost(maps: WindowMaps, data: Windows, x: Array, f: Array, h: Array) -> tupl
 
 
 def _cost_at(maps: WindowMaps, data: Windows, x: Array) -> Float[Array, " runs"]:
-    """Return the cost."""
     f = _moved(maps, data, 0, x[:, :-1, None])[:, :, 0]
     return _cost(maps, data, x, f, maps.measure(x[:, :, None], data.u)[:, :, 0])[0]
 

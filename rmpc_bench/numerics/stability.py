@@ -92,7 +92,6 @@ def balanced(A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p 
 
 
 def _highest(system: System, D: Array, angles: Float[Array, " angles"]) -> Peak:
-    """Find the largest gain at some angles."""
     A, B, C = system
     resolvent = np.exp(1j * angles)[:, None, None] * np.eye(len(A)) - A
     gains = np.linalg.norm(C @ np.linalg.solve(resolvent, B) + D, 2, axis=(-2, -1))
