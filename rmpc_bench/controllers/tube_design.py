@@ -22,10 +22,9 @@ from jaxtyping import Float
 from rmpc_bench.controllers.constrained import Rows
 from rmpc_bench.controllers.limits import bounds_of, key_of, signal_of
 from rmpc_bench.numerics.intervals import Pairs
-from rmpc_bench.numerics.invariant_set import InvariantRows, largest_invariant
 from rmpc_bench.numerics.linalg import as_covariance, as_positive, psd_sqrt
 from rmpc_bench.numerics.stability import spectral_radius
-from rmpc_bench.numerics.zonotope import Zonotope, box, reached, robust_invariant
+from rmpc_bench.numerics.zonotope import InvariantRows, Zonotope, box, largest_invariant, reached, robust_invariant
 from rmpc_bench.types import Array, DesignError, Matrix, Model, PlantInfo
 from rmpc_bench.types.errors import no_such_component
 

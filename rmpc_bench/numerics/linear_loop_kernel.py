@@ -46,16 +46,10 @@ N_STEPS, NH, MEASURED, CALLS, BOUNDED = range(5)
 NOW, X, X_HAT, NEXT_U, NEXT_X, MOST, LOW, OWN, W, V, GIVEN, Y, E = range(5, 18)
 
 types = numba.types
-_INT, _VECTOR, _MATRIX = types.int64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
-_CUBE, _INTS, _STATUSES = (
-    types.Array(types.float64, 3, "C"),
-    types.Array(types.int64, 1, "C"),
-    types.Array(types.int8, 1, "C"),
-)
-_OPERATIONS = types.Array(types.int64, 2, "C")
-FUNCTION = types.FunctionType(
-    _INT(_INT, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _INTS, _MATRIX, _VECTOR),
-)
+_INT, _STATUSES = types.int64, types.Array(types.int8, 1, "C")
+_INTS, _OPERATIONS = (types.Array(_INT, axes, "C") for axes in (1, 2))
+_VECTOR, _MATRIX, _CUBE = (types.Array(types.float64, axes, "C") for axes in (1, 2, 3))
+FUNCTION = types.FunctionType(_INT(_INT, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _INTS, _MATRIX, _VECTOR))
 _PLANT = (FUNCTION, _CUBE, _MATRIX, _INTS, _MATRIX, _STATUSES)
 _WORK = (*(_VECTOR,) * 4, _MATRIX, _STATUSES, _STATUSES)
 LOOP = types.void(*_PLANT, *_WORK, _INTS, _OPERATIONS, _VECTOR, _VECTOR, *(_CUBE,) * 11, _STATUSES)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from rmpc_bench.numerics.invariant_set import irredundant, largest_invariant
 from rmpc_bench.numerics.stability import spectral_radius
+from rmpc_bench.numerics.zonotope import irredundant, largest_invariant
 
 STEPS = 200
 """Steps after which a state of the systems below is 0 up to rounding."""
