@@ -23,7 +23,7 @@ from rmpc_bench.controllers.noise_tuning import NoiseTuning, TuningData
 from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_output
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.tracking import TrackingLaw, track
+from rmpc_bench.numerics.tracking import RunProblems, TrackingLaw
 from rmpc_bench.types import Ahead, Array, Command, Controller, Estimate, LinearLaw
 
 
@@ -187,7 +187,7 @@ class Gpc(Controller):
         if self.limits is not None and self.limits.horizon is not None:
             rows, now = self.limits.horizon.at(k), now._replace(A=A, B=B)
             return self.limits.varying(now, (Q_yw, self.R_u), rows, x, u_previous, w)
-        u, loss = track(A, B, now.f, now.C, Q_yw, self.R_u, w, x)
+        u, loss = RunProblems(A, B, now.f, now.C, Q_yw, self.R_u, w, x).first_inputs()
         return Command(u if self.limits is None else self.limits.clipped(u, u_previous)), loss
 
     def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:

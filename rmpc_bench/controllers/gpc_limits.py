@@ -24,7 +24,7 @@ from rmpc_bench.controllers.gpc_rows import HardRows, Limited, LimitedHorizon
 from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of, refuse_unused
 from rmpc_bench.controllers.prediction import Frozen
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.tracking import Problem, moved_by, paths
+from rmpc_bench.numerics.tracking import Problem, RunProblems, moved_by
 from rmpc_bench.types import Array, Command, OptimisedStep, PlantInfo
 
 
@@ -78,7 +78,7 @@ class GpcLimits:
 
         A and B of the model have axis 0 = run, of length 1 if shared, and so have the roots of the output weight.
         """
-        path = paths(now.A, now.B, now.f, now.C, *roots, w, x)
+        path = RunProblems(now.A, now.B, now.f, now.C, *roots, w, x).paths()
         values, free = limited.values(path, u_previous), path.U[:, 0]
         u, steps = free.copy(), np.full(len(x), OptimisedStep.SKIPPED, dtype=np.int8)
         kept = ((values >= limited.low) & (values <= limited.high)).all(axis=1) & np.isfinite(path.U).all(axis=(1, 2))

@@ -194,10 +194,9 @@ def compiled_step(ode: Ode, Ts: float, substeps: int, rtol: float) -> Step:
     else:
         slope = njit(lambda t, x, u, p: np.asarray(rhs(x, u, p)))
     rk4 = njit(_rk4(slope))
-    rules = (
-        njit(inspect.unwrap(rule)) for rule in (integration.sizes, integration.relative_errors, integration.distances)
-    )
-    kernel = njit(_map(slope) if ode.discrete else _equal(rk4) if substeps else _halving(rk4, *rules))
+    rules = integration.sizes, integration.relative_errors, integration.distances
+    halving = _halving(rk4, *(njit(inspect.unwrap(rule)) for rule in rules))
+    kernel = njit(_map(slope) if ode.discrete else _equal(rk4) if substeps else halving)
     scale = np.array(ode.scale or [0.0] * ode.nx)
 
     def step(k: int, x: Array, u: Array, lead: Array, u_lead: Array) -> Array:

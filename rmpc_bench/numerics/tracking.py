@@ -143,47 +143,38 @@ class Problem(NamedTuple):
         return U, X
 
 
-def track(
-    A: Float[Array, "models nx nx"],
-    B: Float[Array, "models nx nu"],
-    f: Float[Array, " nx"],
-    C: Float[Array, "ny nx"],
-    Q_yw: Float[Array, "weights ny ny"],
-    R_u: Float[Array, "nu nu"],
-    w: Float[Array, "N ny"],
-    x: Float[Array, "runs nx"],
-) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-    """Return the first inputs and the minimal costs of many runs; inputs are NaN if the cost does not determine them.
+class RunProblems(NamedTuple):
+    """The problems of many runs with constant models, all inputs free; A, B and Q_yw are of every run, or one for all.
 
-    A, B and the roots Q_yw of the weights are of every run, or one for all; R_u' R_u = Q_u' Q_u; w is of samples 1..N.
+    Inputs are NaN if the cost does not determine them.
     """
-    from rmpc_bench.numerics.tracking_kernel import tracking_kernel
 
-    A, B, f, C, Q_yw, R_u, w, x = (as_compiled(each) for each in (A, B, f, C, Q_yw, R_u, w, x))
-    u, loss = np.empty((len(x), B.shape[2])), np.empty(len(x))
-    tracking_kernel(A, B, f, C, Q_yw, R_u, w, x, u, loss)
-    return u, loss
+    A: Float[Array, "models nx nx"]
+    B: Float[Array, "models nx nu"]
+    f: Float[Array, " nx"]
+    C: Float[Array, "ny nx"]
+    Q_yw: Float[Array, "weights ny ny"]
+    R_u: Float[Array, "nu nu"]  # R_u' R_u = Q_u' Q_u
+    w: Float[Array, "N ny"]  # at samples 1..N
+    x: Float[Array, "runs nx"]
 
+    def first_inputs(self) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
+        """Return the first inputs and the minimal costs."""
+        from rmpc_bench.numerics.tracking_kernel import tracking_kernel
 
-def paths(
-    A: Float[Array, "models nx nx"],
-    B: Float[Array, "models nx nu"],
-    f: Float[Array, " nx"],
-    C: Float[Array, "ny nx"],
-    Q_yw: Float[Array, "weights ny ny"],
-    R_u: Float[Array, "nu nu"],
-    w: Float[Array, "N ny"],
-    x: Float[Array, "runs nx"],
-) -> Path:
-    """Return all inputs and the states that they lead to; parameters, first inputs and costs as in `track`."""
-    from rmpc_bench.numerics.tracking_kernel import path_kernel
+        u, loss = np.empty((len(self.x), self.B.shape[2])), np.empty(len(self.x))
+        tracking_kernel(*map(as_compiled, self), u, loss)
+        return u, loss
 
-    A, B, f, C, Q_yw, R_u, w, x = (as_compiled(each) for each in (A, B, f, C, Q_yw, R_u, w, x))
-    n_runs, N, (nx, nu) = len(x), len(w), B.shape[1:]
-    laws = np.empty((n_runs, N, nu, nu + nx + 1))
-    path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs), laws)
-    path_kernel(A, B, f, C, Q_yw, R_u, w, x, *path)
-    return path
+    def paths(self) -> Path:
+        """Return all inputs and the states that they lead to."""
+        from rmpc_bench.numerics.tracking_kernel import path_kernel
+
+        n_runs, N, (nx, nu) = len(self.x), len(self.w), self.B.shape[1:]
+        laws = np.empty((n_runs, N, nu, nu + nx + 1))
+        path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs), laws)
+        path_kernel(*map(as_compiled, self), *path)
+        return path
 
 
 def moved_by(

@@ -162,10 +162,9 @@ def _points_up(generators: Float[Array, "2 m"]) -> Array:
 #
 # Set     O = {x : H A^t x <= b_t for all t >= 0}, where b_t falls to b_inf > 0: the states from which the limits
 #         H x(t) <= b_t hold at all times.  With b_t = b it is the largest invariant set inside H x <= b.
-# Method  Rows of t = 0, 1, .. are added until all rows H A^(T+1) x <= b_inf follow from those of t = 0..T, which a linear
-#         program per row decides (Gilbert and Tan 1991).  Then no later row matters: for a state x of the set, A x meets
-#         the rows 0..T as well, because b_t falls, and so on.
-#         Rows that follow from the others are left out.
+# Method  Rows of t = 0, 1, .. are added until all rows H A^(T+1) x <= b_inf follow from those of t = 0..T, which a
+#         linear program per row decides (Gilbert and Tan 1991).  Then no later row matters: for a state x of the set,
+#         A x meets the rows 0..T as well, because b_t falls, and so on.  Rows that follow from the others are left out.
 # Ends    If the eigenvalues of A are inside the unit circle and b_inf > 0.
 
 IMPLIED = 1e-9

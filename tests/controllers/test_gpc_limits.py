@@ -16,7 +16,7 @@ from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
-from rmpc_bench.numerics.tracking import paths
+from rmpc_bench.numerics.tracking import RunProblems
 from rmpc_bench.types import OptimisedStep
 
 
@@ -41,7 +41,7 @@ def whole(controller, p, k):
         own, shared = np.concatenate([p.x, p.before])[None], np.append(p.w.ravel(), 1.0)
         return limits.program.moves(own, shared).V[0].reshape(NP, 2)
     limited = limits.horizon.at(k)
-    path = paths(p.A[None], p.B[None], p.f, p.C, p.Q_yw[None], controller.R_u, p.w, p.x[None])
+    path = RunProblems(p.A[None], p.B[None], p.f, p.C, p.Q_yw[None], controller.R_u, p.w, p.x[None]).paths()
     values = limited.values(path, p.before[None])[0]
     moved, _ = moved_inputs(p.A, p.B, path.laws[0], limited, values)
     return path.U[0] + moved.reshape(NP, 2)

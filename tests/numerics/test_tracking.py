@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 from rmpc_bench.numerics.linalg import SMALLEST
-from rmpc_bench.numerics.tracking import Problem, paths, track
+from rmpc_bench.numerics.tracking import Problem, RunProblems
 
 SIZES = [(6, 4, 3, 10), (1, 1, 1, 1), (3, 2, 2, 5), (2, 1, 3, 4), (2, 3, 2, 6), (3, 1, 3, 1), (2, 2, 2, 3)]
 """nx, nu, ny, N: the robot, more outputs than states, more inputs than outputs, as many outputs as states."""
@@ -26,7 +26,7 @@ def problems(rng, nx, nu, ny, N, runs=7):
 
 def tracked(A, B, f, C, Q_yw, Q_u, w, x):
     """First inputs and costs by the recursion."""
-    return track(A, B, f, C, Q_yw, np.linalg.qr(Q_u)[1], w, x)
+    return RunProblems(A, B, f, C, Q_yw, np.linalg.qr(Q_u)[1], w, x).first_inputs()
 
 
 @pytest.mark.parametrize(("nx", "nu", "ny", "N"), SIZES)
@@ -179,26 +179,27 @@ def test_paths_have_the_first_inputs_and_costs_of_the_recursion_to_the_bit(nx, n
     """Oracle: `track`, whose arithmetic they repeat."""
     A, B, f, C, Q_yw, Q_u, w, x = problems(rng, nx, nu, ny, N)
     R_u = np.linalg.qr(Q_u)[1]
-    u, loss = track(A, B, f, C, Q_yw, R_u, w, x)
-    path = paths(A, B, f, C, Q_yw, R_u, w, x)
+    u, loss = RunProblems(A, B, f, C, Q_yw, R_u, w, x).first_inputs()
+    path = RunProblems(A, B, f, C, Q_yw, R_u, w, x).paths()
     np.testing.assert_array_equal(path.U[:, 0], u)
     np.testing.assert_array_equal(path.loss, loss)
 
 
 @pytest.mark.parametrize(("nx", "nu", "ny", "N"), SIZES)
 def test_the_later_inputs_of_a_path_are_the_first_ones_of_shorter_problems(nx, nu, ny, N, rng):
-    """Oracle: `track` from the state that the inputs before lead to, with the rest of the horizon."""
+    """Oracle: `first_inputs` from the state that the inputs before lead to, with the rest of the horizon."""
     A, B, f, C, Q_yw, Q_u, w, x = problems(rng, nx, nu, ny, N)
     R_u = np.linalg.qr(Q_u)[1]
-    path = paths(A, B, f, C, Q_yw, R_u, w, x)
+    path = RunProblems(A, B, f, C, Q_yw, R_u, w, x).paths()
     for j in range(N):
-        np.testing.assert_allclose(path.U[:, j], track(A, B, f, C, Q_yw, R_u, w[j:], x)[0], **LSTSQ)
+        u, _ = RunProblems(A, B, f, C, Q_yw, R_u, w[j:], x).first_inputs()
+        np.testing.assert_allclose(path.U[:, j], u, **LSTSQ)
         x = np.einsum("rij,rj->ri", A, x) + np.einsum("rij,rj->ri", B, path.U[:, j]) + f
         np.testing.assert_allclose(path.X[:, j], x, **LSTSQ)
 
 
 def test_a_path_of_a_cost_that_does_not_determine_the_inputs_is_nan(rng):
     """Oracle: two equal inputs without a cost."""
-    path = paths(*(np.ones((1, 1, 1)), np.ones((1, 1, 2)), np.zeros(1)), np.ones((1, 1)), np.ones((1, 1, 1)),
-                 np.zeros((2, 2)), np.ones((3, 1)), np.ones((2, 1)))  # fmt: skip
+    A, B, R_u = np.ones((1, 1, 1)), np.ones((1, 1, 2)), np.zeros((2, 2))
+    path = RunProblems(A, B, np.zeros(1), np.ones((1, 1)), A, R_u, np.ones((3, 1)), np.ones((2, 1))).paths()
     assert np.isnan(path.U).all() and np.isnan(path.X).all()
