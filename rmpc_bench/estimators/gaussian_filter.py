@@ -95,7 +95,7 @@ class GaussianFilter(Estimator):
     @property
     def cost_per_step(self) -> float:
         """Time of the points of a prediction, and of the rest [s]."""
-        return self.rule.points_of(len(self.x_start)) * self.flow.cost_per_point + OVERHEAD
+        return (2 * len(self.x_start) + 1) * self.flow.cost_per_point + OVERHEAD
 
     def warm_up(self) -> None:
         """Compile the flow."""

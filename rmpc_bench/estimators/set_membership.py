@@ -138,7 +138,7 @@ def design(
         )
         raise DesignError(message, "inflate")
     sets = NoiseSets(model, level if inflate else None)
-    start = sets.initial(P0, M0)
+    start = sets.of_parts(P0, M0)
     if update == "linear":
         if criterion != "trace":
             message = "the linear update minimises the trace; other criteria need `update: maksarov-norton`"

@@ -263,14 +263,14 @@ def augmented_system(system: UncertainSystem, entry: Entry) -> UncertainSystem:
     below = np.zeros((len(A), nd, A.shape[2]))
     kept = np.broadcast_to(np.eye(nd), (len(A), nd, nd))
     C, C_d = _same_times(m.C, entry.of_output(m.D))
+    Bw = np.pad(m.Bw, ((0, 0), (0, nd), (0, nd)))
+    Bw[:, -nd:, -nd:] = np.eye(nd)
     changed = {
         "A": np.concatenate([np.concatenate([A, B_d], axis=2), np.concatenate([below, kept], axis=2)], axis=1),
         "C": np.concatenate([C, C_d], axis=2),
-        "Bw": _blocks(m.Bw, nd),
-        "Dw": _padded(m.Dw, 2, nd),
-        "G_x": _padded(m.G_x, 2, nd),
-        "G_w": _padded(m.G_w, 2, nd),
-        **{name: _padded(getattr(m, name), 1, nd) for name in ("B", "Bv", "H_A", "H_Bw", "H_Bv")},
+        "Bw": Bw,
+        **{name: np.pad(getattr(m, name), ((0, 0), (0, nd), (0, 0))) for name in ("B", "Bv", "H_A", "H_Bw", "H_Bv")},
+        **{name: np.pad(getattr(m, name), ((0, 0), (0, 0), (0, nd))) for name in ("Dw", "G_x", "G_w")},
     }
     return UncertainSystem(Matrices(**{**m._asdict(), **changed}))
 
@@ -279,18 +279,6 @@ def _same_times(A: Array, B: Array) -> tuple[Array, Array]:
     """Return two series over k with the same number of entries."""
     n = max(len(A), len(B))
     return tuple(np.broadcast_to(each, (n, *each.shape[1:])) for each in (A, B))  # type: ignore[return-value]
-
-
-def _padded(M: Float[Array, "k rows columns"], axis: int, n: int) -> Array:
-    """Return matrices with n further rows (axis 1) or columns (axis 2) of zeros."""
-    return np.pad(M, [(0, n if each == axis else 0) for each in range(3)])
-
-
-def _blocks(Bw: Float[Array, "k nx nw"], nd: int) -> Array:
-    """Return [Bw 0; 0 I] for every k."""
-    full = np.pad(Bw, ((0, 0), (0, nd), (0, nd)))
-    full[:, Bw.shape[1] :, Bw.shape[2] :] = np.eye(nd)
-    return full
 
 
 # Adds the disturbances of a configuration to a design model of any kind, and checks that they are detectable.

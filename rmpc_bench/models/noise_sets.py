@@ -34,18 +34,15 @@ class NoiseSets:
     def process(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the process noise at k."""
         now = self.model.at(k)
-        return self._set(now.Q_w, self.model.M_w(k))
+        return self.of_parts(now.Q_w, self.model.M_w(k))
 
     def measurement(self, k: int) -> Float[Array, "ny ny"]:
         """Return the shape matrix of the set of the measurement noise at k."""
         now = self.model.at(k)
-        return self._set(now.R_v, self.model.M_v(k))
+        return self.of_parts(now.R_v, self.model.M_v(k))
 
-    def initial(self, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> Float[Array, "nx nx"]:
-        """Return the shape matrix of the set of x(0) - x0, a sum of parts with covariance P0 and set M0."""
-        return self._set(P0, M0)
-
-    def _set(self, P: Array, M: Array) -> Array:
+    def of_parts(self, P: Float[Array, "n n"], M: Float[Array, "n n"]) -> Float[Array, "n n"]:
+        """Return the shape matrix of the set of a sum of parts with covariance P and set M, such as x(0) - x0."""
         M = M if self.bounded else np.zeros_like(M)
         return M if self.level is None else sum_shape(M, confidence(self.level, len(P)) * P)
 

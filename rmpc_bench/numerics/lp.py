@@ -60,13 +60,8 @@ MEANING = {
     "kSolutionLimit": LpStatus.OTHER_LIMIT,
     "kInterrupt": LpStatus.INTERRUPTED,
     "kHighsInterrupt": LpStatus.INTERRUPTED,
-    "kNotset": LpStatus.FAILED,
-    "kLoadError": LpStatus.FAILED,
-    "kModelError": LpStatus.FAILED,
-    "kPresolveError": LpStatus.FAILED,
-    "kSolveError": LpStatus.FAILED,
-    "kPostsolveError": LpStatus.FAILED,
-    "kUnknown": LpStatus.FAILED,
+    **dict.fromkeys(("kNotset", "kLoadError", "kModelError", "kPresolveError", "kSolveError"), LpStatus.FAILED),
+    **dict.fromkeys(("kPostsolveError", "kUnknown"), LpStatus.FAILED),
 }
 """Every status of HiGHS 1.15; a status that a later version adds is treated as `FAILED`."""
 

@@ -64,25 +64,8 @@ class Moments(NamedTuple):
     """Root of what `source` lacks of the covariance of x, 0 in a run without moved points; None without such a run."""
 
 
-class MomentRule:
-    """Base class of the ways to compute the moments."""
-
-    def points_of(self, n: int) -> int:
-        """Return how many points of a state of size n are evaluated."""
-        return 2 * n + 1
-
-    def moments(
-        self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
-    ) -> Moments:
-        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits.
-
-        `period` is that of f(x).
-        """
-        raise NotImplementedError("moments")
-
-
 @dataclass(frozen=True)
-class SigmaPoints(MomentRule):
+class SigmaPoints:
     """Sigma points with the parameters of the unscented transform; the defaults are those of the cubature rule."""
 
     alpha: float = 1.0  # spread of the points
@@ -92,7 +75,10 @@ class SigmaPoints(MomentRule):
     def moments(
         self, f: Map, x: Means, root: Roots, limits: Interval | None = None, period: Array | None = None
     ) -> Moments:
-        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits."""
+        """Return the moments of f(x), x with mean `x` and the root of its covariance, by points inside the limits.
+
+        `period` is that of f(x).
+        """
         n = x.shape[1]
         c = self.alpha**2 * (n + self.kappa)
         points, moved = _points(x, np.sqrt(c) * root.mT, limits)
@@ -113,7 +99,7 @@ class SigmaPoints(MomentRule):
 
 
 @dataclass(frozen=True)
-class CentralDifferences(MomentRule):
+class CentralDifferences:
     """Linearisation by central differences."""
 
     spread: float | None = None  # step in standard deviations; None for the step with the least error of the derivative
@@ -151,6 +137,10 @@ class CentralDifferences(MomentRule):
             h = self.spread * deviation
             h = np.where(h > SMALLEST_STEP * size, h, BEST_STEP * np.maximum(size, 1.0))
         return _points(x, h[:, :, None] * np.eye(x.shape[1]), limits)[0]
+
+
+MomentRule: TypeAlias = SigmaPoints | CentralDifferences
+"""Ways to compute the moments, both by 2 n + 1 points."""
 
 
 def _points(

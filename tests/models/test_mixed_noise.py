@@ -112,9 +112,9 @@ def test_sets_of_an_estimator(rng):
         np.testing.assert_allclose(inflated.measurement(k), [[wide]], rtol=1e-9)  # digits of c1
         np.testing.assert_allclose(sets.process(k), c2 * P, **ROUND)
         np.testing.assert_allclose(sets.measurement(k), [[c1 * 0.25]], rtol=1e-9)
-    np.testing.assert_array_equal(alone.initial(P, M), M)
-    np.testing.assert_allclose(inflated.initial(P, M), sum_shape(M, c2 * P), **ROUND)
-    np.testing.assert_allclose(sets.initial(P, M), c2 * P, **ROUND)
+    np.testing.assert_array_equal(alone.of_parts(P, M), M)
+    np.testing.assert_allclose(inflated.of_parts(P, M), sum_shape(M, c2 * P), **ROUND)
+    np.testing.assert_allclose(sets.of_parts(P, M), c2 * P, **ROUND)
 
 
 def test_a_model_without_sets_has_none(rng):
