@@ -33,9 +33,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule, singular_innovation
-from rmpc_bench.models.model_series import ModelSeries, model_series, window_bounds
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.models.uncertain_linear import UncertainModel
+from rmpc_bench.models.uncertain_linear import ModelSeries, UncertainModel, model_series, window_bounds
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.linalg import appended, at_sample, check_signal, driven, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus

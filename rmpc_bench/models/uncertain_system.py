@@ -48,25 +48,21 @@ class Matrices(NamedTuple):
     D: Float[Array, "*k ny nu"]
 
 
-SIZES: Mapping[str, tuple[str, str]] = {
-    "A": ("nx", "nx"), "B": ("nx", "nu"), "Bw": ("nx", "nw"), "Bv": ("nx", "nv"),
-    "C": ("ny", "nx"), "Dw": ("ny", "nw"), "Dv": ("ny", "nv"),
-    "H_A": ("nx", "rx"), "H_C": ("ny", "rx"), "G_x": ("sx", "nx"),
-    "H_Bw": ("nx", "rw"), "H_Dw": ("ny", "rw"), "G_w": ("sw", "nw"),
-    "H_Bv": ("nx", "rv"), "H_Dv": ("ny", "rv"), "G_v": ("sv", "nv"),
-    "D": ("ny", "nu"),
+TABLE: Mapping[str, tuple[str, str, str]] = {
+    "A": ("nx", "nx", "state matrix"), "B": ("nx", "nu", "input matrix"), "C": ("ny", "nx", "output matrix"),
+    "Bw": ("nx", "nw", "how the process noise w enters the state"),
+    "Bv": ("nx", "nv", "how the measurement noise v enters the state"),
+    "Dw": ("ny", "nw", "how w enters the output"), "Dv": ("ny", "nv", "how v enters the output"),
+    "H_A": ("nx", "rx", "how F_x enters A"), "H_C": ("ny", "rx", "how F_x enters C"),
+    "G_x": ("sx", "nx", "combination of the states that F_x multiplies"),
+    "H_Bw": ("nx", "rw", "how F_w enters Bw"), "H_Dw": ("ny", "rw", "how F_w enters Dw"),
+    "G_w": ("sw", "nw", "combination of w that F_w multiplies"),
+    "H_Bv": ("nx", "rv", "how F_v enters Bv"), "H_Dv": ("ny", "rv", "how F_v enters Dv"),
+    "G_v": ("sv", "nv", "combination of v that F_v multiplies"),
+    "D": ("ny", "nu", "feedthrough: how u(k) enters y(k)"),
 }  # fmt: skip
-"""Matrix -> number of its rows and of its columns: states, inputs, outputs, noises, rows and columns of the F."""
-
-MEANINGS: Mapping[str, str] = {
-    "A": "state matrix", "B": "input matrix", "C": "output matrix",
-    "Bw": "how the process noise w enters the state", "Bv": "how the measurement noise v enters the state",
-    "Dw": "how w enters the output", "Dv": "how v enters the output",
-    "H_A": "how F_x enters A", "H_C": "how F_x enters C", "G_x": "combination of the states that F_x multiplies",
-    "H_Bw": "how F_w enters Bw", "H_Dw": "how F_w enters Dw", "G_w": "combination of w that F_w multiplies",
-    "H_Bv": "how F_v enters Bv", "H_Dv": "how F_v enters Dv", "G_v": "combination of v that F_v multiplies",
-    "D": "feedthrough: how u(k) enters y(k)",
-}  # fmt: skip
+"""Matrix -> number of its rows and of its columns (states, inputs, outputs, noises, those of the F), and meaning."""
+SIZES: Mapping[str, tuple[str, str]] = {name: TABLE[name][:2] for name in Matrices._fields}
 REQUIRED = ("A", "C")
 
 CHANNELS: Mapping[str, tuple[str, str, str]] = {
@@ -127,8 +123,8 @@ class OfSystem:
 
 takes_matrices = takes(
     {
-        name: Keyword(SystemMatrix, Parameter.empty if name in REQUIRED else None, f"({', '.join(SIZES[name])}) {text}")
-        for name, text in MEANINGS.items()
+        name: Keyword(SystemMatrix, Parameter.empty if name in REQUIRED else None, f"({rows}, {columns}) {meaning}")
+        for name, (rows, columns, meaning) in TABLE.items()
     },
     last=False,
 )

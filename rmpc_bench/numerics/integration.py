@@ -346,11 +346,11 @@ class _TooManyCalls(Exception):
     """The right-hand side has been called `MAX_CALLS` times."""
 
 
-class _User:
-    """Calls of the user's functions: counted, and with the exception that one has raised."""
+class _Run:
+    """One run with the user's functions, whose calls are counted, and the exception that one has raised."""
 
-    def __init__(self, slope: Callable[[float, Array], Array], bounds: Bounds | None) -> None:
-        self._slope, self._bounds, self._calls = slope, bounds, 0
+    def __init__(self, slope: Callable[[float, Array], Array], tolerances: Tolerances, bounds: Bounds | None) -> None:
+        self._slope, self._tolerances, self._bounds, self._calls = slope, tolerances, bounds, 0
         self.error: Exception | None = None
 
     def slope(self, t: float, x: Array) -> Array:
@@ -380,6 +380,34 @@ class _User:
             self.error = error
             raise
 
+    def piece(self, t: float, stop: float, x: Array, events: Sequence[Event | None]) -> Solution:
+        """Integrate until the end, or until the first event."""
+        from scipy.integrate import solve_ivp
+
+        watched = [self.event(event) for event in events]
+        method, rtol, atol = self._tolerances
+        try:
+            # Some integrators warn of what is returned as a failure here.
+            with catch_warnings():
+                filterwarnings("ignore", module="scipy")
+                found = solve_ivp(self.slope, (t, stop), x, method, rtol=rtol, atol=atol, events=watched or None)
+        except _TooManyCalls:
+            return Solution(x, t, failure=f"more than {MAX_CALLS:,} calls of the right-hand side in one sample")
+        except Exception as error:
+            if error is self.error:
+                raise
+            # Such as a matrix of numbers that are not finite, within an implicit method.
+            return Solution(x, t, failure=str(error))
+        event = next((i for i, times in enumerate(found.t_events or ()) if len(times)), -1)
+        inner = found.y[:, : -1 if event >= 0 else None]
+        if self._bounds is not None and (outside := self._bounds.outside(inner)).any():
+            step = int(outside.any(axis=0).argmax())
+            return Solution(found.y[:, max(step - 1, 0)], float(found.t[step]), state=int(outside[:, step].argmax()))
+        failure = str(found.message) if found.status < 0 else ""
+        return Solution(
+            found.y[:, -1], float(found.t[-1]) if event >= 0 or failure else stop, event=event, failure=failure
+        )
+
 
 def solve(
     slope: Callable[[float, Array], Array],
@@ -391,12 +419,12 @@ def solve(
     events: Sequence[Event] = (),
 ) -> Solution:
     """Integrate one run from ``start`` to ``end``."""
-    user, t, last, resets = _User(slope, bounds), start, -1, 0
+    run, t, last, resets = _Run(slope, tolerances, bounds), start, -1, 0
     while t < end:
         # An event that has just replaced the state is at its 0 still.
         stop = end if last < 0 else min(t + PAUSE * (end - start), end)
         active = [None if i == last else event for i, event in enumerate(events)]
-        found = _piece(user, t, stop, x, tolerances, bounds, active)
+        found = run.piece(t, stop, x, active)
         x, t, last = found.x, found.t, found.event
         if found.state >= 0 or found.failure:
             return found
@@ -408,38 +436,3 @@ def solve(
                 return Solution(x, t, crowded=True)
             x = reset(t, x)
     return Solution(x, end)
-
-
-def _piece(
-    user: _User,
-    t: float,
-    stop: float,
-    x: Float[Array, " nx"],
-    tolerances: Tolerances,
-    bounds: Bounds | None,
-    events: Sequence[Event | None],
-) -> Solution:
-    """Integrate until the end, or until the first event."""
-    from scipy.integrate import solve_ivp
-
-    watched = [user.event(event) for event in events]
-    method, rtol, atol = tolerances
-    try:
-        # Some integrators warn of what is returned as a failure here.
-        with catch_warnings():
-            filterwarnings("ignore", module="scipy")
-            found = solve_ivp(user.slope, (t, stop), x, method, rtol=rtol, atol=atol, events=watched or None)
-    except _TooManyCalls:
-        return Solution(x, t, failure=f"more than {MAX_CALLS:,} calls of the right-hand side in one sample")
-    except Exception as error:
-        if error is user.error:
-            raise
-        # Such as a matrix of numbers that are not finite, within an implicit method.
-        return Solution(x, t, failure=str(error))
-    event = next((i for i, times in enumerate(found.t_events or ()) if len(times)), -1)
-    inner = found.y[:, : -1 if event >= 0 else None]
-    if bounds is not None and (outside := bounds.outside(inner)).any():
-        step = int(outside.any(axis=0).argmax())
-        return Solution(found.y[:, max(step - 1, 0)], float(found.t[step]), state=int(outside[:, step].argmax()))
-    failure = str(found.message) if found.status < 0 else ""
-    return Solution(found.y[:, -1], float(found.t[-1]) if event >= 0 or failure else stop, event=event, failure=failure)

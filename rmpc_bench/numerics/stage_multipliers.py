@@ -126,12 +126,7 @@ def search(
 
 
 def _step(
-    W: Float[Array, "d d"],
-    L_inv: Float[Array, "d d"],
-    Z: Float[Array, "d d"],
-    G_inv: Float[Array, "d d"],
-    eta: Float[Array, " d"],
-    n: int,
+    W: Array, L_inv: Array, Z: Array, G_inv: Array, eta: Float[Array, " d"], n: int
 ) -> tuple[Float[Array, " m"], Float[Array, "d d"]]:
     """Return the change of tau and Z: Newton steps on W Z = mu, for mu = 0, which determines mu, then for that mu."""
     # Both have the same step length, which ends before the boundary; separate lengths took up to three times more
@@ -156,14 +151,7 @@ def _step(
     return length * d_tau, length * d_Z
 
 
-def _lower(
-    C: Float[Array, "d d"],
-    S: Float[Array, "d d"],
-    h: Float[Array, " d"],
-    Z: Float[Array, "d d"],
-    eta: Float[Array, " d"],
-    n: int,
-) -> float:
+def _lower(C: Array, S: Array, h: Float[Array, " d"], Z: Array, eta: Float[Array, " d"], n: int) -> float:
     """Return a lower bound of rho(tau) for all tau from Z and eta, scaled so that |eta_t|^2 + trace Z_tt = 1."""
     scale = np.repeat(1.0 / np.sqrt((eta.reshape(-1, n) ** 2).sum(axis=1) + _traces(Z, n)), n)
     z = scale * eta
